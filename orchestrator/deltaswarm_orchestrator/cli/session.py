@@ -102,7 +102,11 @@ def _add_question(group: Group) -> None:
     )
     group.add_argument("--power", type=number(0.01, 0.99), metavar="N", help="probability of finding it (default: 0.8)")
     group.add_argument("--alpha", type=number(1e-6, 0.5), metavar="N", help="level of the test (default: 0.05)")
-    group.add_argument("--test", choices=("t", "signed-rank"), help="the test of paired differences (default: t)")
+    group.add_argument(
+        "--test",
+        choices=("adjusted", "t", "signed-rank"),
+        help="the test of differences: by t and adjusted for position and stream (default), by t, or by signed ranks",
+    )
 
 
 def session(arguments: argparse.Namespace) -> int:

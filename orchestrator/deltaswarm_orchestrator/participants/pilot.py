@@ -12,18 +12,21 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.text import aligned
 from deltaswarm_orchestrator.participants.design import group_of
 from deltaswarm_orchestrator.participants.power import (
+    ADJUSTED,
     MAX_PARTICIPANTS,
     RESAMPLES,
+    ROUNDING,
     TESTS,
     Array,
+    Pilot,
+    fit,
     powers,
-    spread_of,
 )
 from deltaswarm_orchestrator.participants.session import CROSSED, SessionSettings
 from deltaswarm_orchestrator.participants.variables import KEYS, RUN_ITSELF
 
-MIN_PILOT = 4
-"""Participants of a pilot: from fewer, resampling says nothing about how much people differ."""
+MIN_DEGREES = 3
+"""Degrees of freedom of a pilot's differences: with fewer, they say nothing about how much people differ."""
 
 Row = dict[str, str]
 
@@ -55,15 +58,15 @@ def plan_participants(settings: SessionSettings, runs: Path, question: Question)
     if question.metric is not None and question.metric not in columns:
         raise CommandError(f"--metric must be one of {', '.join(columns)} (got {question.metric!r})")
     group = group_of(len(settings.condition), is_crossed=settings.arrivals == CROSSED)
-    metrics = {}
+    metrics: dict[str, Any] = {}
     for metric in [question.metric] if question.metric else columns:
-        differences, problem = _differences(rows, pair, metric)
-        if question.metric and problem:
-            raise CommandError(f"{runs} {problem}")
-        if problem:
-            metrics[metric] = {"problem": problem}
-            continue
-        metrics[metric] = _planned(differences, question, group, settings.seed)
+        found = _pilot(rows, pair, metric, is_adjusted=question.test == ADJUSTED)
+        if isinstance(found, Pilot):
+            metrics[metric] = _planned(found, question, group, settings.seed)
+        elif question.metric:
+            raise CommandError(f"{runs} {found}")
+        else:
+            metrics[metric] = {"problem": found}
     return {
         "contrast": f"{second} - {first}",
         "test": TESTS[question.test],
@@ -134,30 +137,47 @@ def _is_measured(rows: Sequence[Row], metric: str) -> bool:
     return bool(values) and all(map(math.isfinite, values))
 
 
-def _differences(rows: Sequence[Row], pair: tuple[str, str], metric: str) -> tuple[Array, str]:
-    """Return each participant's difference, second minus first, and what is wrong with them; empty: nothing."""
-    first, second = ({row["participant"]: row[metric] for row in rows if row["condition"] == name} for name in pair)
-    both = [who for who in first if first[who] and second.get(who)]
-    lacking = sorted({row["participant"] for row in rows} - {*both}, key=int)
-    differences = np.array([float(second[who]) - float(first[who]) for who in both])
-    problem = ""
-    if len(both) < MIN_PILOT:
+def _pilot(rows: Sequence[Row], pair: tuple[str, str], metric: str, *, is_adjusted: bool) -> Pilot | str:
+    """Return the participants' differences, second minus first, or what is wrong with the table of runs."""
+    first, second = ({row["participant"]: row for row in rows if row["condition"] == name} for name in pair)
+    both = [who for who in first if first[who][metric] and who in second and second[who][metric]]
+    differences = np.array([float(second[who][metric]) - float(first[who][metric]) for who in both])
+    others = _others([(first[who], second[who]) for who in both]) if is_adjusted else None
+    needed = MIN_DEGREES + 1 + (0 if others is None else int(np.linalg.matrix_rank(others)))
+    if len(both) < needed:
+        lacking = sorted({row["participant"] for row in rows} - {*both}, key=int)
         without = f"; without: {', '.join(lacking)}" if lacking else ""
         having = f": {', '.join(both)}" if both else ""
-        problem = (
-            f"must have {metric} in {' and in '.join(pair)} of at least {MIN_PILOT} participants "
+        adjusted = ", to adjust for position and stream" if is_adjusted else ""
+        return (
+            f"must have {metric} in {' and in '.join(pair)} of at least {needed} participants{adjusted} "
             f"(got {len(both)}{having}{without})"
         )
-    elif np.ptp(differences) == 0:
-        problem = f"must have participants whose difference in {metric} varies (got {differences[0]:g} of each)"
-    return differences, problem
+    pilot = fit(differences, others)
+    if pilot is None:
+        return "must have the conditions in several orders, to adjust for position and stream; --test t does not"
+    if pilot.deviation <= ROUNDING * max(1.0, float(np.max(np.abs(differences)))):
+        return f"must have participants whose difference in {metric} varies (got {pilot.mean:g} of each)"
+    return pilot
 
 
-def _planned(differences: Array, question: Question, group: int, seed: int) -> dict[str, Any]:
-    spread = spread_of(differences)
-    effect = spread.mean if question.effect is None else question.effect
+def _others(pairs: Sequence[tuple[Row, Row]]) -> Array:
+    """Return, for each pair of runs, how they differ in position and in the stream of arrivals: a column for each."""
+    streams = sorted({run.get("stream", "") for pair in pairs for run in pair} - {""})
+    rows = [
+        [
+            float(second["position"]) - float(first["position"]),
+            *(float(second["stream"] == stream) - float(first["stream"] == stream) for stream in streams),
+        ]
+        for first, second in pairs
+    ]
+    return np.array(rows, dtype=float).reshape(len(pairs), 1 + len(streams))
+
+
+def _planned(pilot: Pilot, question: Question, group: int, seed: int) -> dict[str, Any]:
+    effect = pilot.mean if question.effect is None else question.effect
     tried = powers(
-        differences,
+        pilot,
         effect,
         group=group,
         wanted=question.power,
@@ -165,12 +185,13 @@ def _planned(differences: Array, question: Question, group: int, seed: int) -> d
         test=question.test,
         seed=seed,
     )
+    low, high = pilot.interval
     return {
-        "pilot": len(differences),
-        "difference": spread.mean,
-        "low": spread.low,
-        "high": spread.high,
-        "deviation": spread.deviation,
+        "pilot": len(pilot.residuals),
+        "difference": pilot.mean,
+        "low": low,
+        "high": high,
+        "deviation": pilot.deviation,
         "effect": effect,
         "powers": [row._asdict() for row in tried],
         "participants": next((row.participants for row in tried if row.power >= question.power), None),

@@ -2,10 +2,12 @@
 
 A participant's difference between the conditions is the unit. A study of n participants is n differences drawn from
 the pilot's with replacement, moved so that their mean is the effect in question; power is the share of such studies
-whose test rejects "no difference".
+whose test rejects "no difference". What position and stream do to a difference can be removed first, as a mixed model
+with a random intercept per participant does.
 """
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +18,12 @@ from deltaswarm_orchestrator.stats import rejected_walsh
 
 Array = NDArray[np.float64]
 
-T_TEST, SIGNED_RANK = "t", "signed-rank"
-TESTS = {T_TEST: "paired t-test", SIGNED_RANK: "Wilcoxon's signed-rank test"}
+ADJUSTED, T_TEST, SIGNED_RANK = "adjusted", "t", "signed-rank"
+TESTS = {
+    ADJUSTED: "t-test of differences adjusted for position and stream",
+    T_TEST: "paired t-test",
+    SIGNED_RANK: "Wilcoxon's signed-rank test",
+}
 """Two-sided tests of paired differences."""
 
 RESAMPLES = 10_000
@@ -37,31 +43,60 @@ class Power(NamedTuple):
     """Standard error of the power, from the number of resamples."""
 
 
-class Spread(NamedTuple):
-    """A pilot's differences: their mean with its 95 % interval (of normal differences), and standard deviation."""
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """A pilot's differences: their mean, and what is left of each."""
 
     mean: float
-    low: float
-    high: float
-    deviation: float
+    residuals: Array
+    error: float
+    """Standard error of the mean."""
+    parameters: int
+    """Number of parameters that were fitted: the mean, and those of position and stream."""
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return len(self.residuals) - self.parameters
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the residuals."""
+        return math.sqrt(float(np.sum(self.residuals**2)) / self.degrees)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the mean, for normal differences."""
+        half = float(stats.t.isf(0.025, self.degrees)) * self.error
+        return self.mean - half, self.mean + half
 
 
-def spread_of(differences: Array) -> Spread:
-    """Describe at least two differences."""
-    mean, deviation = float(np.mean(differences)), float(np.std(differences, ddof=1))
-    half = float(stats.t.isf(0.025, len(differences) - 1)) * deviation / math.sqrt(len(differences))
-    return Spread(mean, mean - half, mean + half, deviation)
+def fit(differences: Array, others: Array | None = None) -> Pilot | None:
+    """Fit the mean of differences, and what the columns of `others` (one row per difference) add to it.
+
+    Returns None where the mean cannot be told apart from what the others add, or where no degree of freedom is left.
+    """
+    nuisances = np.zeros((len(differences), 0)) if others is None else others
+    columns = np.column_stack([np.ones(len(differences)), nuisances])
+    rank = int(np.linalg.matrix_rank(columns))
+    if len(differences) <= rank or (nuisances.size and np.linalg.matrix_rank(nuisances) == rank):
+        return None
+    inverse = np.linalg.pinv(columns)
+    found = inverse @ differences
+    residuals = differences - columns @ found
+    variance = float(np.sum(residuals**2)) / (len(differences) - rank)
+    return Pilot(float(found[0]), residuals, math.sqrt(variance * float(np.sum(inverse[0] ** 2))), rank)
 
 
 def powers(
-    differences: Array, effect: float, *, group: int, wanted: float, alpha: float, test: str, seed: int
+    pilot: Pilot, effect: float, *, group: int, wanted: float, alpha: float, test: str, seed: int
 ) -> list[Power]:
     """Search for the least number of groups of participants that has the wanted power; return all that were tried.
 
     The numbers double up to the first that has it, or to `MAX_PARTICIPANTS`, and then close in on the least.
 
     Args:
-        differences: One per participant of the pilot, at least two; they must not all be equal.
+        pilot: Its differences, which must not all be equal.
         effect: The mean difference to find, in the same unit.
         group: Participants who do every order equally often.
         wanted: Power that is enough.
@@ -73,7 +108,7 @@ def powers(
 
     def is_enough(groups: int) -> bool:
         n = groups * group
-        power = _power(differences, effect, n, alpha, test, np.random.default_rng((seed, n)))
+        power = _power(pilot, effect, n, alpha, test, np.random.default_rng((seed, n)))
         tried[n] = Power(n, power, math.sqrt(power * (1 - power) / RESAMPLES))
         return power >= wanted
 
@@ -86,24 +121,26 @@ def powers(
     return [tried[n] for n in sorted(tried)]
 
 
-def _power(
-    differences: Array, effect: float, participants: int, alpha: float, test: str, rng: np.random.Generator
-) -> float:
-    pilot = len(differences)
-    # Drawn from the pilot, differences vary by the factor (pilot - 1) / pilot less than in the population.
-    residuals = (differences - np.mean(differences)) * math.sqrt(pilot / (pilot - 1))
-    times_drawn = rng.multinomial(participants, np.full(pilot, 1 / pilot), size=RESAMPLES).astype(float)
-    rejects = _t_rejects if test == T_TEST else _signed_rank_rejects
-    return float(np.mean(rejects(times_drawn, residuals, effect, alpha)))
+def _power(pilot: Pilot, effect: float, participants: int, alpha: float, test: str, rng: np.random.Generator) -> float:
+    count = len(pilot.residuals)
+    # Residuals of a pilot vary less than differences in the population: it has the pilot's degrees of freedom.
+    residuals = pilot.residuals * math.sqrt(count / pilot.degrees)
+    times_drawn = rng.multinomial(participants, np.full(count, 1 / count), size=RESAMPLES).astype(float)
+    if test == SIGNED_RANK:
+        return float(np.mean(_signed_rank_rejects(times_drawn, residuals, effect, alpha)))
+    if participants <= pilot.parameters:
+        return 0.0
+    return float(np.mean(_t_rejects(times_drawn, residuals, effect, alpha, participants - pilot.parameters)))
 
 
-def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
+def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float, degrees: int) -> NDArray[np.bool_]:
     """Test each row. Equal differences, which only a coarse scale or a small pilot gives, do not count as an effect."""
     n = float(times_drawn[0].sum())
     mean = times_drawn @ residuals / n
+    # Resamples have nothing left to adjust for; a study loses these degrees of freedom, which only the limit tells.
     variance = (times_drawn @ residuals**2 - n * mean**2) / (n - 1)
     varies = variance > ROUNDING * np.mean(residuals**2)
-    return varies & ((effect + mean) ** 2 > stats.t.isf(alpha / 2, n - 1) ** 2 * variance / n)
+    return varies & ((effect + mean) ** 2 > stats.t.isf(alpha / 2, degrees) ** 2 * variance / n)
 
 
 def _signed_rank_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
