@@ -1,6 +1,7 @@
 /** Draws the map: only what was reported, fading with age. */
 
 import { label, Labels } from "./labels.js";
+import { t } from "./language.js";
 import { activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { spread } from "./spread.js";
 import { age, eventName, number } from "./words.js";
@@ -295,7 +296,7 @@ function ordered(on, view, { model }) {
     on.arc(x, y, kind === "circle" ? radius_m * view.scale : 9, 0, 2 * Math.PI);
     on.stroke();
     on.setLineDash([]);
-    label(on, `${order} · ${name}`, x, y - 12);
+    label(on, `${order} · ${t(name)}`, x, y - 12);
   }
 }
 
