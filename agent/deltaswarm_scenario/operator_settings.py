@@ -80,7 +80,7 @@ class PageSettings:
     pace: bool = key(True, "whether the person may pause the run, do single steps and change its speed")
     orders: tuple[str, ...] = key((), "orders that the page offers; none: all that the controller accepts")
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
-    language: LanguageSettings = key(LanguageSettings, "in which language the page speaks; a file's name is read")
+    language: LanguageSettings = key(LanguageSettings, "language of the page")
 
 
 OFF, NONE, THRESHOLD = "off", "none", "threshold"

@@ -30,7 +30,9 @@ def placeholders(text: str) -> set[str]:
 class LanguageSettings:
     """In which language the page speaks to a person. An empty translation is none: the text stays English."""
 
-    tag: str = key("", "the language, such as de; `operator.page.language = FILE` reads these three keys from a file")
+    tag: str = key(
+        "", 'the language, such as de; `operator.page.language = "FILE"` reads this key and the next two from a file'
+    )
     page: dict[str, str] = key(dict, "translations of the page's own texts, by the English text")
     run: dict[str, str] = key(
         dict, "the same for texts of your own: the page's title, consent, forms, orders and roles of a controller"

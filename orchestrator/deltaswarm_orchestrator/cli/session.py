@@ -5,6 +5,7 @@ import secrets
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
@@ -35,7 +36,7 @@ from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.scenarios.load import keys_of, load_scenario
+from deltaswarm_orchestrator.scenarios.load import LANGUAGES, keys_of, language_at, load_scenario
 from deltaswarm_scenario.scenario import Scenario
 
 
@@ -49,6 +50,12 @@ def add_session(command: argparse.ArgumentParser) -> None:
         "--table", type=Path, metavar="FOLDER", help="write the data of all participants there as tables, and do no run"
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
+    command.add_argument(
+        "--language",
+        metavar="LANGUAGE",
+        help=f"in which language the page speaks to this participant: {', '.join(LANGUAGES)}, or a TOML file "
+        "(default: session.language)",
+    )
     command.add_argument(
         "--station-listen",
         type=host_and_port,
@@ -76,6 +83,8 @@ def session(arguments: argparse.Namespace) -> int:
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
     participant: int = arguments.participant
+    if arguments.language is not None:
+        settings = replace(settings, language=language_at(arguments.language, Path()))
     planned = plan(settings, participant, beside)
     folder = out / f"participant-{participant:03}"
 
@@ -142,9 +151,9 @@ def _do_runs(
             _ask_again(options.out, run, options_for)
             write_json(folder / RECORD, record_of(folder, participant, planned))
         if code != OK:
-            complain(
-                f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
-            )
+            language = f" --language {arguments.language}" if arguments.language else ""
+            again = f"deltaswarm session {arguments.session} --participant {participant}{language}"
+            complain(f"the session stops here; to go on: {again}")
             return code
         for summary in [*summaries(folder, run).values()][-1:]:
             if missing := (summary.get("person") or {}).get("answers_missing"):

@@ -79,6 +79,7 @@ class SessionSettings:
         choices=(CROSSED, OWN),
     )
     consent: str = key("", "a text file that a participant must agree to before the first run")
+    language: str = key("", "language of the page, as operator.page.language; a file is in the same folder")
     form: tuple[SessionFormSettings, ...] = key((), "forms that are filled in besides the runs")
     training: ConditionSettings = key(
         ConditionSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
@@ -139,6 +140,8 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
             name = str((beside / name).resolve())
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         shown = {"title": label, "end_text": MORE if place < count else THANKS}
+        if settings.language:
+            shown["language"] = scenarios.language_at(settings.language, beside)
         overrides = [
             *DEFAULTS,
             *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),

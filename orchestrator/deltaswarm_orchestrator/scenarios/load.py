@@ -162,8 +162,8 @@ def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[
     table, path = read_toml(key, name, BUILT_IN, beside)
     if path is not None:
         _resolve_grid(table, path.parent)
-        if isinstance(name := _page(table).get("language"), str):
-            _page(table)["language"] = language_at(name, path.parent)
+        if isinstance(language := _page(table).get("language"), str):
+            _page(table)["language"] = language_at(language, path.parent)
     return table
 
 
