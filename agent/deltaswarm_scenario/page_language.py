@@ -3,7 +3,8 @@
 import difflib
 import json
 import re
-from collections.abc import Collection, Mapping
+import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -39,23 +40,29 @@ class LanguageSettings:
     )
 
     def problems(self) -> list[Problem]:
-        """Return a problem for each entry that is no text, that the page does not have, or with other placeholders."""
-        return [*self._wrong("page", self.page, page_texts()), *self._wrong("run", self.run)]
+        """Return a problem for each translation that is no text, or that has other placeholders."""
+        problems = []
+        for table, texts in (("page", self.page), ("run", self.run)):
+            for english, said in typing.cast(Mapping[str, Any], texts).items():
+                if not isinstance(said, str):
+                    problems.append(Problem(f"{table}.{english}", repr(said)[:60], "must be a string"))
+                elif said and placeholders(said) != placeholders(english):
+                    names = ", ".join(f"{{{name}}}" for name in sorted(placeholders(english))) or "no placeholder"
+                    problems.append(Problem(f"{table}.{english}", repr(said), f"must have {names}"))
+        return problems
 
     @staticmethod
-    def _wrong(table: str, texts: Mapping[str, Any], known: Collection[str] | None = None) -> list[Problem]:
+    def unknown(page: Mapping[str, Any]) -> list[Problem]:
+        """Return a problem for each entry of a file's table `page` that the page does not have.
+
+        A finished run may keep such an entry: the page may have changed since.
+        """
         problems = []
-        for english, translation in texts.items():
-            if known is not None and english not in known:
-                near = difflib.get_close_matches(english, known, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else "a text of your own belongs in the table run"
-                problems.append(Problem(table, f"the page has no text {english!r}", hint))
-            elif not isinstance(translation, str):
-                problems.append(Problem(f"{table}.{english}", repr(translation)[:60], "must be a string"))
-            elif translation and placeholders(translation) != placeholders(english):
-                names = ", ".join(f"{{{name}}}" for name in sorted(placeholders(english))) or "no placeholder"
-                problems.append(Problem(f"{table}.{english}", repr(translation), f"must have {names}"))
-        return problems
+        for english in page.keys() - {*page_texts()}:
+            near = difflib.get_close_matches(english, page_texts(), n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "a text of your own belongs in the table run"
+            problems.append(Problem("page", f"the page has no text {english!r}", hint))
+        return sorted(problems, key=str)
 
     @property
     def told(self) -> dict[str, Any] | None:

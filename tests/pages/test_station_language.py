@@ -42,6 +42,10 @@ for (const e of document.body.querySelectorAll("*")) {
     if (!isShown(e)) continue;
     for (const node of e.childNodes) if (node.nodeType === Node.TEXT_NODE) read.push(node.nodeValue);
     for (const name of ["title", "aria-label", "placeholder"]) read.push(e.getAttribute(name) ?? "");
+    for (const part of ["::before", "::after"]) {
+        const content = getComputedStyle(e, part).content;
+        read.push(content === "none" || content === "normal" ? "" : content);
+    }
 }
 return read.concat(document.title);
 """

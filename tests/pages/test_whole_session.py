@@ -116,7 +116,9 @@ def test_a_whole_session(tmp_path: Path) -> None:
     (tmp_path / "consent.txt").write_text("You may stop at any time.")
     command = [*COMMAND, "session", "study.toml", "--quiet"]
     folder = tmp_path / "sessions" / "study" / "participant-001"
-    with subprocess.Popen([*command, "--participant", "1", "--language", "de"], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as session:
+    with subprocess.Popen(
+        [*command, "--participant", "1", "--language", "de"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as session:
         try:
             address = folder / "0-training.part" / "station.json"
             wait_until(lambda: address.exists() and address.read_text().endswith("\n"), "the page's address")

@@ -14,6 +14,7 @@ import tomli_w
 from deltaswarm_scenario.autonomy import OPERATOR, SWARM
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_scenario.operator_settings import SET_DELTA
+from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
@@ -237,7 +238,9 @@ def _read_language(table: dict[str, Any]) -> list[Problem]:
     except SettingsError as error:
         return error.problems
     page["language"] = {key: value for key, value in found.items() if key != "schema"}
-    return []
+    texts = found.get("page")
+    unknown = LanguageSettings.unknown(texts) if isinstance(texts, dict) else []
+    return [Problem(f"{LANGUAGE}.{problem.path}", problem.given, problem.allowed) for problem in unknown]
 
 
 def _grid_problems(scenario: Scenario) -> list[Problem]:

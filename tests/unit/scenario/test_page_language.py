@@ -71,7 +71,7 @@ def test_a_scenario_has_what_the_file_says(file: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "hint"),
     [
-        ('"{count} unred" = "x"', "did you mean '{count} unread'?"),
+        ('"{count} unred" = "{count}"', "did you mean '{count} unread'?"),
         ('"My own text" = "x"', "a text of your own belongs in the table run"),
         ('"{count} unread" = "non lus"', "must have {count}"),
         ('"Inbox" = "{n}"', "must have no placeholder"),
@@ -135,6 +135,11 @@ def test_the_conductor_reads_english_and_consent_is_what_was_read(file: Path) ->
     [action] = console.actions
     assert action.text is not None
     assert sha256("Êtes-vous d'accord ?".encode()).hexdigest() in action.text
+
+
+def test_a_run_of_an_older_version_can_be_loaded() -> None:
+    """Though its page had a text that is no longer there."""
+    assert not LanguageSettings("de", {"Outbox": "Postausgang"}).problems()
 
 
 def test_a_language_that_says_nothing_is_english() -> None:

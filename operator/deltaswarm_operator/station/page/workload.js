@@ -122,6 +122,7 @@ export class WorkloadPanel {
     setText(element("above"), above.join(" · "));
     const isOver = thresholds.some((limit) => rate_60s_hz > limit);
     element("rate-long").classList.toggle("over", isOver);
+    element("rate-long").dataset["over"] = t("high");
     if (this.plot && (this.shown_s !== now_s || this.rows !== history.length)) {
       [this.shown_s, this.rows] = [now_s, history.length];
       this.plot.setData(this.columns());
