@@ -9,6 +9,7 @@ from deltaswarm_scenario.downlink import CommandSettings
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.questions import SITUATION, FormSettings
 from deltaswarm_scenario.radio import Place
+from deltaswarm_scenario.task import TaskSettings
 from deltaswarm_wire.checked import OURS, Problem, key
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
@@ -153,6 +154,7 @@ class OperatorSettings:
     page: PageSettings = key(PageSettings, "what the station's page shows and offers")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")
     autonomy: AutonomySettings = key(AutonomySettings, "who sets delta during the run")
+    task: TaskSettings = key(TaskSettings, "the person's task: which events are targets")
 
     @property
     def commands(self) -> bool:

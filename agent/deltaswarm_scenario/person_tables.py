@@ -24,13 +24,15 @@ class OperatorAction(NamedTuple):
     """An act at the console, in `actions.csv`."""
 
     time_s: Annotated[float, Column("s", "time of the newest closed step at the act")]
-    kind: Annotated[str, Column("", "command, proposal, veto, read, pace, isa, tlx, form, note, sheet or page")]
+    kind: Annotated[str, Column("", "command, proposal, veto, judge, read, pace, isa, tlx, form, note, sheet or page")]
     by: Annotated[str, Column("", "who acted: person, simulated, script, system or (the experiment's) conductor")] = (
         PERSON
     )
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the act")] = None
-    name: Annotated[str, Column("", "the command; pause, resume, step or speed; what happened to the page")] = ""
+    name: Annotated[
+        str, Column("", "the command; target or other; pause, resume, step or speed; what happened to the page")
+    ] = ""
     command: Annotated[int | None, Column("", "number of the command")] = None
     target: Annotated[str, Column("", "whom the command is for: all, circle, tree, agent or place")] = ""
     agent: Annotated[int | None, Column("", "the agent, or the root of the tree, that the command is for")] = None
@@ -43,6 +45,7 @@ class OperatorAction(NamedTuple):
         float | None, Column("", "a command's first argument, delta, the speed, the steps or the answer")
     ] = None
     items: Annotated[str, Column("", "numbers of the items that were read, separated by spaces")] = ""
+    event: Annotated[int | None, Column("", "number of the event that was judged, as on the page")] = None
     text: Annotated[str, Column("", "a note, the participant and condition of a sheet, or details of the page")] = ""
     page: Annotated[int | None, Column("", "number of the page that acted, in the order in which pages opened")] = None
 
@@ -73,6 +76,17 @@ class SituationRow(NamedTuple):
     truth: Annotated[str, Column("", "the right answer, or several with or between them")]
     is_right: Annotated[int | None, Column("", "1: the answer is right")]
     error: Annotated[float | None, Column("", "a number that was answered minus the right one")]
+
+
+class JudgementRow(NamedTuple):
+    """An event that was reported, and what the person judged it to be, in `judgements.csv`."""
+
+    number: Annotated[int, Column("", "the event's number on the page")]
+    event: Annotated[int, Column("", "the event in events.csv")]
+    truth: Annotated[str, Column("", "its class: target or other")]
+    answer: Annotated[str, Column("", "the last judgement: target or other; empty: none")]
+    answered_s: Annotated[float | None, Column("s", "time of the last judgement")]
+    changes: Annotated[int, Column("", "how often the judgement was changed")]
 
 
 class InboxRow(NamedTuple):
@@ -126,6 +140,7 @@ TABLES: dict[str, type[NamedTuple]] = {
     "actions": OperatorAction,
     "probes": ProbeRow,
     "situation": SituationRow,
+    "judgements": JudgementRow,
     "inbox": InboxRow,
     "commands": CommandRow,
     "event_numbers": EventNumberRow,

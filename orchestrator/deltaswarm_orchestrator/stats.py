@@ -81,7 +81,7 @@ class Contrast:
         if not self.n:
             return NOWHERE
         total = len(self._walsh)
-        cut = int(np.searchsorted(_tails(self.n), alpha / 2, side="right"))  # Walsh averages rejected at each end
+        cut = rejected_walsh(self.n, alpha)
         if cut == 0:
             return NOWHERE
         return self._back(float(self._walsh[cut - 1])), self._back(float(self._walsh[total - cut]))
@@ -226,6 +226,14 @@ def smallest_effect(spread: float, pairs: int, family: int, power: float = 0.8) 
         return math.inf
     quantiles = stats.t.isf(ALPHA / family / 2, pairs - 1) + stats.norm.ppf(power)
     return float(quantiles * spread / math.sqrt(SIGNED_RANK_EFFICIENCY * pairs))
+
+
+def rejected_walsh(pairs: int, alpha: float) -> int:
+    """Return how many Walsh averages at each end lie outside the interval of the two-sided test at `alpha`.
+
+    The test rejects "no difference" where more than all others are above 0, or more than all others are below 0.
+    """
+    return int(np.searchsorted(_tails(pairs), alpha / 2, side="right"))
 
 
 def _array(values: Values) -> Array:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import tomllib
 from pathlib import Path
 from random import Random
@@ -14,7 +15,7 @@ from deltaswarm_orchestrator.participants.record import RECORD
 from deltaswarm_orchestrator.participants.session import load_session, plan
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from tests.support.pages import ROOT
+from tests.support.pages import ROOT, commands
 
 PAGE = (ROOT / "docs" / "SESSION.md").read_text()
 EFFECT, PARTICIPANTS = 10.0, 12
@@ -55,6 +56,21 @@ def test_the_model_of_the_page_finds_the_effect(tmp_path: Path, monkeypatch: pyt
     assert abs(effect - EFFECT) < 3 * error
     position, its_error = (getattr(model, name)["position"] for name in ("params", "bse"))
     assert abs(position) < 3 * its_error
+
+
+def test_the_plan_of_the_page_fits_its_effect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of 12 participants who differ as they do here, one group is not enough for half of their effect."""
+    a_study(tmp_path / "sessions" / "deltas", Random(4))
+    monkeypatch.chdir(tmp_path)
+    Path("deltas.toml").write_text("".join(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)))
+    for command in commands(PAGE):
+        assert main(shlex.split(command)[1:]) == 0
+    last, power, _ = capsys.readouterr().out.splitlines()[-1].split()
+    assert int(last) % 4 == 0
+    assert int(last) > 4
+    assert float(power) >= 0.8
 
 
 def test_the_session_of_the_page_can_be_planned(tmp_path: Path) -> None:

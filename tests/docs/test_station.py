@@ -17,7 +17,7 @@ SHORT = "--set run.duration_s=20 --set agents.count=6"
 @pytest.mark.slow
 def test_a_run_with_a_station_is_scripted_and_replayed(tmp_path: Path) -> None:
     """In the order in which the commands stand; the script's commands leave the base again when they did."""
-    station, scripted, replay, _ = commands(PAGE)
+    station, scripted, replay, *_ = commands(PAGE)
     scripted = scripted.replace("docs/station", str(ROOT / "docs/station"))
     done = shell(f"{station} {SHORT}; {scripted}", tmp_path)
     assert done.returncode == 0, done.stderr

@@ -11,6 +11,7 @@ from selenium.webdriver.support.ui import Select
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.page_language import TEXTS, page_texts
+from deltaswarm_scenario.task import GOAL
 from tests.support.page_texts import texts
 from tests.support.station_feed import CONSENT, FORMS, Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
@@ -135,7 +136,8 @@ def test_everything_on_the_live_page_is_translated(pseudo: Callable[..., Page]) 
         )
     ]
     page.player.swarm.commands[:0] = rows
-    page.player.show(proposal={"delta": 2, "left_s": 9.0}, probe=None)
+    page.feed.send(page.player.swarm.hello(title="1", session=SESSION, goal=GOAL))
+    page.player.show(proposal={"delta": 2, "left_s": 9.0}, probe=None, judged=[[0, "target"]])
     page.until(lambda: page.at("proposal").is_displayed() and len(page.texts("#fates li")) >= 3)
     for key in ("u", "y", "?"):
         page.press(key)

@@ -44,6 +44,26 @@ def test_every_answer_to_isa_is_within_the_window(page: Page, width: int, height
     assert shown <= width
 
 
+def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
+    """The selected one, while there is a task; the list says how it was judged."""
+    page.press("x")
+    hello(page, goal="Find the targets.")
+    page.until(lambda: page.text("goal") == "Find the targets." and page.at("task").is_displayed())
+    assert not page.at("judge-target").is_enabled()
+    page.at("tab-events").click()
+    page.until(lambda: page.texts("#events-list > li"))
+    page.all('#events-list [data-key="2"] button')[0].click()
+    page.at("judge-other").click()
+    assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "other"}
+    page.press("x")
+    assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "target"}
+    page.until(lambda: page.at("judge-target").get_attribute("aria-pressed") == "true")
+    assert page.at("judge-other").get_attribute("aria-pressed") == "false"
+    page.until(lambda: "Judged: target" in page.texts('#events-list [data-key="2"] .what')[0])
+    hello(page, goal="")
+    page.until(lambda: not page.at("task").is_displayed())
+
+
 def test_no_draft_reaches_the_next_participant(page: Page) -> None:
     """A note and sliders that were moved and not sent stay with their run; there they are after a reload."""
     questions = {"sheet": None, "asks": {"isa": True, "tlx": True, "weights": False}}

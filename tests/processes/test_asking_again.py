@@ -43,16 +43,19 @@ SCALES = {"mental": 60, "physical": 0, "temporal": 60, "performance": 0, "effort
 class Browser:
     """Answers what one page asks, until the page's process has gone."""
 
-    def __init__(self, address: Path, tlx: bool, condition: str = "") -> None:
+    def __init__(self, address: Path, tlx: bool, condition: str = "", *, judges: bool = False) -> None:
         wait_until(lambda: address.exists() and address.read_text().endswith("\n"), str(address))
         self.url = json.loads(address.read_text())["url"]
         live = f"{self.url.replace('http', 'ws', 1)}live"
         origin: Any = self.url[: self.url.index("/", 8)]
         self.asked: list[str] = []
         with connect(live, origin=origin, max_size=1 << 22, ping_interval=None, open_timeout=PATIENCE_S) as socket:
-            answered = None
+            answered, is_judged = None, not judges
             while True:
                 message = json.loads(socket.recv(PATIENCE_S))
+                if not is_judged and message.get("events"):
+                    socket.send(json.dumps({"type": "judge", "event": message["events"][0][0], "answer": "target"}))
+                    is_judged = True
                 if message["type"] == "ended":
                     return
                 probe = message.get("probe")
@@ -62,6 +65,7 @@ class Browser:
                     return
                 answered = probe
                 self.asked.append(probe["kind"])
+                self.probe = probe
                 socket.send(json.dumps(self.answer(probe, condition)))
 
     @staticmethod
@@ -71,7 +75,8 @@ class Browser:
             return {"type": "sheet", "consent": True, "participant": "P001", "condition": condition}
         if probe["kind"] == "tlx":
             return {"type": "tlx", "scales": SCALES}
-        return {"type": "form", "form": probe["form"]["name"], "answers": {"reliable": 6}}
+        answers = {"reliable": 6} if probe["form"]["question"] else {}
+        return {"type": "form", "form": probe["form"]["name"], "answers": answers}
 
 
 def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
@@ -108,6 +113,47 @@ def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
     record = json.loads((folder / "session.json").read_text())
     assert [run["attempts"][-1]["answers_missing"] for run in record["runs"]] == [0, 0]
     assert subprocess.run(command, check=False, **options).returncode == 0  # nothing is left to ask
+
+
+TASK = """
+schema = 1
+
+[session]
+speed = 30
+
+[session.training]
+label = "training"
+scenario = "smoke"
+set = ["run.duration_s=5", "operator.probes.isa_every_s=0"]
+
+[[session.condition]]
+label = "A"
+scenario = "smoke"
+set = ["run.duration_s=120", "operator.probes.isa_every_s=0", "operator.task.target_share=0.9", "events.rate_hz=0.5"]
+"""
+
+
+def test_a_session_shows_the_score_of_the_task(tmp_path: Path) -> None:
+    """After the run, on a page of its own; all tables have it."""
+    (tmp_path / "study.toml").write_text(TASK)
+    folder = tmp_path / "sessions" / "study" / "participant-001"
+    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
+    options: dict[str, Any] = {"cwd": tmp_path, "env": headless(), "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **options) as session:
+        try:
+            Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
+            first = Browser(folder / "1-A.part" / "station.json", tlx=True, condition="1 A", judges=True)
+            second = Browser(folder / "1-A.again-1" / "station.json", tlx=True)
+            assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
+        finally:
+            session.kill()
+    assert (first.asked, second.asked) == (["sheet"], ["form"])
+    task = json.loads((folder / "1-A" / "summary.json").read_text())["task"]
+    assert task["events"] > task["hits"] + task["false_alarms"] == 1
+    assert f"{task['hits']} of {task['events']}" in second.probe["form"]["text"]
+    assert [row["answer"] for row in table(tmp_path, "judgements") if row["answer"]] == ["target"]
+    _, run = table(tmp_path, "runs")
+    assert (int(run["hits"]), int(run["unjudged"])) == (task["hits"], task["events"] - 1)
 
 
 def table(folder: Path, name: str) -> list[dict[str, str]]:

@@ -19,6 +19,7 @@ from deltaswarm_operator.station import rules, server
 from deltaswarm_orchestrator.participants import session
 from deltaswarm_scenario import questions
 from deltaswarm_scenario.operator_settings import SAGAT, ProbeSettings
+from deltaswarm_scenario.task import GOAL
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 
@@ -84,7 +85,7 @@ def _built_in() -> Iterator[str]:
     yield from (question.text for question in questions.SITUATION.values())
     yield from questions.QUARTERS
     yield from (command_log.SENT, command_log.KNOWN, command_log.EXPIRED)
-    yield from (session.MORE, session.THANKS, potential.SPREADING, replay.REFUSED)
+    yield from (GOAL, session.MORE, session.WAIT, session.THANKS, potential.SPREADING, replay.REFUSED)
 
 
 def _orders() -> Iterator[str]:
@@ -121,7 +122,8 @@ def _said(node: ast.expr, module: ModuleType) -> list[str]:
 
 def _named(value: ast.FormattedValue) -> str:
     """A placeholder with the name of the value, or of the last part of its name."""
-    names = re.findall(r"[A-Za-z_]\w*", ast.unparse(value.value).partition(" or ")[0])
+    expression = value.value.values[0] if isinstance(value.value, ast.BoolOp) else value.value
+    names = re.findall(r"[A-Za-z_]\w*", re.sub(r"'[^']*'", "", ast.unparse(expression)))
     return f"{{{names[-1].lower()}}}"
 
 

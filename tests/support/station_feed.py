@@ -59,6 +59,7 @@ class Swarm:
     silent: tuple[int, ...] = (9,)
     read: set[int] = field(default_factory=set)
     commands: list[list[Any]] = field(default_factory=list)
+    judged: dict[int, str] = field(default_factory=dict)
     probe: Message | None = None
     paused: bool = False
     speed: float = 5.0
@@ -145,6 +146,7 @@ class Swarm:
             "agents": self.agent_rows(time_s),
             "events": self.event_rows(time_s),
             "inbox": fresh,
+            "judged": list(self.judged.items()),
             "unread": len(items) - len(self.read),
             "closed": {"events": 7, "after_s": 61.5},
             "workload": {
@@ -193,6 +195,8 @@ class Swarm:
             row = [number, intent["name"], target, intent["arguments"], time_s, *fate]
             self.commands.append(row)
             return [{"type": "accepted", "to": to, "id": intent["id"], "number": number}]
+        if kind == "judge":
+            self.judged[intent["event"]] = intent["answer"]
         if kind == "pace":
             self.paused = intent.get("paused", self.paused)
             self.speed = intent.get("speed", self.speed)

@@ -61,6 +61,8 @@ class Console:
         self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
         self.mirror = Mirror()
+        self.judgements: dict[int, str] = {}
+        """The class that the person judged an event to be of, by the page's numbers."""
         self.briefing = briefing
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
@@ -135,8 +137,9 @@ class Console:
 
     def _follow_script(self, step: int) -> None:
         """Give the script's commands for this step; those that are too early leave in the first possible step."""
-        while self._is_scripted(step) and self.command_log.has_room:
-            scripted = self._script.popleft()
+        script, step_s = self._script, self.briefing.step_s
+        while script and round(script[0].at_s / step_s) <= step and self.command_log.has_room:
+            scripted = script.popleft()
             target = Target(scripted.target, scripted.numbers)
             self.command(SCRIPT, scripted.name, target, scripted.arguments, scripted.life_s)
 
@@ -209,10 +212,6 @@ class Console:
         """Note an act."""
         self.actions.append(OperatorAction(self.picture.now_s, kind, by, **columns))
 
-    def _is_scripted(self, step: int) -> bool:
-        """Whether the script's next command is due in this step or before."""
-        return bool(self._script) and round(self._script[0].at_s / self.briefing.step_s) <= step
-
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
         return {
@@ -224,6 +223,7 @@ class Console:
             "messages": self._messages,
             "steps_above": self._steps_above,
             "history": list(self.history),
+            "judgements": list(self.judgements.items()),
             "person": None if self.person is None else self.person.state(),
             "attention": None if self.attention is None else self.attention.state(),
             "autonomy": None if self.autonomy is None else self.autonomy.state(),
@@ -242,6 +242,7 @@ class Console:
         self.picture.restore(state["picture"])
         self._messages, self._steps_above = state["messages"], list(state["steps_above"])
         self.history.extend((time_s, short_hz, long_hz) for time_s, short_hz, long_hz in state["history"])
+        self.judgements.update(state["judgements"])
         while len(self._script) > state["script"]:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
@@ -280,6 +281,7 @@ class Console:
             commands=[self._offer(form) for form in briefing.offered],
             sets_delta=briefing.operator.autonomy.sets_delta,
             event_numbers=list(self.picture.event_numbers.items())[-NUMBERS_SHOWN:] if kind == CONDUCTOR_KIND else (),
+            goal=briefing.operator.task.goal if briefing.operator.task.is_on else "",
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
             end_text=page.end_text,
@@ -304,6 +306,7 @@ class Console:
             over=self._is_over,
             **picture.rows(),
             inbox=item_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
+            judged=[[event, self.judgements[event]] for event in picture.events if event in self.judgements],
             unread=len(picture.unread),
             closed={"events": len(picture.closed), "after_s": round(picture.closed_after_s or 0.0, 1)},
             workload={

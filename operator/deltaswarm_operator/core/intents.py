@@ -12,6 +12,7 @@ from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact, 
 from deltaswarm_operator.core.probes import FORM
 from deltaswarm_scenario.operator_settings import ISA, TLX
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
+from deltaswarm_scenario.task import CLASSES
 from deltaswarm_wire.commands import make_target, named
 
 MAX_NOTE, MAX_PAGE_TEXT, MAX_CODE = 2000, 200, 64
@@ -107,6 +108,19 @@ def _veto(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     return []
 
 
+def _judge(console: Console, raw: Raw, at: Raw) -> list[Raw]:
+    if not console.briefing.operator.task.is_on:
+        raise ValueError("in this run events are not judged")
+    event, answer = raw["event"], raw["answer"]
+    if answer not in CLASSES:
+        raise ValueError(f"the answer must be {' or '.join(CLASSES)} (got {answer!r})")
+    if event not in console.picture.events:
+        raise ValueError(f"event {event} must be one that is reported now")
+    console.judgements[event] = answer
+    console.note(kind="judge", name=answer, event=event, **at)
+    return []
+
+
 def _read(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     picture = console.picture
     numbers = list(picture.unread) if raw.get("all") else [int(number) for number in raw["items"]]
@@ -177,6 +191,7 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Raw]]] = {
     "command": _command,
     "pace": _pace,
     "veto": _veto,
+    "judge": _judge,
     "read": _read,
     "isa": _isa,
     "tlx": _tlx,

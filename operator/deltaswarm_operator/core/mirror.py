@@ -10,7 +10,7 @@ from typing import Any
 from deltaswarm_scenario.operator_settings import ISA
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
 
-TOLD = ("time_s", "kind", "by", "name", "target", "value", "items", "text")
+TOLD = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")
 """Columns of an act that the page shows."""
 
 MAX_KEPT = 200

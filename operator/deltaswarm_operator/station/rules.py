@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import orjson
 
 INTENTS = frozenset(
-    {"command", "veto", "pace", "read", "isa", "tlx", "form", "note", "page", "sheet", "catch_up", "seek"}
+    {"command", "veto", "judge", "pace", "read", "isa", "tlx", "form", "note", "page", "sheet", "catch_up", "seek"}
 )
 
 OPERATE, WATCH = "operate", "watch"

@@ -7,37 +7,54 @@ from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import (
+    Group,
     add_dry_run,
     add_json,
     add_markers,
     add_quiet,
     free_folder,
     host_and_port,
+    number,
     show,
     whole,
 )
-from deltaswarm_orchestrator.participants.again import ask_again, unanswered
+from deltaswarm_orchestrator.participants.again import ask_again, score_form, unanswered
 from deltaswarm_orchestrator.participants.record import (
     RECORD,
-    attempt_number,
+    Attempt,
+    attempts_at,
+    outcome_of,
     read_record,
     record_of,
-    summaries,
+    scenario_of,
 )
-from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, load_session, plan
-from deltaswarm_orchestrator.participants.tables import write_tables
+from deltaswarm_orchestrator.participants.session import (
+    MAX_PARTICIPANT,
+    PlannedRun,
+    SessionSettings,
+    load_session,
+    plan,
+)
+from deltaswarm_orchestrator.participants.tables import RUNS, write_tables
+from deltaswarm_orchestrator.participants.training import END, NOT_REACHED, OPEN, CriterionSettings
 from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address
 from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, keys_of, language_at, load_scenario
+from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
+
+QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
+"""Options of --plan."""
 
 
 def add_session(command: argparse.ArgumentParser) -> None:
@@ -48,6 +65,12 @@ def add_session(command: argparse.ArgumentParser) -> None:
     what.add_argument("--participant", type=whole(1, MAX_PARTICIPANT), metavar="N", help="number, from 1 on")
     what.add_argument(
         "--table", type=Path, metavar="FOLDER", help="write the data of all participants there as tables, and do no run"
+    )
+    what.add_argument(
+        "--plan",
+        type=Path,
+        metavar="FOLDER",
+        help="print how many participants a study needs, from a pilot's tables there (see --table), and do no run",
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
     command.add_argument(
@@ -68,15 +91,39 @@ def add_session(command: argparse.ArgumentParser) -> None:
         "--researcher", action="store_true", help="also serve the conductor's page, which shows the truth"
     )
     add_dry_run(command, "the runs, in the order of the file as long as the session has not begun")
-    command.add_argument("--plan", action="store_true", help="the same as --dry-run")
+    _add_question(command.add_argument_group("with --plan"))
     add_quiet(command)
     add_json(command)
     command.set_defaults(func=session)
 
 
+def _add_question(group: Group) -> None:
+    """Add what a study with the planned number of participants is to show; these options have no effect without it."""
+    group.add_argument("--metric", metavar="NAME", help="a column of runs.tsv (default: all that measure something)")
+    group.add_argument("--conditions", nargs=2, metavar="LABEL", help="the two to compare, if the session has more")
+    group.add_argument(
+        "--effect",
+        type=number(-1e12, 1e12),
+        metavar="N",
+        help="difference to find, in the metric's unit (default: the pilot's)",
+    )
+    group.add_argument("--power", type=number(0.01, 0.99), metavar="N", help="probability of finding it (default: 0.8)")
+    group.add_argument("--alpha", type=number(1e-6, 0.5), metavar="N", help="level of the test (default: 0.05)")
+    group.add_argument(
+        "--test",
+        choices=("adjusted", "t", "signed-rank"),
+        help="the test of differences: by t and adjusted for position and stream (default), by t, or by signed ranks",
+    )
+
+
 def session(arguments: argparse.Namespace) -> int:
-    """Do the remaining runs of a participant's session, or write the tables of all participants."""
+    """Do the remaining runs of a participant's session, write the tables of all participants, or plan their number."""
     settings, beside = load_session(arguments.session)
+    asked = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
+    if asked and arguments.plan is None:
+        raise CommandError(f"--{next(iter(asked))} must be given with --plan, without which it has no effect")
+    if arguments.plan is not None:
+        return _plan(arguments, settings, asked)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     if arguments.table:
         files = write_tables(out, arguments.table)
@@ -99,7 +146,7 @@ def session(arguments: argparse.Namespace) -> int:
     for warning in dict.fromkeys(cli_run.isa_warning(run.scenario, settings.speed) for run in planned):
         if warning:
             notice(warning)
-    if arguments.plan or arguments.dry_run:
+    if arguments.dry_run:
         has_begun = (folder / RECORD).exists()
         labels = [settings.training.label, *(condition.label for condition in settings.condition)]
         if has_begun:
@@ -123,53 +170,117 @@ def session(arguments: argparse.Namespace) -> int:
         lock.release()
 
 
+def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:
+    """Print how many participants are needed to find a difference between two conditions."""
+    from deltaswarm_orchestrator.participants.pilot import Question, plan_participants, text  # imports SciPy
+
+    effect = asked.get("effect")
+    if effect is not None and ("metric" not in asked or not effect):
+        raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")
+    planned = plan_participants(settings, arguments.plan / f"{RUNS}.tsv", Question(**asked))
+    if effect is None:
+        notice(
+            "the effect is the pilot's own, which is uncertain: give the least difference that matters by --effect, "
+            "with --metric"
+        )
+    show(arguments, planned, text(planned))
+    return OK
+
+
 def _do_runs(
     arguments: argparse.Namespace,
     folder: Path,
     planned: list[PlannedRun],
     options_for: Callable[..., RunOptions],
 ) -> int:
-    """Do the runs that are not complete; keep the record."""
+    """Do the runs that are not complete, and training until its criterion is reached; keep the record."""
     participant: int = arguments.participant
+
+    def record() -> None:
+        write_json(folder / RECORD, record_of(folder, participant, planned))
+
     _check_design(folder, planned)
-    write_json(folder / RECORD, record_of(folder, participant, planned))
+    record()
     is_first = True
     for run in planned:
-        done = [name for name, summary in summaries(folder, run).items() if summary["complete"]]
-        if done:
-            _ask_again(folder / done[-1], run, options_for)
-            write_json(folder / RECORD, record_of(folder, participant, planned))
-            continue
-        notice(f"run {run.position} of {len(planned) - 1}: {run.label}")
-        options, is_first = options_for(run, is_first=is_first), False
-        scenario = run.attempt(attempt_number(options.out.name, run))
-        with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-            code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)
-        write_json(folder / RECORD, record_of(folder, participant, planned))
-        heed_signals_again()
-        if code == OK:
-            _ask_again(options.out, run, options_for)
-            write_json(folder / RECORD, record_of(folder, participant, planned))
-        if code != OK:
-            language = f" --language {arguments.language}" if arguments.language else ""
-            again = f"deltaswarm session {arguments.session} --participant {participant}{language}"
-            complain(f"the session stops here; to go on: {again}")
-            return code
-        for summary in [*summaries(folder, run).values()][-1:]:
-            if missing := (summary.get("person") or {}).get("answers_missing"):
-                complain(f"answers missing in run {run.position}, {run.label}: {missing}")
+        for attempt in attempts_at(folder, run):
+            if attempt.is_complete:
+                _ask_again(folder / attempt.folder, run, attempt.scenario, options_for)
+                record()
+        while outcome_of(run, earlier := attempts_at(folder, run)) == OPEN:
+            notice(f"run {run.position} of {len(planned) - 1}: {run.label}{_repeated(run, earlier)}")
+            options, is_first = options_for(run, is_first=is_first), False
+            scenario = scenario_of(run, options.out.name, earlier)
+            with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
+                code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)
+            record()
+            heed_signals_again()
+            if code != OK:
+                language = f" --language {arguments.language}" if arguments.language else ""
+                again = f"deltaswarm session {arguments.session} --participant {participant}{language}"
+                complain(f"the session stops here; to go on: {again}")
+                return code
+            ended = attempts_at(folder, run)[-1:]
+            _ask_again(options.out, run, scenario, options_for, *(score_form(attempt.summary) for attempt in ended))
+            record()
+            _complain_of_missing(folder, run)
+            if run.criterion is None:
+                break
+        if _is_ended_by(run, attempts_at(folder, run)):
+            return FAILED
     show(arguments, {"folder": str(folder), **record_of(folder, participant, planned)}, str(folder))
     return OK
 
 
-def _ask_again(folder: Path, run: PlannedRun, options_for: Callable[..., RunOptions]) -> None:
-    """Ask for the answers that are missing after a complete run, on the same page."""
-    probes = unanswered(folder, run.scenario)
-    if probes is None or (station := options_for(run).station) is None:
+def _repeated(run: PlannedRun, earlier: list[Attempt]) -> str:
+    """Say why training is repeated, and how often; empty: it is not."""
+    count = sum(attempt.is_complete for attempt in earlier)
+    if run.criterion is None or not count:
+        return ""
+    return f" again ({count + 1} of at most {run.criterion.max_runs}), since {_judged(run.criterion, earlier)}"
+
+
+def _judged(criterion: CriterionSettings, attempts: list[Attempt]) -> str:
+    values = [criterion.value(attempt.summary) for attempt in attempts if attempt.is_complete]
+    got = ", ".join("none" if value is None else f"{value:g}" for value in values)
+    return f"{criterion.metric} must be {criterion.bounds} (got {got})"
+
+
+def _is_ended_by(run: PlannedRun, attempts: list[Attempt]) -> bool:
+    """Say if the criterion of a training was not reached; return whether this ends the session."""
+    if run.criterion is None or outcome_of(run, attempts) != NOT_REACHED:
+        return False
+    ends = run.criterion.if_not_reached == END
+    then = "the session ends here" if ends else "the session goes on"
+    complain(f"the criterion of the training is not reached: {_judged(run.criterion, attempts)}; {then}")
+    return ends
+
+
+def _complain_of_missing(folder: Path, run: PlannedRun) -> None:
+    for attempt in attempts_at(folder, run)[-1:]:
+        if missing := (attempt.summary.get("person") or {}).get("answers_missing"):
+            complain(f"answers missing in run {run.position}, {run.label}: {missing}")
+
+
+def _ask_again(
+    folder: Path,
+    run: PlannedRun,
+    scenario: Scenario,
+    options_for: Callable[..., RunOptions],
+    score: FormSettings | None = None,
+) -> None:
+    """Ask for the answers that are missing after a complete run, on the same page; first show the score, if any."""
+    probes = unanswered(folder, scenario)
+    station = options_for(run).station
+    if station is None or (probes is None and score is None):
+        return
+    if score is not None:
+        ask_again(folder, scenario, ProbeSettings(isa_every_s=0.0, form=(score,)), station)
+    if probes is None:
         return
     asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
     notice(f"asking again after run {run.position}, {run.label}: {asked}")
-    ask_again(folder, run.scenario, probes, station)
+    ask_again(folder, scenario, probes, station)
 
 
 def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
@@ -184,10 +295,9 @@ def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
         if before != (now := [run.label for run in planned]):
             raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
     for run in planned:
-        for name, summary in summaries(folder, run).items():
-            file = folder / name / SCENARIO
-            expected = run.attempt(attempt_number(name, run))
-            if summary["complete"] and (changed := _changed_keys(expected, load_scenario(str(file)))):
+        for attempt in attempts_at(folder, run):
+            file = folder / attempt.folder / SCENARIO
+            if attempt.is_complete and (changed := _changed_keys(attempt.scenario, load_scenario(str(file)))):
                 raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
 
 

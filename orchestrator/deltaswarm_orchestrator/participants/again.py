@@ -7,17 +7,18 @@ import csv
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.processes.station import Station, write_briefing
 from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
-from deltaswarm_scenario.questions import AFTER, tlx_scores
+from deltaswarm_scenario.questions import AFTER, FormSettings, tlx_scores
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 
-PROBES = "probes.csv"
+PROBES, SCORE = "probes.csv", "score"
 Row = dict[str, str]
 
 
@@ -32,6 +33,20 @@ def unanswered(folder: Path, scenario: Scenario) -> ProbeSettings | None:
     return ProbeSettings(isa_every_s=0.0, tlx=has_tlx, tlx_weights=probes.tlx_weights, form=forms)
 
 
+def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
+    """Return the page that tells the person how the task of a run went; None if there was none."""
+    task = summary.get("task")
+    if not task:
+        return None
+    text = (
+        f"You judged {task['hits'] + task['correct_rejections']} of {task['events']} reported events right. "
+        f"Of the targets, {task['hits']} were found and {task['misses']} were taken for others. "
+        f"Of the others, {task['false_alarms']} were taken for targets. "
+        f"Without a judgement: {task['unjudged']}."
+    )
+    return FormSettings(SCORE, "Your score", text)
+
+
 def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:
     """Ask on the station's page, until all is answered, the time is over or a signal ends it."""
     number = len(_folders(folder)) + 1
@@ -43,11 +58,19 @@ def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: 
     subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: station.token}, check=False)
 
 
+def rows_of(file: Path) -> list[Row]:
+    """Return the rows of a table of a run; none if there is no such table."""
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
 def answers(folder: Path) -> list[Row]:
     """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
     later = _later(folder)
     given = {(row["probe"], row["item"]) for row in later}
-    first = [row for row in _rows(folder) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
+    first = [row for row in rows_of(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
     return [*first, *later]
 
 
@@ -66,17 +89,9 @@ def with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
 
 def _later(folder: Path) -> list[Row]:
     """Return the answers that were given after a run."""
-    return [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
+    return [row for again in _folders(folder) for row in rows_of(again / PROBES) if row["answered_utc"]]
 
 
 def _folders(folder: Path) -> list[Path]:
     """Return the folders with later answers, in order."""
     return sorted(folder.parent.glob(f"{folder.name}.again-*"), key=lambda path: int(path.name.rpartition("-")[2]))
-
-
-def _rows(folder: Path) -> list[Row]:
-    file = folder / PROBES
-    if not file.exists():
-        return []
-    with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))

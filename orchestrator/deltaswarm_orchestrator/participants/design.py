@@ -24,6 +24,14 @@ def square(count: int) -> list[list[int]]:
     return rows if count % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
+def group_of(count: int, *, is_crossed: bool) -> int:
+    """Return how many participants do every order of `count` conditions equally often; with crossed streams, these too.
+
+    Recruit participants in multiples of it.
+    """
+    return len(square(count)) * (2 if is_crossed else 1)
+
+
 def order_of(participant: int, count: int, seed: int | None = None) -> list[Placed]:
     """Return what a participant (1, 2, ...) does, in order.
 

@@ -5,6 +5,7 @@ from json import dumps
 from pathlib import Path
 
 from deltaswarm_orchestrator.participants.design import order_of
+from deltaswarm_orchestrator.participants.training import END, CriterionSettings
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_scenario.questions import AFTER, BEFORE, FormSettings
 from deltaswarm_scenario.scenario import Scenario
@@ -22,6 +23,7 @@ RANDOM, IN_TURN = "random", "in turn"
 CROSSED, OWN = "crossed", "own"
 
 MORE = "Please wait: the next run follows by itself."
+WAIT = "Please wait."
 THANKS = "Thank you: that was the last run."
 
 DEFAULTS = ("operator.page.pace=false", "operator.probes.isa_jitter_s=30")
@@ -44,6 +46,13 @@ class ConditionSettings:
         if self.label and self.label.isprintable() and "/" not in self.label and self.label.strip(" .") == self.label:
             return []
         return [Problem("label", repr(self.label), "must be a name that a folder can have")]
+
+
+@dataclass(frozen=True)
+class TrainingSettings(ConditionSettings):
+    """The table `[session.training]`."""
+
+    criterion: CriterionSettings | None = key(None, "when training is enough; without it, there is one training run")
 
 
 FIRST, EACH, LAST = "before", "between", "after"
@@ -81,8 +90,8 @@ class SessionSettings:
     consent: str = key("", "a text file that a participant must agree to before the first run")
     language: str = key("", "language of the page, as operator.page.language; a file is in the same folder")
     form: tuple[SessionFormSettings, ...] = key((), "forms that are filled in besides the runs")
-    training: ConditionSettings = key(
-        ConditionSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
+    training: TrainingSettings = key(
+        TrainingSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
     )
     condition: tuple[ConditionSettings, ...] = key((), "the runs, whose order is balanced over participants")
 
@@ -117,10 +126,23 @@ class PlannedRun:
     """The stream of arrivals; None: one of its own."""
     seeds: tuple[int, int]
     """The session's seed, and the number from which the run's seed is derived."""
+    once: tuple[str, ...] = ()
+    """Names of forms that are not filled in again, once the run is complete."""
+    criterion: CriterionSettings | None = None
+    """When the run need not be done again; None: once it is complete."""
 
-    def attempt(self, number: int) -> Scenario:
-        """Return the scenario of an attempt (1, 2, ...): a repeated run has other arrivals."""
-        return replace(self.scenario, seed=_seed(*self.seeds, number))
+    def attempt(self, number: int, *, is_repeat: bool = False) -> Scenario:
+        """Return the scenario of an attempt (1, 2, ...): a repeated run has other arrivals.
+
+        `is_repeat`: an earlier attempt is complete, so consent and the forms before the session are not asked for.
+        """
+        scenario = replace(self.scenario, seed=_seed(*self.seeds, number))
+        if not is_repeat:
+            return scenario
+        probes = scenario.operator.probes
+        forms = tuple(form for form in probes.form if form.name not in self.once)
+        probes = replace(probes, consent="", form=forms)
+        return replace(scenario, operator=replace(scenario.operator, probes=probes))
 
 
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
@@ -129,7 +151,7 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
     Raises:
         SettingsError: a scenario is invalid, or the consent text cannot be read.
     """
-    count = len(settings.condition)
+    count, criterion = len(settings.condition), settings.training.criterion
     order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
     runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
     consent = _text(settings.consent, beside)
@@ -139,7 +161,8 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         if name not in scenarios.BUILT_IN:
             name = str((beside / name).resolve())
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
-        shown = {"title": label, "end_text": MORE if place < count else THANKS}
+        ends = criterion is not None and criterion.if_not_reached == END and place == 0
+        shown = {"title": label, "end_text": THANKS if place == count else WAIT if ends else MORE}
         if settings.language:
             shown["language"] = scenarios.language_at(settings.language, beside)
         overrides = [
@@ -157,9 +180,23 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
         folder = f"{place}-{label.replace(' ', '-')}"
-        runs.append(PlannedRun(label, folder, scenario, place, stream, (settings.seed, number)))
+        run = PlannedRun(label, folder, scenario, place, stream, (settings.seed, number))
+        if place == 0:
+            run = replace(
+                run,
+                once=tuple(form.name for form in settings.form if form.when == FIRST),
+                criterion=_checked(criterion, scenario),
+            )
+        runs.append(run)
         consent = ""  # asked for once
     return runs
+
+
+def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:
+    """Return the criterion. Raises SettingsError: the training's runs have no such metric."""
+    if criterion and (problems := criterion.problems_with(training)):
+        raise SettingsError([replace(p, path=f"session.training.criterion.{p.path}") for p in problems])
+    return criterion
 
 
 def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool, is_last: bool) -> Scenario:

@@ -6,67 +6,15 @@ Each table has a row per observation and a column per variable; by the columns o
 import csv
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.participants.again import PROBES, answers
+from deltaswarm_orchestrator.participants.again import PROBES, answers, rows_of
 from deltaswarm_orchestrator.participants.record import RECORD, read_record, summary_of
-from deltaswarm_scenario.person_tables import TABLES, Column, columns_of
+from deltaswarm_orchestrator.participants.variables import KEYS, PARTICIPANT, RUN, value_at
+from deltaswarm_scenario.person_tables import TABLES, columns_of
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
-WHOLE, NUMBER, TEXT = "whole number", "number", "text"
-
-
-class Variable(NamedTuple):
-    """A column made from a value in JSON, by the path to it."""
-
-    kind: str
-    column: Column
-    path: str
-
-
-KEYS = {
-    "participant": (WHOLE, Column("", "the participant's number")),
-    "condition": (TEXT, Column("", "label of the condition")),
-    "position": (WHOLE, Column("", "place of the run in the participant's session; 0: the training")),
-    "run": (TEXT, Column("", "folder of the run")),
-}
-
-PARTICIPANT = {
-    "participant": KEYS["participant"],
-    "runs": (WHOLE, Column("", "runs that were planned")),
-    "complete": (WHOLE, Column("", "runs that are complete")),
-    "answers_missing": (WHOLE, Column("", "questions without an answer, in all complete runs")),
-}
-
-RUN = {
-    "attempt": Variable(WHOLE, Column("", "number of the attempt at the run, from 1"), "attempt"),
-    "complete": Variable(WHOLE, Column("", "1: it reached its last step"), "complete"),
-    "valid": Variable(WHOLE, Column("", "1: nothing was lost on the fabric"), "valid"),
-    "stream": Variable(WHOLE, Column("", "stream of arrivals, from 0; empty: one of its own"), "stream"),
-    "seed": Variable(WHOLE, Column("", "seed of the run"), "seed"),
-    "digest": Variable(TEXT, Column("", "digest of all messages"), "digest"),
-    "waiting_time_s": Variable(
-        NUMBER, Column("s", "mean waiting time, restricted to the horizon"), "waiting_time_s.restricted_mean"
-    ),
-    "completion_s": Variable(NUMBER, Column("s", "mean time to complete an event, restricted"), "completion_s.mean"),
-    "completed": Variable(WHOLE, Column("", "completed events"), "completed"),
-    "messages_per_s": Variable(NUMBER, Column("1/s", "messages to the operator"), "operator_messages_per_s.mean"),
-    "time_above_threshold_s": Variable(
-        NUMBER, Column("s", "time with the message rate above the threshold"), "operator_time_above_threshold_s"
-    ),
-    "items": Variable(WHOLE, Column("", "items of the inbox"), "person.items"),
-    "read": Variable(WHOLE, Column("", "items that were read"), "person.read"),
-    "missed": Variable(WHOLE, Column("", "items that were unread for too long"), "person.missed"),
-    "acknowledge_s": Variable(NUMBER, Column("s", "mean time until an item was read"), "person.acknowledge_s"),
-    "commands": Variable(WHOLE, Column("", "commands given"), "person.commands"),
-    "commands_done": Variable(WHOLE, Column("", "commands carried out by an agent"), "person.commands_by_state.done"),
-    "isa": Variable(NUMBER, Column("", "mean ISA answer, from 1 to 5"), "person.isa"),
-    "questions": Variable(WHOLE, Column("", "questions asked"), "person.questions"),
-    "answers_missing": Variable(WHOLE, Column("", "questions without an answer"), "person.answers_missing"),
-    "tlx_raw": Variable(NUMBER, Column("", "NASA-TLX, mean of the six scales, from 0 to 100"), "person.tlx.raw"),
-    "tlx_weighted": Variable(NUMBER, Column("", "NASA-TLX, weighted by the 15 pairs"), "person.tlx.weighted"),
-}
 
 Row = Mapping[str, Any]
 
@@ -99,35 +47,27 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
         for number, attempt in enumerate(run["attempts"], 1):
             place = folder / attempt["folder"]
-            summary = summary_of(place) | {"attempt": number, "stream": run.get("stream")}
-            values = {name: _value(summary, variable.path) for name, variable in RUN.items()}
+            own = {"attempt": number, "stream": run.get("stream"), "training_value": attempt.get("training_value")}
+            summary = summary_of(place) | own
+            values = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
 
 
 def _participant(record: Row) -> Row:
-    attempts = [attempt for run in record["runs"] for attempt in run["attempts"] if attempt["complete"]]
+    complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
     return {
         "participant": record["participant"],
         "runs": len(record["runs"]),
-        "complete": len(attempts),
-        "answers_missing": sum(attempt.get("answers_missing") or 0 for attempt in attempts),
+        "complete": sum(map(bool, complete.values())),
+        "answers_missing": sum(one.get("answers_missing") or 0 for attempts in complete.values() for one in attempts),
+        "training_runs": len(complete.get(0, ())),
+        "training_outcome": next((run["outcome"] for run in record["runs"] if "outcome" in run), ""),
     }
 
 
-def _value(summary: Row, path: str) -> Any:
-    value: Any = summary
-    for name in path.split("."):
-        value = value.get(name) if isinstance(value, Mapping) else None
-    return int(value) if isinstance(value, bool) else value
-
-
-def _rows(run: Path, name: str) -> Iterator[dict[str, Any]]:
+def _rows(run: Path, name: str) -> list[dict[str, str]]:
     file = run / f"{name}.csv"
-    if file.name == PROBES:
-        yield from answers(run)
-    elif file.exists():
-        with file.open(newline="", encoding="utf-8") as stream:
-            yield from csv.DictReader(stream)
+    return answers(run) if file.name == PROBES else rows_of(file)
 
 
 _TOLD = ("type", "unit", "meaning")

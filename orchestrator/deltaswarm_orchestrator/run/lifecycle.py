@@ -27,6 +27,7 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
+from deltaswarm_orchestrator.results.judgements import task_score, write_judgements
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.situation import write_situation
@@ -202,6 +203,7 @@ class _Run:
         can_go_on = self._can_go_on(folder)
         run_tables.write_tables(folder, self.outcome, keep_unmerged=can_go_on)
         write_situation(folder, self.outcome, self.scenario)
+        write_judgements(folder, self.outcome)
         if not can_go_on:
             shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
 
@@ -328,7 +330,7 @@ class _Run:
         """Return the summary, and update the manifest to agree with it."""
         if self.outcome is None:
             self.outcome = run_tables.read_outcome(self.folder.path)
-        summary = run_tables.summary(self.outcome, self.scenario)
+        summary = run_tables.summary(self.outcome, self.scenario) | task_score(self.folder.path, self.outcome)
         by = self.stop.by
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
         if not summary["complete"]:

@@ -78,6 +78,40 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     assert one.rows(71.0)[1][-4] == "expired"
 
 
+TASK = {"operator": {"task": {"target_share": 0.5, "goal": "Find the targets."}}}
+
+
+def test_a_reported_event_is_judged_and_another_is_not() -> None:
+    """The page has the goal and the judgement; a console that takes over has it too; the conductor does not judge."""
+    one = Console(briefing(**TASK))
+    assert json.loads(one.hello("run"))["goal"] == "Find the targets."
+    close(one, 0, report(1, 0))
+    assert say(one, "judge", event=1, answer="other") == say(one, "judge", event=1, answer="target") == []
+    for wrong in (
+        {"event": 2, "answer": "target"},
+        {"event": [1], "answer": "target"},
+        {"event": 1, "answer": "?"},
+        {},
+    ):
+        [refused] = say(one, "judge", **wrong)
+        assert refused["type"] == "refused"
+    by_conductor = json.dumps({"type": "judge", "event": 1, "answer": "other"}).encode()
+    assert json.loads(carry_out(one, by_conductor, 0.0, CONDUCTOR)[0])["type"] == "refused"
+    other = Console(briefing(**TASK))
+    other.restore(0, json.loads(json.dumps(one.state())))
+    assert shown(one)["judged"] == shown(other)["judged"] == [[1, "target"]]
+    assert [(act.kind, act.name, act.event) for act in one.actions] == [("judge", "other", 1), ("judge", "target", 1)]
+
+
+def test_without_a_task_nothing_is_judged() -> None:
+    """And the page has no goal."""
+    one = Console(briefing())
+    close(one, 0, report(1, 0))
+    assert json.loads(one.hello("run"))["goal"] == ""
+    assert say(one, "judge", event=1, answer="target")[0]["type"] == "refused"
+    assert not one.actions
+
+
 def test_only_what_the_controller_accepts_is_given() -> None:
     """The refusal is for the operator, and leaves no trace."""
     one = command_log()

@@ -11,6 +11,7 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.arrivals import Arrivals
 from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.classes import EventClasses
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.near import near
 from deltaswarm_world.core.obstacles import Obstacles
@@ -66,6 +67,10 @@ class Environment:
         """Where events occur."""
         self._arrivals = Arrivals(scenario, self.density)
         self._places_m: Floats = np.zeros((0, 2))
+        task = scenario.operator.task
+        self._classes = EventClasses(task, scenario.seed, size) if task.is_on else None
+        self._interval = -1
+        """The interval of the places at which events are sensed."""
 
     def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
         """Set an agent's velocity, cut to the speed limit with its direction kept."""
@@ -113,6 +118,8 @@ class Environment:
         `misses`, if given, says whether an agent misses an event that it would sense.
         """
         sensed: list[list[Event]] = [[] for _ in present]
+        if self._classes is not None:
+            self._jump(self._classes, time_s)
         if self.active:
             agents, indices = near(self.positions_m, self._places_m, self._sensing_range_m)
             if self._obstacles:
@@ -162,10 +169,24 @@ class Environment:
         shown = {event.event: event for event in (*self.active, *self.changed)}
         return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
 
+    def targets(self) -> list[int] | None:
+        """Return the ids of those events so far that are targets; None if events have no classes."""
+        if (classes := self._classes) is None:
+            return None
+        return [record.event for record in self.arrived if classes.is_target(record.event)]
+
     def mean_waiting_s(self) -> float:
         """Return the mean waiting time of sensed events so far [s]; 0 before the first."""
         waits = [event.sensed_s - event.arrived_s for event in self.arrived if event.sensed_s is not None]
         return sum(waits) / len(waits) if waits else 0.0
+
+    def _jump(self, classes: EventClasses, time_s: float) -> None:
+        """Move the places at which events are sensed, if an interval is over or an event has arrived."""
+        interval = classes.interval(time_s)
+        if interval != self._interval or self.changed:
+            self._interval = interval
+            for record in self.active:
+                record.as_sensed = classes.as_sensed(record.event, record.x_m, record.y_m, interval)
 
     def _place_active(self) -> None:
         places = [(record.x_m, record.y_m) for record in self.active]

@@ -311,6 +311,7 @@ class WorldCore:
             **self.intake.totals,
             "refused_claims": self.refused_claims,
             "events_cut": self.events_cut,
+            "targets": self.environment.targets(),
             "commands": self.turns.log,
             "downlink": self.downlink.totals,
         }

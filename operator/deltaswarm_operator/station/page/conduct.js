@@ -72,8 +72,8 @@ export class ConductPanel {
         if (!time || !kind || !what || time.textContent) return;
         setText(time, clock(act.time_s));
         setText(kind, act.by && act.by !== "person" ? `${act.kind} (${act.by})` : act.kind);
-        const { name, target, value, items, text } = act;
-        setText(what, [name, value, target && `to ${target}`, items && `items ${items}`, text].filter((part) => part !== undefined && part !== "").join(" "));
+        const { name, target, value, items, event, text } = act;
+        setText(what, [name, value, target && `to ${target}`, items && `items ${items}`, event && `event ${event}`, text].filter((part) => part !== undefined && part !== "").join(" "));
       },
     );
   }

@@ -196,7 +196,9 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
   markEvent(on, x, y, view.marker_px + 1);
   if (model.now_s - first_s < NEW_EVENT_S) markNew(on, x, y, view.marker_px + 5);
   const isSelected = selection?.kind === "event" && selection.id === id;
-  const text = (id < 0 ? "" : "e") + eventName(id) + (age_s > OLD_S ? ` · ${age(age_s)}` : "");
+  const judged = model.judged.get(id);
+  const parts = [(id < 0 ? "" : "e") + eventName(id), ...(judged ? [t(judged)] : []), ...(age_s > OLD_S ? [age(age_s)] : [])];
+  const text = parts.join(" · ");
   labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
   if (isSelected) ring(on, x, y, view.marker_px);
 }

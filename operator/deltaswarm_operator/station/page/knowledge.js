@@ -10,6 +10,15 @@ import { aboutAgent, aboutEvent, eventName, place } from "./words.js";
 
 const OLD_S = 30;
 
+/**
+ * @param {number} event
+ * @param {import("./model.js").Model} model
+ */
+function judged(event, model) {
+  const answer = model.judged.get(event);
+  return answer ? `. ${t("Judged: {answer}", { answer: t(answer) })}` : "";
+}
+
 export class KnowledgePanel {
   /** @param {App} app */
   constructor(app) {
@@ -61,7 +70,7 @@ export class KnowledgePanel {
         key: String(event[0]),
         name: eventName(event[0]),
         old: now_s - event[4] > OLD_S,
-        words: t("at {place}, {about}", { place: place(event[1], event[2]), about: aboutEvent(event, model) }),
+        words: t("at {place}, {about}", { place: place(event[1], event[2]), about: aboutEvent(event, model) }) + judged(event[0], model),
       })),
     );
     const total = model.hello?.agents ?? 0;

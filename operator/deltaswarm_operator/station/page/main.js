@@ -17,6 +17,7 @@ import { PacePanel } from "./pace.js";
 import { PageEvents } from "./page_events.js";
 import { SessionPanel } from "./session.js";
 import { Tabs } from "./tabs.js";
+import { TaskPanel } from "./task.js";
 import { startTheme } from "./theme.js";
 import { TlxPanel } from "./tlx.js";
 import { question } from "./words.js";
@@ -51,6 +52,7 @@ const app = {
     map.tell();
     map.redraw();
     knowledge.update();
+    task.update();
     if (choice("inbox-filter").value === "selected") inbox.update();
   },
   redraw() {
@@ -72,6 +74,7 @@ const inbox = new InboxPanel(app);
 const knowledge = new KnowledgePanel(app);
 const commands = new CommandPanel(app);
 const autonomy = new AutonomyPanel(app);
+const task = new TaskPanel(app);
 const tabs = new Tabs(() => commands.aim());
 const pace = new PacePanel(app);
 const isa = new IsaPanel(app);
@@ -110,6 +113,7 @@ function takeHello(hello) {
   workload.start();
   commands.start();
   autonomy.start();
+  task.start();
   session.start();
   showLists();
 }
@@ -169,6 +173,7 @@ function showLists() {
   workload.update();
   inbox.update();
   knowledge.update();
+  task.update();
   commands.update();
   conduct.update();
 }
@@ -264,6 +269,8 @@ const shortcuts = [
   { keys: ["a"], words: later("to agents"), act: () => go("tab-agents", "tab-agents") },
   { keys: ["e"], words: later("to events"), act: () => go("tab-events", "tab-events") },
   { keys: ["v"], words: later("veto a change of delta"), act: () => autonomy.veto() },
+  { keys: ["x"], words: later("judge the selected event: a target"), act: () => task.judge("target") },
+  { keys: ["z"], words: later("judge the selected event: another"), act: () => task.judge("other") },
   { keys: ["n"], words: later("to notes"), act: () => go("tab-notes", "note-text") },
   { keys: ["j"], words: later("next message"), act: () => inbox.step(1) },
   { keys: ["k"], words: later("message before"), act: () => inbox.step(-1) },

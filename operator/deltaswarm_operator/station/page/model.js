@@ -34,6 +34,8 @@ export class Model {
     this.read = new Set();
     /** @type {HistoryRow[]} */
     this.history = [];
+    /** @type {Map<number, string>} the class that the participant judged each reported event to be of */
+    this.judged = new Map();
     /** Whether no message is missing; if false, ask for the missing ones. */
     this.isCaughtUp = false;
     this.newest = -1;
@@ -117,6 +119,7 @@ export class Model {
       else this.forget();
     }
     this.picture = this.picture ? { ...this.picture, ...picture } : picture;
+    this.judged = new Map(picture.judged ?? []);
     if (picture.truth) this.takeTruth(picture.truth);
     const { workload, time_s } = this.picture;
     const last = this.history[this.history.length - 1];

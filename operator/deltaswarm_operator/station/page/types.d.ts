@@ -77,6 +77,8 @@ export interface Hello {
   /** For the conductor: the participant's number of each event of the truth. */
   event_numbers?: [number, number][];
   commands: Form[];
+  /** What the participant's task is; empty: none. */
+  goal?: string;
   /** Who sets delta during the run. */
   sets_delta?: "operator" | "swarm" | "system";
   speeds: number[];
@@ -131,6 +133,8 @@ export interface Picture {
   events: EventRow[];
   inbox: InboxRow[];
   unread: number;
+  /** Reported events and the class that the participant judged them to be of. */
+  judged?: [number, string][];
   /** Events that nobody reports any more, and the mean time for which they were reported [s]. */
   closed?: { events: number; after_s: number };
   workload: Workload;
@@ -152,6 +156,7 @@ export interface Act {
   target?: string;
   value?: number | string;
   items?: string;
+  event?: number;
   text?: string;
 }
 

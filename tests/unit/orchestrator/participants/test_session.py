@@ -130,13 +130,13 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
 
     monkeypatch.setattr(cli_run, "run_and_report", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
-    assert main([*command, "--plan"]) == 0
+    assert main([*command, "--dry-run"]) == 0
     first, others = capsys.readouterr().out.splitlines()
     assert first == "0 training"
     assert others.endswith(": A, B, C")
     assert main(command) == 1
     capsys.readouterr()
-    assert main([*command, "--plan", "--json"]) == 0
+    assert main([*command, "--dry-run", "--json"]) == 0
     order = json.loads(capsys.readouterr().out)
     assert order == ["training", *("ABC"[index] for index, _ in order_of(7, 3, seed=1))]
     assert main([*command, "--json"]) == 0

@@ -9,7 +9,7 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.participants.record import RECORD
-from deltaswarm_orchestrator.participants.tables import KEYS
+from deltaswarm_orchestrator.participants.variables import KEYS
 from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
 from tests.support.complaints import Printed
 from tests.unit.orchestrator.participants.test_session import a_file

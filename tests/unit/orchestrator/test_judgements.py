@@ -1,0 +1,76 @@
+"""Scores of the person's task."""
+
+from collections.abc import Mapping
+from statistics import NormalDist
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.participants.again import score_form
+from deltaswarm_orchestrator.results.judgements import judgement_rows, score
+from deltaswarm_scenario.person_tables import JudgementRow
+from deltaswarm_scenario.task import OTHER, TARGET
+
+
+def rows(hits: int, misses: int, false_alarms: int, rejections: int, unjudged: int = 0) -> list[JudgementRow]:
+    """So many events of each kind."""
+    kinds = {(TARGET, TARGET): hits, (TARGET, OTHER): misses, (OTHER, TARGET): false_alarms, (OTHER, OTHER): rejections}
+    kinds[OTHER, ""] = unjudged
+    return [JudgementRow(0, 0, *kind, None, 0) for kind, count in kinds.items() for _ in range(count)]
+
+
+COUNTS = st.integers(0, 40)
+
+
+@given(COUNTS, COUNTS, COUNTS, COUNTS, COUNTS)
+def test_all_is_counted_once_and_mirrored_answers_mirror_the_scores(
+    hits: int, misses: int, false_alarms: int, rejections: int, unjudged: int
+) -> None:
+    """Who swaps both answers has minus the d'; who swaps the classes too has the same d' and minus the criterion."""
+    one = score(rows(hits, misses, false_alarms, rejections, unjudged))
+    kinds = ("hits", "misses", "false_alarms", "correct_rejections", "unjudged")
+    assert sum(one[kind] for kind in kinds) == one["events"] == hits + misses + false_alarms + rejections + unjudged
+    if one["events"]:
+        assert one["share_right"] == (hits + rejections) / one["events"]
+    swapped = score(rows(misses, hits, rejections, false_alarms))
+    mirrored = score(rows(rejections, false_alarms, misses, hits))
+    if hits + misses and false_alarms + rejections:
+        assert one["d_prime"] == pytest.approx(-swapped["d_prime"]) == pytest.approx(mirrored["d_prime"])
+        assert one["criterion"] == pytest.approx(-mirrored["criterion"])
+    else:
+        assert one["d_prime"] is one["criterion"] is None
+
+
+def test_sensitivity_and_criterion_are_those_of_the_textbook() -> None:
+    """With many events the correction vanishes; with few it keeps them finite."""
+    z = NormalDist().inv_cdf
+    many = score(rows(8000, 2000, 1000, 9000))
+    assert many["d_prime"] == pytest.approx(z(0.8) - z(0.1), abs=1e-3)
+    assert many["criterion"] == pytest.approx(-(z(0.8) + z(0.1)) / 2, abs=1e-3)
+    assert score(rows(1, 0, 0, 1))["d_prime"] == pytest.approx(z(0.75) - z(0.25))
+
+
+def test_the_last_judgement_counts() -> None:
+    """Each reported event has a row, also one that was not judged; other acts are passed over."""
+
+    def act(time_s: float, event: int, name: str) -> Mapping[str, Any]:
+        return {"kind": "judge", "time_s": str(time_s), "event": str(event), "name": name}
+
+    acts = [act(3, 1, OTHER), {"kind": "read"}, act(4, 1, TARGET), act(5, 1, TARGET), act(6, 2, TARGET)]
+    made = list(judgement_rows([(1, 77), (2, 78), (3, 79)], {77, 79}, acts))
+    assert made == [
+        JudgementRow(1, 77, TARGET, TARGET, 5.0, 1),
+        JudgementRow(2, 78, OTHER, TARGET, 6.0, 0),
+        JudgementRow(3, 79, TARGET, "", None, 0),
+    ]
+
+
+def test_the_person_is_told_the_score() -> None:
+    """If there was a task."""
+    form = score_form({"task": score(rows(3, 1, 2, 4, 5))})
+    assert form is not None
+    assert "7 of 15" in form.text
+    assert not form.problems()
+    assert score_form({}) is None
