@@ -9,6 +9,7 @@ import pytest
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
+from deltaswarm_orchestrator.participants import again
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.page_language import TEXTS, page_texts
 from deltaswarm_scenario.task import GOAL
@@ -167,6 +168,10 @@ def test_every_question_is_translated(pseudo: Callable[..., Page]) -> None:
     asks_form(page)
     page.at("form-send").click()
     page.until(lambda: page.text("form-missing"))
+    assert untranslated(page) == []
+    told = again.SCORE_TEXT.format(right=4, events=9, hits=3, misses=2, false_alarms=2, unjudged=1)
+    asks_form(page, number=2, form={"name": "score", "title": "Your score", "text": told, "question": []})
+    page.until(lambda: "score" in page.text("form-title"))
     assert untranslated(page) == []
     situation = {"name": "spam", "title": "What is the situation?", "text": ""}
     quarter = {"name": "most_events", "kind": "choice", "choices": ["top left", "bottom right"]}

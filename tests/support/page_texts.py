@@ -16,7 +16,7 @@ from typing import Any
 from deltaswarm_agent.controllers import potential
 from deltaswarm_operator.core import autonomy, command_log, intents, probes, replay
 from deltaswarm_operator.station import rules, server
-from deltaswarm_orchestrator.participants import session
+from deltaswarm_orchestrator.participants import again, session
 from deltaswarm_scenario import questions
 from deltaswarm_scenario.operator_settings import SAGAT, ProbeSettings
 from deltaswarm_scenario.task import GOAL
@@ -85,7 +85,16 @@ def _built_in() -> Iterator[str]:
     yield from (question.text for question in questions.SITUATION.values())
     yield from questions.QUARTERS
     yield from (command_log.SENT, command_log.KNOWN, command_log.EXPIRED)
-    yield from (GOAL, session.MORE, session.WAIT, session.THANKS, potential.SPREADING, replay.REFUSED)
+    yield from (
+        again.SCORE_TITLE,
+        again.SCORE_TEXT,
+        GOAL,
+        session.MORE,
+        session.WAIT,
+        session.THANKS,
+        potential.SPREADING,
+        replay.REFUSED,
+    )
 
 
 def _orders() -> Iterator[str]:

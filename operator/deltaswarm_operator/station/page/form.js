@@ -46,7 +46,7 @@ export class FormPanel {
     const before = JSON.parse(sessionStorage.getItem(this.stored) ?? "{}");
     const { form } = this.asked;
     setText(element("form-title"), t(form.title || form.name));
-    setText(element("form-text"), t(form.text));
+    setText(element("form-text"), retell(form.text));
     element("form-text").hidden = !form.text;
     setText(element("form-send"), form.question.length ? t("Send answers") : t("Continue"));
     element("form-questions").replaceChildren(
