@@ -14,7 +14,7 @@ import pytest
 from deltaswarm_agent.controllers import potential
 from deltaswarm_agent.controllers.central import controller as central_settings
 from deltaswarm_agent.controllers.paper import settings as paper_settings
-from deltaswarm_scenario import density, downlink, fault, operator_settings, radio, scenario, uplink
+from deltaswarm_scenario import density, downlink, fault, operator_settings, page_language, radio, scenario, uplink
 from deltaswarm_wire import obstacles
 from deltaswarm_wire import settings as agent_settings
 
@@ -89,7 +89,7 @@ SETTINGS: list[Any] = [
     found
     for module in (
         *(agent_settings, obstacles, scenario, density, downlink, fault, operator_settings, radio, uplink),
-        *(paper_settings, central_settings, potential),
+        *(page_language, paper_settings, central_settings, potential),
     )
     for found in vars(module).values()
     if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == module.__name__

@@ -6,6 +6,7 @@ from typing import Any
 
 from deltaswarm_scenario.autonomy import OPERATOR, AutonomySettings
 from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.questions import SITUATION, FormSettings
 from deltaswarm_scenario.radio import Place
 from deltaswarm_scenario.task import TaskSettings
@@ -80,6 +81,7 @@ class PageSettings:
     pace: bool = key(True, "whether the person may pause the run, do single steps and change its speed")
     orders: tuple[str, ...] = key((), "orders that the page offers; none: all that the controller accepts")
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
+    language: LanguageSettings = key(LanguageSettings, "language of the page")
 
 
 OFF, NONE, THRESHOLD = "off", "none", "threshold"

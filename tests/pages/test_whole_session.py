@@ -91,7 +91,7 @@ class Participant:
             self.driver.execute_script("document.querySelector('#isa [data-answer=\"3\"]').click()")
             wait_until(lambda: not self.at("isa").is_displayed(), "ISA is taken")
             self.isa.append((before, time.time()))
-        return self.at("ended").text.startswith("Thank you")
+        return self.at("ended").text.startswith("Vielen Dank")
 
     def fill(self) -> None:
         """Fill in the form, which has one question."""
@@ -108,12 +108,17 @@ class Participant:
 
 @pytest.mark.timeout(600)
 def test_a_whole_session(tmp_path: Path) -> None:
-    """Consent, forms, training, two conditions with ISA, SAGAT and NASA-TLX; read by pandas in three lines."""
+    """Consent, forms, training, two conditions with ISA, SAGAT and NASA-TLX; read by pandas in three lines.
+
+    The participant reads German, and the tables are those of any language.
+    """
     (tmp_path / "study.toml").write_text(FILE + CONDITION.format("A", 2) + CONDITION.format("B", 3))
     (tmp_path / "consent.txt").write_text("You may stop at any time.")
     command = [*COMMAND, "session", "study.toml", "--quiet"]
     folder = tmp_path / "sessions" / "study" / "participant-001"
-    with subprocess.Popen([*command, "--participant", "1"], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as session:
+    with subprocess.Popen(
+        [*command, "--participant", "1", "--language", "de"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as session:
         try:
             address = folder / "0-training.part" / "station.json"
             wait_until(lambda: address.exists() and address.read_text().endswith("\n"), "the page's address")

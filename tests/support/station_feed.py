@@ -66,6 +66,8 @@ class Swarm:
     over: bool = False
     told: int = -1
     """The newest message of the inbox that a picture had."""
+    language: Message | None = None
+    """In which language the page speaks; None: English."""
 
     def hello(self, **changes: Any) -> Message:
         """What a browser gets first."""
@@ -74,6 +76,7 @@ class Swarm:
             "kind": self.kind,
             "run": "paper-25-test",
             "title": "paper-25, hybrid",
+            "language": self.language,
             "step_s": 1.0,
             "duration_s": 900.0,
             "arena_m": [100, 100],

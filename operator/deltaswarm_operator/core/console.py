@@ -269,6 +269,7 @@ class Console:
             kind=kind,
             run=run,
             title=page.title or briefing.title,
+            language=None if kind == CONDUCTOR_KIND else page.language.told,
             step_s=briefing.step_s,
             duration_s=briefing.duration_s,
             arena_m=[briefing.width_m, briefing.height_m],

@@ -172,7 +172,8 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Raw]:
             raise ValueError(f"the {name} must be {planned}, as planned (got {value!r})")
     console.probes.take_sheet(at["monotonic_s"])
     if probes.consent:
-        given["consent_sha256"] = sha256(probes.consent.encode()).hexdigest()
+        shown = console.briefing.operator.page.language.of(probes.consent)
+        given["consent_sha256"] = sha256(shown.encode()).hexdigest()
     console.note(kind="sheet", text="; ".join(f"{name}={value}" for name, value in given.items()), **at)
     console.go_on(at["monotonic_s"])
     return []

@@ -5,6 +5,7 @@ import secrets
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.scenarios.load import keys_of, load_scenario
+from deltaswarm_orchestrator.scenarios.load import LANGUAGES, keys_of, language_at, load_scenario
 from deltaswarm_scenario.operator_settings import ProbeSettings
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
@@ -72,6 +73,12 @@ def add_session(command: argparse.ArgumentParser) -> None:
         help="print how many participants a study needs, from a pilot's tables there (see --table), and do no run",
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
+    command.add_argument(
+        "--language",
+        metavar="LANGUAGE",
+        help=f"in which language the page speaks to this participant: {', '.join(LANGUAGES)}, or a TOML file "
+        "(default: session.language)",
+    )
     command.add_argument(
         "--station-listen",
         type=host_and_port,
@@ -123,6 +130,8 @@ def session(arguments: argparse.Namespace) -> int:
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
     participant: int = arguments.participant
+    if arguments.language is not None:
+        settings = replace(settings, language=language_at(arguments.language, Path()))
     planned = plan(settings, participant, beside)
     folder = out / f"participant-{participant:03}"
 
@@ -207,10 +216,9 @@ def _do_runs(
             record()
             heed_signals_again()
             if code != OK:
-                complain(
-                    "the session stops here; to go on: "
-                    f"deltaswarm session {arguments.session} --participant {participant}"
-                )
+                language = f" --language {arguments.language}" if arguments.language else ""
+                again = f"deltaswarm session {arguments.session} --participant {participant}{language}"
+                complain(f"the session stops here; to go on: {again}")
                 return code
             ended = attempts_at(folder, run)[-1:]
             _ask_again(options.out, run, scenario, options_for, *(score_form(attempt.summary) for attempt in ended))

@@ -33,18 +33,20 @@ def unanswered(folder: Path, scenario: Scenario) -> ProbeSettings | None:
     return ProbeSettings(isa_every_s=0.0, tlx=has_tlx, tlx_weights=probes.tlx_weights, form=forms)
 
 
+SCORE_TITLE = "Your score"
+SCORE_TEXT = (
+    "You judged {right} of {events} reported events right. Of the targets, {hits} were found and {misses} were taken "
+    "for others. Of the others, {false_alarms} were taken for targets. Without a judgement: {unjudged}."
+)
+
+
 def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
     """Return the page that tells the person how the task of a run went; None if there was none."""
     task = summary.get("task")
     if not task:
         return None
-    text = (
-        f"You judged {task['hits'] + task['correct_rejections']} of {task['events']} reported events right. "
-        f"Of the targets, {task['hits']} were found and {task['misses']} were taken for others. "
-        f"Of the others, {task['false_alarms']} were taken for targets. "
-        f"Without a judgement: {task['unjudged']}."
-    )
-    return FormSettings(SCORE, "Your score", text)
+    right = task["hits"] + task["correct_rejections"]
+    return FormSettings(SCORE, SCORE_TITLE, SCORE_TEXT.format(right=right, **task))
 
 
 def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:

@@ -88,6 +88,7 @@ class SessionSettings:
         choices=(CROSSED, OWN),
     )
     consent: str = key("", "a text file that a participant must agree to before the first run")
+    language: str = key("", "language of the page, as operator.page.language; a file is in the same folder")
     form: tuple[SessionFormSettings, ...] = key((), "forms that are filled in besides the runs")
     training: TrainingSettings = key(
         TrainingSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
@@ -162,6 +163,8 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         ends = criterion is not None and criterion.if_not_reached == END and place == 0
         shown = {"title": label, "end_text": THANKS if place == count else WAIT if ends else MORE}
+        if settings.language:
+            shown["language"] = scenarios.language_at(settings.language, beside)
         overrides = [
             *DEFAULTS,
             *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),

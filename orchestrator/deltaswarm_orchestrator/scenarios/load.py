@@ -14,6 +14,7 @@ import tomli_w
 from deltaswarm_scenario.autonomy import OPERATOR, SWARM
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_scenario.operator_settings import SET_DELTA
+from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
@@ -33,7 +34,9 @@ def files_in(*folders: str) -> dict[str, Traversable]:
 
 
 BUILT_IN = files_in("scenarios")
+LANGUAGES = files_in("languages")
 DEFAULT_SCENARIO = "paper-25"
+LANGUAGE = "operator.page.language"
 
 
 def load_scenario(
@@ -60,7 +63,9 @@ def load_scenario(
 
 def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     """Return the scenario that a table describes, and all mistakes in the table."""
+    wrong_language = _read_language(table)
     scenario, problems = checked.check(Scenario, table)
+    problems = [*wrong_language, *problems]
     options, wrong_options = _control_options(table, scenario)
     problems += wrong_options
     if scenario is not None:
@@ -158,6 +163,8 @@ def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[
     table, path = read_toml(key, name, BUILT_IN, beside)
     if path is not None:
         _resolve_grid(table, path.parent)
+        if isinstance(language := _page(table).get("language"), str):
+            _page(table)["language"] = language_at(language, path.parent)
     return table
 
 
@@ -204,6 +211,36 @@ def _resolve_grid(table: dict[str, Any], folder: Path) -> None:
     density = events.get("density", {}) if isinstance(events, dict) else {}
     if isinstance(density, dict) and isinstance(density.get("file"), str) and density["file"]:
         density["file"] = str((folder / density["file"]).resolve())
+
+
+def language_at(name: str, folder: Path) -> str:
+    """Return a language's name if it is built in, else its file's path; a relative one starts at `folder`."""
+    return name if name in ("", *LANGUAGES) else str((folder / name).resolve())
+
+
+def _page(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the table [operator.page] of a scenario; an empty one if there is none."""
+    operator = table.get("operator")
+    page = operator.get("page") if isinstance(operator, dict) else None
+    return page if isinstance(page, dict) else {}
+
+
+def _read_language(table: dict[str, Any]) -> list[Problem]:
+    """Replace the name of a language's file by what is in the file, so that a run's scenario has all of it."""
+    page = _page(table)
+    if not isinstance(name := page.get("language"), str):
+        return []
+    page["language"] = {}
+    if not name:
+        return []
+    try:
+        found, _ = read_toml(LANGUAGE, name, LANGUAGES)
+    except SettingsError as error:
+        return error.problems
+    page["language"] = {key: value for key, value in found.items() if key != "schema"}
+    texts = found.get("page")
+    unknown = LanguageSettings.unknown(texts) if isinstance(texts, dict) else []
+    return [Problem(f"{LANGUAGE}.{problem.path}", problem.given, problem.allowed) for problem in unknown]
 
 
 def _grid_problems(scenario: Scenario) -> list[Problem]:

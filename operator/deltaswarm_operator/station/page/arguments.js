@@ -1,6 +1,7 @@
 /** Fields for the arguments of an order, and their values. */
 
 import { element, make, setOptions } from "./dom.js";
+import { t } from "./language.js";
 import { argument as said } from "./words.js";
 
 /** @typedef {import("./types.js").Argument} Argument */
@@ -14,14 +15,14 @@ export function field(argument, at, given = argument.default) {
   const id = `argument-${at}`;
   const [bare, unit] = said(argument.name, argument.unit);
   const words = unit ? `${bare} [${unit}]` : bare;
-  const attributes = { id, "data-argument": argument.name, title: argument.help ?? "" };
+  const attributes = { id, "data-argument": argument.name, title: t(argument.help ?? "") };
   /** @type {HTMLInputElement | HTMLSelectElement} */
   let made;
   if (argument.kind === "choice") {
     made = make("select", attributes);
     setOptions(
       made,
-      (argument.choices ?? []).map((value) => [String(value), String(value)]),
+      (argument.choices ?? []).map((value) => [String(value), t(String(value))]),
     );
   } else {
     made = make("input", { ...attributes, type: argument.kind === "text" ? "text" : "number", autocomplete: "off" });
@@ -30,7 +31,7 @@ export function field(argument, at, given = argument.default) {
     if (argument.high !== undefined) made.max = String(argument.high);
   }
   if (given !== undefined) made.value = String(given);
-  return make("label", {}, words, made, make("small", {}, argument.help ?? ""));
+  return make("label", {}, words, made, make("small", {}, t(argument.help ?? "")));
 }
 
 /**
@@ -44,9 +45,9 @@ export function read({ name, kind, low, high, choices }, at) {
   if (kind === "choice") return (choices ?? []).find((choice) => String(choice) === value) ?? value;
   if (kind === "text") return value;
   const given = Number(value);
-  if (value.trim() === "" || !Number.isFinite(given)) throw new Error(`${words} must be a number`);
-  if (kind === "integer" && !Number.isInteger(given)) throw new Error(`${words} must be a whole number (got ${value})`);
-  if (low !== undefined && given < low) throw new Error(`${words} must be at least ${low} (got ${value})`);
-  if (high !== undefined && given > high) throw new Error(`${words} must be at most ${high} (got ${value})`);
+  if (value.trim() === "" || !Number.isFinite(given)) throw new Error(t("{name} must be a number", { name: words }));
+  if (kind === "integer" && !Number.isInteger(given)) throw new Error(t("{name} must be a whole number (got {value})", { name: words, value }));
+  if (low !== undefined && given < low) throw new Error(t("{name} must be at least {low} (got {value})", { name: words, low, value }));
+  if (high !== undefined && given > high) throw new Error(t("{name} must be at most {high} (got {value})", { name: words, high, value }));
   return given;
 }

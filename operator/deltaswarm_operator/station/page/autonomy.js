@@ -1,13 +1,14 @@
 /** Who sets delta: what the system is about to change, and the person's veto. */
 
 import { button, element, setText } from "./dom.js";
+import { later, t } from "./language.js";
 
 /** @typedef {import("./types.js").App} App */
 
 const WHO = {
   operator: "",
-  swarm: "The agents choose delta themselves.",
-  system: "The system sets delta. You can veto a change before it is made.",
+  swarm: later("The agents choose delta themselves."),
+  system: later("The system sets delta. You can veto a change before it is made."),
 };
 
 export class AutonomyPanel {
@@ -20,12 +21,12 @@ export class AutonomyPanel {
 
   start() {
     const who = this.app.model.hello?.sets_delta ?? "operator";
-    setText(element("sets-delta"), WHO[who]);
+    setText(element("sets-delta"), t(WHO[who]));
     element("sets-delta").hidden = who === "operator";
   }
 
   veto() {
-    if (!this.where.hidden && !button("veto").hidden && this.app.send({ type: "veto" })) this.app.say("Your veto is sent.");
+    if (!this.where.hidden && !button("veto").hidden && this.app.send({ type: "veto" })) this.app.say(t("Your veto is sent."));
   }
 
   update() {
@@ -33,8 +34,8 @@ export class AutonomyPanel {
     const proposal = picture?.proposal;
     this.where.hidden = !proposal;
     if (!proposal) return;
-    setText(element("proposal-text"), `The system sets delta to ${proposal.delta}`);
-    setText(element("proposal-left"), `in ${Math.ceil(proposal.left_s)} s`);
+    setText(element("proposal-text"), t("The system sets delta to {delta}", { delta: proposal.delta }));
+    setText(element("proposal-left"), t("in {seconds} s", { seconds: Math.ceil(proposal.left_s) }));
     button("veto").hidden = hello?.kind !== "live";
   }
 }

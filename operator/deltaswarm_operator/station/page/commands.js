@@ -2,6 +2,7 @@
 
 import { field, read } from "./arguments.js";
 import { button, byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
+import { later, retell, t } from "./language.js";
 import { aim, clock, fate, order } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -10,7 +11,7 @@ import { aim, clock, fate, order } from "./words.js";
 /** @typedef {import("./types.js").TargetKind} TargetKind */
 
 /** @type {Record<TargetKind, string>} */
-const KINDS = { all: "all agents", circle: "a circle", tree: "a tree", agent: "one agent", place: "a place" };
+const KINDS = { all: later("all agents"), circle: later("a circle"), tree: later("a tree"), agent: later("one agent"), place: later("a place") };
 /** A second click within this time is ignored. */
 const TWICE_MS = 500;
 const ANSWER_WITHIN_MS = 5000;
@@ -67,8 +68,8 @@ export class CommandPanel {
       setText(
         element("command-none"),
         hello.kind === "replay"
-          ? "A replay takes no orders; those of the run are listed as they were sent."
-          : "Orders are given on the participant's page.",
+          ? t("A replay takes no orders; those of the run are listed as they were sent.")
+          : t("Orders are given on the participant's page."),
       );
     element("command-none").hidden = forms.length > 0;
     this.form.hidden = forms.length === 0;
@@ -77,7 +78,7 @@ export class CommandPanel {
     this.formsOf = key;
     setOptions(
       this.name,
-      forms.map((form) => [form.name, form.refused ? `${form.name} (nobody carries it out in this run)` : form.name]),
+      forms.map(({ name, refused }) => [name, refused ? t("{order} (nobody carries it out in this run)", { order: t(name) }) : t(name)]),
     );
     for (const [at, form] of forms.entries()) {
       const option = this.name.options[at];
@@ -90,7 +91,7 @@ export class CommandPanel {
   /** Show the chosen command's form. */
   show() {
     const { command } = this;
-    setText(element("command-help"), command?.help ?? "");
+    setText(element("command-help"), t(command?.help ?? ""));
     const targets = command?.targets ?? [];
     element("command-targets").replaceChildren(
       ...targets.map((kind, at) => {
@@ -101,7 +102,7 @@ export class CommandPanel {
           ...(at === 0 ? { checked: "" } : {}),
         });
         radio.addEventListener("change", () => this.aim());
-        return make("label", {}, radio, KINDS[kind] ?? kind);
+        return make("label", {}, radio, t(KINDS[kind] ?? kind));
       }),
     );
     element("command-target").hidden = targets.length === 1 && targets[0] === "all";
@@ -187,8 +188,8 @@ export class CommandPanel {
       ["y", y_m, height_m],
     ]))
       if (value !== undefined && !(value >= 0 && value <= high))
-        throw new Error(`${name} must be from 0 to ${high} m (got ${value})`);
-    if (radius_m !== undefined && !(radius_m > 0)) throw new Error(`the radius must be above 0 m (got ${radius_m})`);
+        throw new Error(t("{name} must be from 0 to {high} m (got {value})", { name, high, value }));
+    if (radius_m !== undefined && !(radius_m > 0)) throw new Error(t("the radius must be above 0 m (got {value})", { value: radius_m }));
   }
 
   submit() {
@@ -199,8 +200,8 @@ export class CommandPanel {
       if (Object.values(target).some((value) => value === undefined || Number.isNaN(value)))
         throw new Error(
           kind === "tree" || kind === "agent"
-            ? `choose ${KINDS[kind]} first`
-            : "fill in the place, or click on the map",
+            ? t("choose {target} first", { target: t(KINDS[kind]) })
+            : t("fill in the place, or click on the map"),
         );
       this.checkPlace(target);
       const values = Object.fromEntries(command.arguments.map((argument, at) => [argument.name, read(argument, at)]));
@@ -211,12 +212,12 @@ export class CommandPanel {
       this.waiting.set(id, command.name);
       this.answer(
         this.app.send({ type: "command", id, name: command.name, target: { kind, ...target }, arguments: values })
-          ? "Sending …"
-          : "Not sent: there is no connection.",
+          ? t("Sending …")
+          : t("Not sent: there is no connection."),
       );
       window.setTimeout(() => this.isLate(id), ANSWER_WITHIN_MS);
     } catch (error) {
-      this.answer(`Not sent: ${error instanceof Error ? error.message : error}.`, true);
+      this.answer(t("Not sent: {why}.", { why: error instanceof Error ? error.message : String(error) }), true);
     }
   }
 
@@ -225,7 +226,7 @@ export class CommandPanel {
    * @param {string} id
    */
   isLate(id) {
-    if (this.waiting.has(id)) this.answer("No answer yet. If the order is in the list below, it was sent.", true);
+    if (this.waiting.has(id)) this.answer(t("No answer yet. If the order is in the list below, it was sent."), true);
   }
 
   /**
@@ -243,7 +244,7 @@ export class CommandPanel {
    * @param {number} number
    */
   accepted(id, number) {
-    if (this.waiting.delete(id)) this.answer(`Sent as order ${number}.`);
+    if (this.waiting.delete(id)) this.answer(t("Sent as order {number}.", { number }));
   }
 
   /**
@@ -253,7 +254,7 @@ export class CommandPanel {
    */
   refused(id, why) {
     const isOurs = id !== null && this.waiting.delete(id);
-    if (isOurs) this.answer(`Not sent: ${why}.`, true);
+    if (isOurs) this.answer(t("Not sent: {why}.", { why: retell(why) }), true);
     return isOurs;
   }
 
@@ -261,19 +262,19 @@ export class CommandPanel {
     const { roots, agents } = this.app.model;
     const ids = agents.map((agent) => agent[0]).sort((a, b) => a - b);
     setOptions(this.tree, [
-      ["", roots.length ? "choose a tree" : "no tree is known"],
-      ...roots.map((root) => /** @type {[string, string]} */ ([String(root), `tree of agent ${root}`])),
+      ["", roots.length ? t("choose a tree") : t("no tree is known")],
+      ...roots.map((root) => /** @type {[string, string]} */ ([String(root), t("tree of agent {number}", { number: root })])),
     ]);
     setOptions(this.agent, [
-      ["", "choose an agent"],
-      ...ids.map((id) => /** @type {[string, string]} */ ([String(id), `agent ${id}`])),
+      ["", t("choose an agent")],
+      ...ids.map((id) => /** @type {[string, string]} */ ([String(id), t("agent {number}", { number: id })])),
     ]);
   }
 
   update() {
     const { hello, picture, now_s } = this.app.model;
     button("command-send").disabled = Boolean(picture?.over);
-    if (picture?.over && !this.form.hidden) this.answer("The run is over: it takes no more orders.");
+    if (picture?.over && !this.form.hidden) this.answer(t("The run is over: it takes no more orders."));
     this.lists();
     const rows = [...(picture?.commands ?? [])].sort((a, b) => b[0] - a[0]);
     const create = () => make("li", {}, make("b"), make("span", { class: "what" }), make("span", { class: "state" }));
@@ -287,10 +288,12 @@ export class CommandPanel {
         const [title, what, state] = line.children;
         if (!title || !what || !state) return;
         setText(title, `${row[0]} · ${order(row)}`);
-        const by = row[12] === "system" ? " by the system" : "";
-        setText(what, `to ${aim(row[2])}, sent${by} ${clock(row[4])}: ${fate(row, now_s)}`);
-        const all = row[2][0] === "all" && hello?.agents ? ` of ${hello.agents}` : "";
-        setText(state, row[9] === "done" ? `done by ${row[6]}${all}` : row[9]);
+        const told = { target: aim(row[2]), time: clock(row[4]), outcome: fate(row, now_s) };
+        const bySystem = row[12] === "system";
+        setText(what, bySystem ? t("to {target}, sent by the system {time}: {outcome}", told) : t("to {target}, sent {time}: {outcome}", told));
+        const done = { count: row[6], total: hello?.agents ?? 0 };
+        const ofAll = row[2][0] === "all" && done.total ? t("done by {count} of {total}", done) : t("done by {count}", done);
+        setText(state, row[9] === "done" ? ofAll : t(row[9]));
       },
     );
     element("fates-none").hidden = rows.length > 0;

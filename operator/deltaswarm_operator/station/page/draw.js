@@ -1,6 +1,7 @@
 /** Draws the map: only what was reported, fading with age. */
 
 import { label, Labels } from "./labels.js";
+import { t } from "./language.js";
 import { activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { spread } from "./spread.js";
 import { age, eventName, number } from "./words.js";
@@ -196,7 +197,7 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
   if (model.now_s - first_s < NEW_EVENT_S) markNew(on, x, y, view.marker_px + 5);
   const isSelected = selection?.kind === "event" && selection.id === id;
   const judged = model.judged.get(id);
-  const parts = [(id < 0 ? "" : "e") + eventName(id), ...(judged ? [judged] : []), ...(age_s > OLD_S ? [age(age_s)] : [])];
+  const parts = [(id < 0 ? "" : "e") + eventName(id), ...(judged ? [t(judged)] : []), ...(age_s > OLD_S ? [age(age_s)] : [])];
   const text = parts.join(" · ");
   labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
   if (isSelected) ring(on, x, y, view.marker_px);
@@ -297,7 +298,7 @@ function ordered(on, view, { model }) {
     on.arc(x, y, kind === "circle" ? radius_m * view.scale : 9, 0, 2 * Math.PI);
     on.stroke();
     on.setLineDash([]);
-    label(on, `${order} · ${name}`, x, y - 12);
+    label(on, `${order} · ${t(name)}`, x, y - 12);
   }
 }
 

@@ -1,6 +1,7 @@
 /** Forms: Likert scales, numbers, texts and choices. One about the situation hides what is known, or has a time limit. */
 
 import { byId, element, make, setText } from "./dom.js";
+import { retell, t } from "./language.js";
 import { Question } from "./question.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -35,7 +36,7 @@ export class FormPanel {
     document.documentElement.toggleAttribute("data-hides", asked?.kind === "form" && asked.hides);
     this.question.update();
     const left_s = this.asked?.left_s ?? null;
-    setText(element("form-left"), left_s === null ? "" : `${Math.ceil(left_s)} s left`);
+    setText(element("form-left"), left_s === null ? "" : t("{seconds} s left", { seconds: Math.ceil(left_s) }));
   }
 
   /** Build the form, with the answers from before a reload of the page. */
@@ -44,10 +45,10 @@ export class FormPanel {
     /** @type {Record<string, Answer>} */
     const before = JSON.parse(sessionStorage.getItem(this.stored) ?? "{}");
     const { form } = this.asked;
-    setText(element("form-title"), form.title || form.name);
-    setText(element("form-text"), form.text);
+    setText(element("form-title"), t(form.title || form.name));
+    setText(element("form-text"), retell(form.text));
     element("form-text").hidden = !form.text;
-    setText(element("form-send"), form.question.length ? "Send answers" : "Continue");
+    setText(element("form-send"), form.question.length ? t("Send answers") : t("Continue"));
     element("form-questions").replaceChildren(
       ...form.question.map((question, at) => field(question, at, before[question.name] ?? null)),
     );
@@ -71,9 +72,9 @@ export class FormPanel {
     const answers = this.answers();
     const { form } = this.asked;
     const missing = form.question.filter(({ name, required }) => required && answers[name] === undefined);
-    if (missing.length) return setText(element("form-missing"), `Still to answer: ${missing.map(({ text }) => text).join(" ")}`);
+    if (missing.length) return setText(element("form-missing"), t("Still to answer: {questions}", { questions: missing.map(({ text }) => t(text)).join(" ") }));
     if (!this.app.send({ type: "form", form: form.name, answers }))
-      return setText(element("form-missing"), "Not sent: there is no connection. Try again in a moment.");
+      return setText(element("form-missing"), t("Not sent: there is no connection. Try again in a moment."));
     this.question.answer(true);
   }
 
@@ -84,7 +85,7 @@ export class FormPanel {
   reopen(why) {
     if (!this.question.isSent) return;
     this.question.answer(false);
-    setText(element("form-missing"), `Not accepted: ${why}.`);
+    setText(element("form-missing"), t("Not accepted: {why}.", { why: retell(why) }));
   }
 }
 
@@ -101,11 +102,11 @@ function field(question, at, before) {
     const radios = (kind === "likert" ? points : question.choices).map((value) => {
       const radio = make("input", { type: "radio", name, value });
       radio.checked = String(before) === value;
-      return make("label", {}, radio, value);
+      return make("label", {}, radio, t(value));
     });
-    const ends = make("div", { class: "ends" }, make("span", {}, question.low_text), make("span", {}, question.high_text));
+    const ends = make("div", { class: "ends" }, make("span", {}, t(question.low_text)), make("span", {}, t(question.high_text)));
     const parts = kind === "likert" ? [make("div", { class: "points" }, ...radios), ends] : radios;
-    return make("fieldset", { class: `question ${kind}` }, make("legend", {}, text), ...parts);
+    return make("fieldset", { class: `question ${kind}` }, make("legend", {}, t(text)), ...parts);
   }
   /** @type {HTMLInputElement | HTMLTextAreaElement} */
   let made;
@@ -115,5 +116,5 @@ function field(question, at, before) {
     made = make("input", { type: "number", name, id: name, ...limits });
   }
   made.value = String(before ?? "");
-  return make("div", { class: "question" }, make("label", { for: name }, text), made);
+  return make("div", { class: "question" }, make("label", { for: name }, t(text)), made);
 }

@@ -1,6 +1,7 @@
 /** The inbox: what agents reported, message by message; sort, filter, mark as read. */
 
 import { button, choice, element, keepRows, make, setText } from "./dom.js";
+import { t } from "./language.js";
 import { clock, message } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -61,9 +62,9 @@ export class InboxPanel {
         if (row.dataset["read"] !== String(isRead)) {
           row.dataset["read"] = String(isRead);
           const state = row.querySelector(".state");
-          if (state) setText(state, item[6] ? "new" : "");
+          if (state) setText(state, item[6] ? t("new") : "");
           const hint = row.querySelector(".unseen");
-          if (hint) setText(hint, isRead ? "" : "unread: ");
+          if (hint) setText(hint, isRead ? "" : `${t("unread")}: `);
         }
       },
     );
@@ -71,19 +72,19 @@ export class InboxPanel {
     button("inbox-all-read").hidden = model.hello?.kind !== "live";
     const unread = model.picture?.unread ?? 0;
     const isElsewhere = model.hello?.kind === "researcher";
-    setText(element("inbox-count"), unread ? `${unread} unread` : isElsewhere ? "" : "all read");
+    setText(element("inbox-count"), unread ? t("{count} unread", { count: unread }) : isElsewhere ? "" : t("all read"));
     const hidden = wanted.length - MAX_SHOWN;
     setText(
       element("inbox-note"),
       hidden > 0
-        ? `${hidden} more are not listed. Filter or sort for others, or select an agent and show its messages alone.`
+        ? t("{count} more are not listed. Filter or sort for others, or select an agent and show its messages alone.", { count: hidden })
         : wanted.length
           ? ""
           : isElsewhere
             ? "The participant's page has the inbox."
-            : "No messages.",
+            : t("No messages."),
     );
-    document.title = `${unread ? `(${unread}) ` : ""}${model.hello?.title ?? "station"}`;
+    document.title = `${unread ? `(${unread}) ` : ""}${t(model.hello?.title ?? "station")}`;
   }
 
   readAll() {
@@ -139,7 +140,7 @@ export class InboxPanel {
   next() {
     const row = this.list.querySelector('[data-read="false"]');
     if (row instanceof HTMLElement) this.open(row);
-    else this.app.say("No unread message is shown.");
+    else this.app.say(t("No unread message is shown."));
   }
 
   /** @param {HTMLElement} row */
@@ -158,13 +159,13 @@ function rowOf(target) {
 
 /** @param {InboxRow} item */
 function create(item) {
-  const agent = make("b", {}, make("span", { class: "unseen" }), `agent ${item[2]}`);
+  const agent = make("b", {}, make("span", { class: "unseen" }), t("agent {number}", { number: item[2] }));
   return make(
     "li",
     { tabindex: "-1", "data-agent": String(item[2]) },
     make("time", {}, clock(item[1])),
     agent,
     make("span", { class: "what" }, message(item)),
-    make("span", { class: "state", title: "It names an event or a root that was not known before." }),
+    make("span", { class: "state", title: t("It names an event or a root that was not known before.") }),
   );
 }

@@ -1,10 +1,11 @@
 /** The ISA question, how busy the person is right now: five buttons, or keys 1 to 5, until its time is up. */
 
 import { byId, dialog, element, make, setText } from "./dom.js";
+import { later, t } from "./language.js";
 
 /** @typedef {import("./types.js").App} App */
 
-const ANSWERS = ["under-used", "relaxed", "comfortable", "high", "excessive"];
+const ANSWERS = [later("under-used"), later("relaxed"), later("comfortable"), later("high"), later("excessive")];
 
 export class IsaPanel {
   /** @param {App} app */
@@ -36,7 +37,7 @@ export class IsaPanel {
     if (this.number === null || !this.app.send({ type: "isa", number: this.number, answer })) return;
     this.answered = this.number;
     this.update();
-    this.app.say(`Your answer ${answer} is noted.`);
+    this.app.say(t("Your answer {answer} is noted.", { answer }));
   }
 
   update() {
@@ -46,16 +47,16 @@ export class IsaPanel {
     this.where.hidden = asked === null;
     this.number = asked?.number ?? null;
     if (before !== null && before !== this.number && before !== this.answered)
-      this.app.say(`Question ${before + 1} is closed without an answer from this page.`);
+      this.app.say(t("Question {number} is closed without an answer from this page.", { number: before + 1 }));
     if (!asked) return;
     const left = byId("isa-left", HTMLProgressElement);
     if (before !== this.number) {
       dialog("help").close();
       left.max = asked.left_s;
     }
-    setText(element("isa-title"), `How busy are you right now? (question ${asked.number + 1})`);
+    setText(element("isa-title"), t("How busy are you right now? (question {number})", { number: asked.number + 1 }));
     left.value = asked.left_s;
-    setText(element("isa-seconds"), `${Math.ceil(asked.left_s)} s left`);
+    setText(element("isa-seconds"), t("{seconds} s left", { seconds: Math.ceil(asked.left_s) }));
   }
 
   /** Ask again while there is time, since the answer was not accepted. */

@@ -1,9 +1,11 @@
 /** Keyboard shortcuts, and their list. */
 
 import { button, dialog, element, input, isTyping, make } from "./dom.js";
+import { later } from "./language.js";
 
 const STORED = "deltaswarm-shortcuts";
 const TYPING_MS = 1200;
+const OR = later("or");
 
 /** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean, inLists?: () => boolean}} Shortcut */
 
@@ -22,7 +24,7 @@ export class Keys {
     this.isOn.addEventListener("change", () => localStorage.setItem(STORED, this.isOn.checked ? "on" : "off"));
     const lines = [
       ...shortcuts.map(
-        ({ keys, shown, words }) => /** @type {[string, string]} */ ([shown ?? keys.join(" or "), words]),
+        ({ keys, shown, words }) => /** @type {[string, string]} */ ([shown ?? keys.join(` ${OR} `), words]),
       ),
       ...others,
     ];
@@ -31,7 +33,7 @@ export class Keys {
         make(
           "dt",
           {},
-          ...keys.split(" ").map((key) => (key === "or" || key === "to" ? ` ${key} ` : make("kbd", {}, key))),
+          ...keys.split(" ").map((key) => (key === OR || key === "–" ? ` ${key} ` : make("kbd", {}, key))),
         ),
         make("dd", {}, words),
       ]),

@@ -1,6 +1,7 @@
 /** What the map shows, as lists for screen readers: reported agents and events, and nothing else. */
 
 import { choice, element, keepRows, make, setText } from "./dom.js";
+import { t } from "./language.js";
 import { aboutAgent, aboutEvent, eventName, place } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -15,7 +16,7 @@ const OLD_S = 30;
  */
 function judged(event, model) {
   const answer = model.judged.get(event);
-  return answer ? `. Judged: ${answer}` : "";
+  return answer ? `. ${t("Judged: {answer}", { answer: t(answer) })}` : "";
 }
 
 export class KnowledgePanel {
@@ -69,13 +70,17 @@ export class KnowledgePanel {
         key: String(event[0]),
         name: eventName(event[0]),
         old: now_s - event[4] > OLD_S,
-        words: `at ${place(event[1], event[2])}, ${aboutEvent(event, model)}${judged(event[0], model)}`,
+        words: t("at {place}, {about}", { place: place(event[1], event[2]), about: aboutEvent(event, model) }) + judged(event[0], model),
       })),
     );
     const total = model.hello?.agents ?? 0;
     setText(
       element("agents-count"),
-      model.shownTruth ? `${agents.length} agents` : `${agents.length}${total ? ` of ${total}` : ""} heard of`,
+      model.shownTruth
+        ? `${agents.length} agents`
+        : total
+          ? t("{count} of {total} heard of", { count: agents.length, total })
+          : t("{count} heard of", { count: agents.length }),
     );
     setText(element("events-count"), String(events.length));
   }
@@ -89,7 +94,8 @@ export class KnowledgePanel {
     const { selection } = this.app;
     /** @param {Line} line */
     const create = ({ key, name }) => {
-      const link = make("button", { type: "button", class: "link" }, `${kind} ${name}`);
+      const words = kind === "agent" ? t("agent {number}", { number: name }) : t("event {number}", { number: name });
+      const link = make("button", { type: "button", class: "link" }, words);
       return make("li", { [`data-${kind}`]: key }, link, make("span", { class: "what" }));
     };
     keepRows(

@@ -1,19 +1,20 @@
 /** The map's legend: what its markers and its shades mean. */
 
 import { make } from "./dom.js";
+import { t } from "./language.js";
 import { ACTIVITY, HEAT, activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { LEAST_MARKER_PX as MARKER_PX } from "./view.js";
 
 /** @param {import("./model.js").Model} model */
 export function markers(model) {
   const roles = [...new Set(model.agents.map((agent) => agent[3]))].sort();
-  const entries = roles.map((role) => sample(role || "unknown", (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
+  const entries = roles.map((role) => sample(role ? t(role) : t("unknown"), (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
   if (model.agents.some((agent) => !agent[7]))
-    entries.push(sample("hollow: told by another agent", (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
+    entries.push(sample(t("hollow: told by another agent"), (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
   if (model.events.length) {
-    entries.push(sample("event (e7: number 7)", (on) => markEvent(on, 10, 10, MARKER_PX)));
+    entries.push(sample(t("event (e7: number 7)"), (on) => markEvent(on, 10, 10, MARKER_PX)));
     entries.push(
-      sample("new event", (on) => {
+      sample(t("new event"), (on) => {
         markEvent(on, 10, 10, MARKER_PX - 2);
         markNew(on, 10, 10, MARKER_PX + 1);
       }),
@@ -21,24 +22,24 @@ export function markers(model) {
   }
   if (!model.shownTruth)
     entries.push(
-      sample("faded: long unheard", (on) => {
+      sample(t("faded: long unheard"), (on) => {
         on.globalAlpha = strength(Infinity);
         mark(on, "root", 10, 10, true, MARKER_PX - 2);
       }),
     );
   if (model.hello?.base_m)
-    entries.push(sample(model.hello.range_m ? "base and its range" : "base", (on) => markBase(on, 10, 10, 6)));
+    entries.push(sample(model.hello.range_m ? t("base and its range") : t("base"), (on) => markBase(on, 10, 10, 6)));
   return entries;
 }
 
 export const ages = () => [
-  make("span", {}, "last heard from within"),
-  ...HEAT.map(([limit, words]) => shade(words, heatColour(Math.min(limit, 10000) - 1))),
+  make("span", {}, t("last heard from within")),
+  ...HEAT.map(([limit, words]) => shade(t(words), heatColour(Math.min(limit, 10000) - 1))),
 ];
 
 export const activities = () => [
-  make("span", {}, "agents heard there over the last minute"),
-  ...ACTIVITY.map(([least, words]) => shade(words, activity(least))),
+  make("span", {}, t("agents heard there over the last minute")),
+  ...ACTIVITY.map(([least, words]) => shade(t(words), activity(least))),
 ];
 
 /**

@@ -1,5 +1,7 @@
 /** Colours and shapes: either alone distinguishes roles, for any eye and on any screen. */
 
+import { later } from "./language.js";
+
 /**
  * Okabe and Ito's palette, as in recordings.
  * @type {Record<string, [string, string]>}
@@ -51,17 +53,17 @@ export const HEAT = [
   [60, "1 min", 0.36],
   [300, "5 min", 0.24],
   [900, "15 min", 0.14],
-  [Infinity, "older", 0.07],
+  [Infinity, later("older"), 0.07],
 ];
 /**
  * Bands of activity: least number of agents on average, label, and opacity.
  * @type {[number, string, number][]}
  */
 export const ACTIVITY = [
-  [2, "2 and more", 0.6],
+  [2, later("2 and more"), 0.6],
   [1, "1", 0.44],
   [0.3, "0.3", 0.28],
-  [0.05, "less", 0.14],
+  [0.05, later("less"), 0.14],
 ];
 const ACTIVITY_RGB = { light: "190, 60, 0", dark: "255, 150, 60" };
 const HEAT_RGB = { light: "0, 120, 110", dark: "60, 210, 190" };

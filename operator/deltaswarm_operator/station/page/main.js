@@ -9,6 +9,7 @@ import { InboxPanel } from "./inbox.js";
 import { IsaPanel } from "./isa.js";
 import { Keys } from "./keys.js";
 import { KnowledgePanel } from "./knowledge.js";
+import { later, retell, speak, t } from "./language.js";
 import { Link } from "./link.js";
 import { MapPanel } from "./map.js";
 import { Model } from "./model.js";
@@ -34,7 +35,7 @@ const app = {
   pick: null,
   send(intent) {
     const isSent = link.send(intent);
-    if (!isSent && intent.type !== "catch_up") app.say("Not sent: there is no connection.");
+    if (!isSent && intent.type !== "catch_up") app.say(t("Not sent: there is no connection."));
     return isSent;
   },
   tell: (intent) => link.send(intent),
@@ -92,6 +93,7 @@ const events = new PageEvents(
 
 /** @param {import("./types.js").Hello} hello */
 function takeHello(hello) {
+  speak(hello.language);
   const isFirst = !app.model.hello || isNew;
   isNew = false;
   if (app.model.takeHello(hello)) {
@@ -100,7 +102,7 @@ function takeHello(hello) {
     conduct.forget();
   }
   if (isFirst) events.begin();
-  setText(element("title"), hello.title);
+  setText(element("title"), t(hello.title));
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
   if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
@@ -137,14 +139,14 @@ function showRole() {
   const words = {
     live: "",
     replay: "",
-    watch: "You only watch",
+    watch: t("You only watch"),
     researcher: "Researcher's view: shows what no operator knows",
     conductor: `Conductor's view: shows what the participant does not know. Participant: ${conduct.words}`,
   };
   const { hello, asked } = app.model;
   const text = hello ? words[hello.kind] : "";
   element("role").hidden = !text;
-  setText(element("role"), text + (text && asked ? `. The participant is asked: ${question(asked)}` : ""));
+  setText(element("role"), text && asked ? t("{role}. The participant is asked: {question}", { role: text, question: question(asked) }) : text);
 }
 
 let askTimer = 0;
@@ -180,17 +182,17 @@ function showLists() {
 function showStatus() {
   const { picture, hello } = app.model;
   const isSilent = performance.now() - heardAt_ms > SILENT_MS;
-  let [state, words] = ["live", hello?.kind === "replay" ? "replay" : "live"];
-  if (!picture) [state, words] = ["silent", "waiting for the run"];
-  const atEnd = hello?.end_text ?? "";
+  let [state, words] = ["live", hello?.kind === "replay" ? t("replay") : t("live")];
+  if (!picture) [state, words] = ["silent", t("waiting for the run")];
+  const atEnd = t(hello?.end_text ?? "");
   element("ended").hidden = !link.hasEnded || !atEnd;
   setText(element("ended"), atEnd);
-  if (link.hasEnded) [state, words] = ["ended", "the run has ended" + (atEnd ? "" : "; this page may be closed")];
-  else if (picture?.over && hello?.kind !== "replay") [state, words] = ["ended", "the run is over"];
-  else if (!isOpen) [state, words] = ["lost", hello ? "connection lost, trying again" : "connecting"];
-  else if (picture?.over) [state, words] = ["ended", "the run is over"];
-  else if (pace.state.paused) [state, words] = ["paused", "paused"];
-  else if (picture && isSilent) [state, words] = ["silent", "nothing new arrives"];
+  if (link.hasEnded) [state, words] = ["ended", atEnd ? t("the run has ended") : t("the run has ended; this page may be closed")];
+  else if (picture?.over && hello?.kind !== "replay") [state, words] = ["ended", t("the run is over")];
+  else if (!isOpen) [state, words] = ["lost", hello ? t("connection lost, trying again") : t("connecting")];
+  else if (picture?.over) [state, words] = ["ended", t("the run is over")];
+  else if (pace.state.paused) [state, words] = ["paused", t("paused")];
+  else if (picture && isSilent) [state, words] = ["silent", t("nothing new arrives")];
   setText(element("status"), words);
   element("status").dataset["state"] = state;
 }
@@ -228,7 +230,7 @@ function take(message) {
  */
 function refused(id, why) {
   if (commands.refused(id, why)) return;
-  app.say(`Not accepted: ${why}.`);
+  app.say(t("Not accepted: {why}.", { why: retell(why) }));
   if (id === null || id === "isa") isa.reopen();
   tlx.reopen(why);
   form.reopen(why);
@@ -257,44 +259,44 @@ function go(tab, id) {
 
 /** @type {import("./keys.js").Shortcut[]} */
 const shortcuts = [
-  { keys: ["p"], words: "pause, go on", act: () => pace.toggle() },
-  { keys: ["."], words: "one step", act: () => pace.step() },
-  { keys: ["<"], words: "slower", act: () => pace.shift(-1) },
-  { keys: [">"], words: "faster", act: () => pace.shift(1) },
-  { keys: ["m"], words: "to the map", act: () => go("", "map") },
-  { keys: ["i"], words: "to the inbox", act: () => inbox.enter() },
-  { keys: ["c"], words: "to orders", act: () => go("tab-commands", "command-name") },
-  { keys: ["a"], words: "to agents", act: () => go("tab-agents", "tab-agents") },
-  { keys: ["e"], words: "to events", act: () => go("tab-events", "tab-events") },
-  { keys: ["v"], words: "veto a change of delta", act: () => autonomy.veto() },
-  { keys: ["x"], words: "judge the selected event: a target", act: () => task.judge("target") },
-  { keys: ["z"], words: "judge the selected event: another", act: () => task.judge("other") },
-  { keys: ["n"], words: "to notes", act: () => go("tab-notes", "note-text") },
-  { keys: ["j"], words: "next message", act: () => inbox.step(1) },
-  { keys: ["k"], words: "message before", act: () => inbox.step(-1) },
-  { keys: ["u"], words: "open the next unread message: mark as read, show on the map", act: () => inbox.next() },
-  { keys: ["R"], words: "mark all messages as read", act: () => inbox.readAll() },
-  { keys: ["f"], words: "show the whole arena", act: () => map.fit() },
-  { keys: ["h"], words: "heat map of age on or off", act: () => map.toggle("heat") },
-  { keys: ["y"], words: "heat map of activity on or off", act: () => map.toggle("activity") },
-  { keys: ["l"], words: "labels on or off", act: () => map.toggle("labels") },
-  { keys: ["t"], words: "lines of trees on or off", act: () => map.toggle("trees") },
-  { keys: ["Escape"], words: "leave a field; select nothing", act: () => app.select(null) },
-  { keys: ["?"], words: "this list", act: () => element("help-open").click(), always: true },
+  { keys: ["p"], words: later("pause, go on"), act: () => pace.toggle() },
+  { keys: ["."], words: later("one step"), act: () => pace.step() },
+  { keys: ["<"], words: later("slower"), act: () => pace.shift(-1) },
+  { keys: [">"], words: later("faster"), act: () => pace.shift(1) },
+  { keys: ["m"], words: later("to the map"), act: () => go("", "map") },
+  { keys: ["i"], words: later("to the inbox"), act: () => inbox.enter() },
+  { keys: ["c"], words: later("to orders"), act: () => go("tab-commands", "command-name") },
+  { keys: ["a"], words: later("to agents"), act: () => go("tab-agents", "tab-agents") },
+  { keys: ["e"], words: later("to events"), act: () => go("tab-events", "tab-events") },
+  { keys: ["v"], words: later("veto a change of delta"), act: () => autonomy.veto() },
+  { keys: ["x"], words: later("judge the selected event: a target"), act: () => task.judge("target") },
+  { keys: ["z"], words: later("judge the selected event: another"), act: () => task.judge("other") },
+  { keys: ["n"], words: later("to notes"), act: () => go("tab-notes", "note-text") },
+  { keys: ["j"], words: later("next message"), act: () => inbox.step(1) },
+  { keys: ["k"], words: later("message before"), act: () => inbox.step(-1) },
+  { keys: ["u"], words: later("open the next unread message: mark as read, show on the map"), act: () => inbox.next() },
+  { keys: ["R"], words: later("mark all messages as read"), act: () => inbox.readAll() },
+  { keys: ["f"], words: later("show the whole arena"), act: () => map.fit() },
+  { keys: ["h"], words: later("heat map of age on or off"), act: () => map.toggle("heat") },
+  { keys: ["y"], words: later("heat map of activity on or off"), act: () => map.toggle("activity") },
+  { keys: ["l"], words: later("labels on or off"), act: () => map.toggle("labels") },
+  { keys: ["t"], words: later("lines of trees on or off"), act: () => map.toggle("trees") },
+  { keys: [later("Escape")], words: later("leave a field; select nothing"), act: () => app.select(null) },
+  { keys: ["?"], words: later("this list"), act: () => element("help-open").click(), always: true },
   {
     keys: ["1", "2", "3", "4", "5"],
-    shown: "1 to 5",
-    words: "answer how busy you are, while you are asked",
+    shown: "1 – 5",
+    words: later("answer how busy you are, while you are asked"),
     act: (key) => isa.isAsking && isa.answer(Number(key)),
     always: true,
     inLists: () => isa.isAsking,
   },
 ];
 new Keys(shortcuts, [
-  ["← → ↑ ↓", "on the map: move it; + and − zoom"],
-  ["PageDown or PageUp", "on the map: next agent, agent before"],
-  ["Enter", "on the map: choose what is at its centre; in the inbox: read; in a field of an order: send"],
-  ["Ctrl Enter", "anywhere in an order: send; in notes: save the note"],
+  ["← → ↑ ↓", later("on the map: move it; + and − zoom")],
+  [`${later("PageDown")} or ${later("PageUp")}`, later("on the map: next agent, agent before")],
+  [later("Enter"), later("on the map: choose what is at its centre; in the inbox: read; in a field of an order: send")],
+  [`${later("Ctrl")} Enter`, later("anywhere in an order: send; in notes: save the note")],
 ]);
 startTheme(() => {
   if (app.model.hello) workload.start();

@@ -3,6 +3,7 @@
 import { byId, element, input, setText } from "./dom.js";
 import { draw } from "./draw.js";
 import { Heat } from "./heat.js";
+import { t } from "./language.js";
 import { activities, ages, markers } from "./legend.js";
 import { inks } from "./looks.js";
 import { spread } from "./spread.js";
@@ -280,20 +281,22 @@ export class MapPanel {
       return setText(
         this.info,
         pick === "place"
-          ? "Click on the map, or choose an event, for the place."
-          : "Click on the map to choose the centre; drag to choose the radius.",
+          ? t("Click on the map, or choose an event, for the place.")
+          : t("Click on the map to choose the centre; drag to choose the radius."),
       );
-    if (!about && pick && pick !== "all") return setText(this.info, "Click on an agent on the map to choose.");
+    if (!about && pick && pick !== "all") return setText(this.info, t("Click on an agent on the map to choose."));
     const agent = about?.kind === "agent" ? model.agents.find((row) => row[0] === about.id) : undefined;
     const event = about?.kind === "event" ? model.events.find((row) => row[0] === about.id) : undefined;
     const isOther = about?.kind !== selection?.kind || about?.id !== selection?.id;
-    const where = selection && isOther ? "At the pointer: " : "";
-    if (agent)
-      setText(this.info, `${where}Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
-    else if (event)
-      setText(this.info, `${where}Event ${eventName(event[0])}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
-    else if (about?.kind === "event") setText(this.info, `Event ${eventName(about.id)} is no longer reported.`);
-    else setText(this.info, "Nothing is selected. Click an agent or an event.");
+    const where = selection && isOther ? `${t("At the pointer:")} ` : "";
+    if (agent) {
+      const told = { number: agent[0], about: aboutAgent(agent, model), place: place(agent[1], agent[2]) };
+      setText(this.info, where + t("Agent {number}: {about}, {place}", told));
+    } else if (event) {
+      const told = { number: eventName(event[0]), about: aboutEvent(event, model), place: place(event[1], event[2]) };
+      setText(this.info, where + t("Event {number}: {about}, {place}", told));
+    } else if (about?.kind === "event") setText(this.info, t("Event {number} is no longer reported.", { number: eventName(about.id) }));
+    else setText(this.info, t("Nothing is selected. Click an agent or an event."));
   }
 
   /** Explain the markers on the map. */

@@ -1,6 +1,7 @@
 /** Clock, pause, step and speed, and the time bar of a replay. */
 
 import { button, choice, element, input, setOptions, setText } from "./dom.js";
+import { t } from "./language.js";
 import { clock, number, speed } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -104,7 +105,7 @@ export class PacePanel {
     const [from_ms, from_s] = this.passed[0] ?? [now_ms, now_s];
     if (paused || wanted < 0 || picture?.over || picture?.replay || now_ms - from_ms < REACHED_OVER_MS / 2) return "";
     const found = (1000 * (now_s - from_s)) / (now_ms - from_ms);
-    return wanted === 0 || found < 0.9 * wanted ? `now ${number(found, found < 10 ? 1 : 0)}×` : "";
+    return wanted === 0 || found < 0.9 * wanted ? t("now {speed}×", { speed: number(found, found < 10 ? 1 : 0) }) : "";
   }
 
   update() {
@@ -116,8 +117,8 @@ export class PacePanel {
       element("time"),
       clock(picture?.over ? Math.min(now_s + hello.step_s, hello.duration_s || Infinity) : now_s),
     );
-    setText(element("duration"), hello.duration_s > 0 ? `of ${clock(hello.duration_s)}` : "");
-    setText(this.pause, paused ? "▶ Go on" : "❚❚ Pause");
+    setText(element("duration"), hello.duration_s > 0 ? t("of {time}", { time: clock(hello.duration_s) }) : "");
+    setText(this.pause, paused ? t("▶ Go on") : t("❚❚ Pause"));
     this.pause.setAttribute("aria-pressed", String(paused));
     const isOver = Boolean(picture?.over) && hello.kind !== "replay";
     const canPace = hello.speeds.length > 0;

@@ -1,6 +1,7 @@
 /** The sheet that a session asks for before it begins, and notes at any time. */
 
 import { button, byId, element, input, make, setText } from "./dom.js";
+import { retell, t } from "./language.js";
 import { Question } from "./question.js";
 import { clock } from "./words.js";
 
@@ -37,14 +38,14 @@ export class SessionPanel {
   note() {
     const text = this.text.value.trim();
     if (!text) return;
-    if (!this.app.send({ type: "note", text })) return this.app.say("The note is not sent: there is no connection.");
+    if (!this.app.send({ type: "note", text })) return this.app.say(t("The note is not sent: there is no connection."));
     const { lines } = this.notes;
     lines.push([this.app.model.now_s, text]);
     sessionStorage.setItem(NOTES, JSON.stringify({ run: this.run, lines }));
     this.list();
     this.text.value = "";
     sessionStorage.removeItem(draftOf(this.run));
-    this.app.say("Noted.");
+    this.app.say(t("Noted."));
   }
 
   get run() {
@@ -81,7 +82,7 @@ export class SessionPanel {
 
   open() {
     const sheet = this.app.model.hello?.session?.sheet;
-    setText(element("sheet-consent"), sheet?.consent ?? "");
+    setText(element("sheet-consent"), t(sheet?.consent ?? ""));
     element("sheet-agreement").hidden = !sheet?.consent;
     const [participant, condition] = [input("sheet-participant"), input("sheet-condition")];
     for (const [field, planned] of /** @type {const} */ ([
@@ -106,7 +107,7 @@ export class SessionPanel {
     if (!this.hasConsent) return;
     const [participant, condition] = [input("sheet-participant").value.trim(), input("sheet-condition").value.trim()];
     const isSent = this.app.send({ type: "sheet", participant, condition, consent: true });
-    setText(element("sheet-answer"), isSent ? "" : "Not sent: there is no connection. Try again in a moment.");
+    setText(element("sheet-answer"), isSent ? "" : t("Not sent: there is no connection. Try again in a moment."));
     this.question.answer(isSent);
   }
 
@@ -117,6 +118,6 @@ export class SessionPanel {
   reopen(why) {
     if (!this.question.isSent) return;
     this.question.answer(false);
-    setText(element("sheet-answer"), `Not accepted: ${why}.`);
+    setText(element("sheet-answer"), t("Not accepted: {why}.", { why: retell(why) }));
   }
 }

@@ -1,11 +1,12 @@
 /** The participant's task: what it is, and the judgement of the selected event. */
 
 import { button, element, setText } from "./dom.js";
+import { later, t } from "./language.js";
 import { eventName } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 
-const CLASSES = ["target", "other"];
+const CLASSES = [later("target"), later("other")];
 
 export class TaskPanel {
   /** @param {App} app */
@@ -23,7 +24,7 @@ export class TaskPanel {
   start() {
     const { goal, kind } = this.app.model.hello ?? {};
     element("task").hidden = !goal;
-    setText(element("goal"), goal ?? "");
+    setText(element("goal"), t(goal ?? ""));
     element("judge").hidden = kind !== "live";
     this.update();
   }
@@ -32,14 +33,14 @@ export class TaskPanel {
   judge(answer) {
     const { event } = this;
     if (element("task").hidden || element("judge").hidden) return;
-    if (event === null) this.app.say("Select a reported event to judge it.");
+    if (event === null) this.app.say(t("Select a reported event to judge it."));
     else this.app.send({ type: "judge", event, answer });
   }
 
   update() {
     const { event } = this;
     const given = event === null ? undefined : this.app.model.judged.get(event);
-    setText(element("judge-event"), event === null ? "No event is selected." : `Event ${eventName(event)} is`);
+    setText(element("judge-event"), event === null ? t("No event is selected.") : t("Event {number} is", { number: eventName(event) }));
     for (const answer of CLASSES) {
       button(`judge-${answer}`).disabled = event === null;
       button(`judge-${answer}`).setAttribute("aria-pressed", String(given === answer));

@@ -1,6 +1,7 @@
 /** Dark or light: the machine's choice, unless chosen here. */
 
 import { button, setText } from "./dom.js";
+import { t } from "./language.js";
 import { isDark } from "./looks.js";
 
 const STORED = "deltaswarm-theme";
@@ -10,7 +11,7 @@ export function startTheme(onChange) {
   const stored = localStorage.getItem(STORED);
   if (stored === "dark" || stored === "light") document.documentElement.dataset["theme"] = stored;
   const show = () => {
-    setText(button("theme"), isDark() ? "Light" : "Dark");
+    setText(button("theme"), isDark() ? t("Light") : t("Dark"));
     onChange();
   };
   button("theme").addEventListener("click", () => {

@@ -1,6 +1,7 @@
 /** NASA-TLX at the end of a run: six scales from 0 to 100 in steps of 5, and optionally pairwise weights. */
 
 import { button, element, make, setText } from "./dom.js";
+import { later, retell, t } from "./language.js";
 import { Question } from "./question.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -11,31 +12,28 @@ import { Question } from "./question.js";
  */
 const storedOf = (run) => `deltaswarm-tlx/${run}`;
 
-/** @type {[string, string, string, string, string][]} key, title, question, low end, high end */
+const [LOW, HIGH] = [later("very low"), later("very high")];
+/** @type {[string, string, string, string, string, string][]} key, title, title in a sentence, question, low end, high end */
 const SCALES = [
-  ["mental", "Mental demand", "How mentally demanding was the task?", "very low", "very high"],
-  ["physical", "Physical demand", "How physically demanding was the task?", "very low", "very high"],
-  ["temporal", "Temporal demand", "How hurried or rushed was the pace of the task?", "very low", "very high"],
+  ["mental", later("Mental demand"), later("mental demand"), later("How mentally demanding was the task?"), LOW, HIGH],
+  ["physical", later("Physical demand"), later("physical demand"), later("How physically demanding was the task?"), LOW, HIGH],
+  ["temporal", later("Temporal demand"), later("temporal demand"), later("How hurried or rushed was the pace of the task?"), LOW, HIGH],
   [
     "performance",
-    "Performance",
-    "How successful were you in accomplishing what you were asked to do?",
-    "perfect",
-    "failure",
+    later("Performance"),
+    later("performance"),
+    later("How successful were you in accomplishing what you were asked to do?"),
+    later("perfect"),
+    later("failure"),
   ],
-  [
-    "effort",
-    "Effort",
-    "How hard did you have to work to accomplish your level of performance?",
-    "very low",
-    "very high",
-  ],
+  ["effort", later("Effort"), later("effort"), later("How hard did you have to work to accomplish your level of performance?"), LOW, HIGH],
   [
     "frustration",
-    "Frustration",
-    "How insecure, discouraged, irritated, stressed and annoyed were you?",
-    "very low",
-    "very high",
+    later("Frustration"),
+    later("frustration"),
+    later("How insecure, discouraged, irritated, stressed and annoyed were you?"),
+    LOW,
+    HIGH,
   ],
 ];
 const PAIRS = SCALES.flatMap((first, at) =>
@@ -76,7 +74,7 @@ export class TlxPanel {
   }
 
   /** @param {typeof SCALES[number]} scale */
-  slider([key, title, question, low, high]) {
+  slider([key, title, , question, low, high]) {
     const before = this.answers.scales[key];
     const id = `tlx-${key}`;
     const slider = make("input", {
@@ -101,12 +99,12 @@ export class TlxPanel {
     slider.addEventListener("keydown", (event) => {
       if (event.key === " " || event.key === "Enter") take();
     });
-    const ends = make("div", { class: "ends" }, make("span", {}, low), make("span", {}, high));
+    const ends = make("div", { class: "ends" }, make("span", {}, t(low)), make("span", {}, t(high)));
     return make(
       "div",
       { class: "scale" },
-      make("label", { for: id }, title),
-      make("p", { id: `${id}-question` }, question),
+      make("label", { for: id }, t(title)),
+      make("p", { id: `${id}-question` }, t(question)),
       shown,
       slider,
       ends,
@@ -126,12 +124,12 @@ export class TlxPanel {
         this.answers.pairs[name] = key;
         this.note();
       });
-      return make("label", {}, radio, title);
+      return make("label", {}, radio, t(title));
     });
     return make(
       "fieldset",
       { class: "pair" },
-      make("legend", { class: "unseen" }, `${first[1]} or ${second[1].toLowerCase()}`),
+      make("legend", { class: "unseen" }, t("{scale} or {other}", { scale: t(first[1]), other: t(second[2]) })),
       ...choices,
     );
   }
@@ -139,13 +137,11 @@ export class TlxPanel {
   /** Store the answers, and show what is missing. */
   note() {
     sessionStorage.setItem(this.stored, JSON.stringify(this.answers));
-    const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, title]) =>
-      title.toLowerCase(),
-    );
+    const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, , title]) => t(title));
     const pairs = this.asksWeights ? PAIRS.length - Object.keys(this.answers.pairs).length : 0;
-    const missing = [...open, ...(pairs ? [`${pairs} of ${PAIRS.length} pairs`] : [])];
+    const missing = [...open, ...(pairs ? [t("{count} of {total} pairs", { count: pairs, total: PAIRS.length })] : [])];
     button("tlx-send").disabled = missing.length > 0;
-    setText(element("tlx-missing"), missing.length ? `Still to answer: ${missing.join(", ")}.` : "All is answered.");
+    setText(element("tlx-missing"), missing.length ? t("Still to answer: {scales}.", { scales: missing.join(", ") }) : t("All is answered."));
   }
 
   send() {
@@ -155,10 +151,10 @@ export class TlxPanel {
       ? Object.fromEntries(SCALES.map(([key]) => [key, chosen.filter((other) => other === key).length]))
       : null;
     if (!this.app.send({ type: "tlx", scales, weights }))
-      return setText(element("tlx-missing"), "Not sent: there is no connection. Try again in a moment.");
+      return setText(element("tlx-missing"), t("Not sent: there is no connection. Try again in a moment."));
     sessionStorage.removeItem(this.stored);
     this.question.answer(true);
-    this.app.say("Thank you: your answers are noted.");
+    this.app.say(t("Thank you: your answers are noted."));
   }
 
   /**
@@ -169,6 +165,6 @@ export class TlxPanel {
     if (!this.question.isSent) return;
     sessionStorage.setItem(this.stored, JSON.stringify(this.answers));
     this.question.answer(false);
-    setText(element("tlx-missing"), `Not accepted: ${why}.`);
+    setText(element("tlx-missing"), t("Not accepted: {why}.", { why: retell(why) }));
   }
 }

@@ -53,6 +53,13 @@ export interface Session {
   asks: { isa: boolean; tlx: boolean; weights: boolean };
 }
 
+export interface Language {
+  /** For the document's `lang` attribute. */
+  tag: string;
+  /** Translations by the English text. */
+  texts: Record<string, string>;
+}
+
 export interface Hello {
   type: "hello";
   /** Of the feed; `watch`: a page without the right to do anything. */
@@ -77,6 +84,8 @@ export interface Hello {
   speeds: number[];
   /** What the page says once the run has ended. */
   end_text?: string;
+  /** In which language the page speaks; English if there is none. */
+  language?: Language | null;
   /** Layers of the map that may be switched on; all if there is no list. */
   layers?: string[];
   session: Session | null;

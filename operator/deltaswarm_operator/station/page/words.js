@@ -1,5 +1,7 @@
 /** Text for people: times, ages, and what agents do. */
 
+import { later, plural, t } from "./language.js";
+
 /** @typedef {import("./types.js").AgentRow} AgentRow */
 /** @typedef {import("./types.js").EventRow} EventRow */
 /** @typedef {import("./types.js").InboxRow} InboxRow */
@@ -26,13 +28,7 @@ export function age(age_s) {
 }
 
 /** @param {number} age_s */
-export const ago = (age_s) => (age_s < 0.5 ? "just now" : `${age(age_s)} ago`);
-
-/**
- * @param {number} count
- * @param {string} what
- */
-export const count = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
+export const ago = (age_s) => (age_s < 0.5 ? t("just now") : t("{age} ago", { age: age(age_s) }));
 
 /**
  * Format a number with at most `digits` decimals and no trailing zeros.
@@ -43,8 +39,8 @@ export const number = (value, digits = 1) => String(Number(value.toFixed(digits)
 
 /** @param {number} speed */
 export function speed(speed) {
-  if (speed === 0) return "as fast as possible";
-  return speed < 0 ? `${-speed}× backwards` : `${speed}×`;
+  if (speed === 0) return t("as fast as possible");
+  return speed < 0 ? t("{speed}× backwards", { speed: -speed }) : `${speed}×`;
 }
 
 /**
@@ -56,20 +52,21 @@ export function speed(speed) {
 export function doing([id, x_m, y_m, role, parent, root], agents, events) {
   if (role === "root") {
     const followers = agents.filter((other) => other[5] === id && other[0] !== id).length;
-    return followers ? `root of a tree, ${count(followers, "known follower")}` : "root of a tree";
+    const known = plural(followers, later("{count} known follower"), later("{count} known followers"));
+    return followers ? `${t("root of a tree")}, ${known}` : t("root of a tree");
   }
   if (role === "attending") {
     const near = events.filter((event) => event[6].includes(id));
     near.sort((a, b) => Math.hypot(a[1] - x_m, a[2] - y_m) - Math.hypot(b[1] - x_m, b[2] - y_m));
-    return near[0] ? `at event ${eventName(near[0][0])}` : "at an event";
+    return near[0] ? t("at event {number}", { number: eventName(near[0][0]) }) : t("at an event");
   }
   if (role === "member") {
-    if (root < 0) return "member of a tree";
+    if (root < 0) return t("member of a tree");
     return parent >= 0 && parent !== root
-      ? `in the tree of agent ${root}, below agent ${parent}`
-      : `in the tree of agent ${root}`;
+      ? t("in the tree of agent {root}, below agent {parent}", { root, parent })
+      : t("in the tree of agent {root}", { root });
   }
-  return role || "role unknown";
+  return role ? t(role) : t("role unknown");
 }
 
 /**
@@ -77,12 +74,11 @@ export function doing([id, x_m, y_m, role, parent, root], agents, events) {
  * @param {number} now_s
  */
 export function seen(agent, now_s) {
-  const by = agent[7]
-    ? "seen"
-    : agent[5] >= 0 && agent[5] !== agent[0]
-      ? `told by agent ${agent[5]}`
-      : "told by another agent";
-  return `${by} ${ago(now_s - agent[6])}`;
+  const when = ago(now_s - agent[6]);
+  if (agent[7]) return t("seen {when}", { when });
+  return agent[5] >= 0 && agent[5] !== agent[0]
+    ? t("told by agent {number} {when}", { number: agent[5], when })
+    : t("told by another agent {when}", { when });
 }
 
 /**
@@ -90,9 +86,9 @@ export function seen(agent, now_s) {
  * @param {number} now_s
  */
 export function reported([, , , first_s, seen_s, by, attending], now_s) {
-  const who = by >= 0 ? ` by agent ${by}` : "";
-  const there = attending.length ? `, attended by ${agentsOf(attending)}` : "";
-  return `known for ${age(now_s - first_s)}, reported ${ago(now_s - seen_s)}${who}${there}`;
+  const told = { age: age(now_s - first_s), when: ago(now_s - seen_s), number: by };
+  const known = by >= 0 ? t("known for {age}, reported {when} by agent {number}", told) : t("known for {age}, reported {when}", told);
+  return attending.length ? `${known}, ${t("attended by {agents}", { agents: agentsOf(attending) })}` : known;
 }
 
 /**
@@ -101,8 +97,9 @@ export function reported([, , , first_s, seen_s, by, attending], now_s) {
  * @param {number} [total]
  */
 export function agentsOf(ids, total = ids.length) {
-  const more = total > ids.length ? ` and ${total - ids.length} more` : "";
-  return `agent${total === 1 ? "" : "s"} ${ids.join(", ")}${more}`;
+  const numbers = ids.join(", ");
+  if (total > ids.length) return t("agents {numbers} and {count} more", { numbers, count: total - ids.length });
+  return total === 1 ? t("agent {number}", { number: numbers }) : t("agents {numbers}", { numbers });
 }
 
 /**
@@ -113,10 +110,11 @@ export const place = (x_m, y_m) => `(${number(x_m)}, ${number(y_m)}) m`;
 
 /** @param {InboxRow} item */
 export function message([, , , role, followers, events]) {
-  const what = events.length
-    ? `${events.length > 1 ? "events" : "event"} ${[...events].sort((a, b) => a - b).join(", ")}`
-    : "no event";
-  const who = followers > 0 ? `${role}, ${count(followers, "follower")}` : role;
+  const numbers = [...events].sort((a, b) => a - b).join(", ");
+  const some = events.length > 1 ? t("events {numbers}", { numbers }) : t("event {number}", { number: numbers });
+  const what = events.length ? some : t("no event");
+  const led = plural(followers, later("{count} follower"), later("{count} followers"));
+  const who = followers > 0 ? `${t(role)}, ${led}` : t(role);
   return who ? `${who}: ${what}` : what;
 }
 
@@ -127,7 +125,7 @@ export function message([, , , role, followers, events]) {
  */
 export function aboutAgent(agent, model) {
   const { agents, events, now_s, picture } = model;
-  const what = doing(agent, agents, events) + (agent[8] > 0 ? `, delta ${agent[8]}` : "");
+  const what = doing(agent, agents, events) + (agent[8] > 0 ? `, ${t("delta {delta}", { delta: agent[8] })}` : "");
   if (!model.shownTruth) return `${what}, ${seen(agent, now_s)}`;
   if (model.hello?.kind !== "conductor") return what;
   const known = picture?.agents.find((other) => other[0] === agent[0]);
@@ -162,7 +160,7 @@ export function aboutEvent(event, { now_s, picture, shownTruth, hello }) {
 export function argument(key, unit) {
   const suffix = /_(s|m)$/.exec(key)?.[1];
   const bare = suffix && (!unit || unit === suffix) ? key.slice(0, -suffix.length - 1) : key;
-  return [bare.replaceAll("_", " "), unit || (bare === key ? "" : (suffix ?? ""))];
+  return [t(bare.replaceAll("_", " ")), unit || (bare === key ? "" : (suffix ?? ""))];
 }
 
 /**
@@ -170,21 +168,22 @@ export function argument(key, unit) {
  * @param {CommandRow[2]} target
  */
 export function aim([kind, first = 0, second = 0, radius_m = 0]) {
-  if (kind === "all") return "all agents";
-  if (kind === "tree") return `the tree of agent ${first}`;
-  if (kind === "agent") return `agent ${first}`;
+  if (kind === "all") return t("all agents");
+  if (kind === "tree") return t("the tree of agent {number}", { number: first });
+  if (kind === "agent") return t("agent {number}", { number: first });
   const at = place(first, second);
-  return kind === "circle" ? `${number(radius_m)} m around ${at}` : at;
+  return kind === "circle" ? t("{radius} m around {place}", { radius: number(radius_m), place: at }) : at;
 }
 
 /** @param {CommandRow} command */
 export function order([, name, , values]) {
   const given = Object.entries(values).map(([key, value]) => {
     const [words, unit] = argument(key);
-    const amount = unit ? `${value} ${unit}` : `${value}`;
+    const said = typeof value === "string" ? t(value) : value;
+    const amount = unit ? `${said} ${unit}` : `${said}`;
     return name.endsWith(key) ? amount : `${words} ${amount}`;
   });
-  return given.length ? `${name} ${given.join(", ")}` : name;
+  return given.length ? `${t(name)} ${given.join(", ")}` : t(name);
 }
 
 /**
@@ -193,12 +192,13 @@ export function order([, name, , values]) {
  * @param {number} now_s
  */
 export function fate([, , , , , heard, done, refused, expires_s, state, superseded, refusers], now_s) {
-  const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
-  if (done && state !== "done") parts.push(`done by ${done}`);
-  if (refused) parts.push(`refused by ${refusers.length ? agentsOf(refusers, refused) : refused}`);
-  if (superseded) parts.push(`replaced at ${superseded}`);
-  if (state === "expired") return "heard by nobody in time";
-  return now_s < expires_s ? `${parts.join(", ")}; passed on until ${clock(expires_s)}` : parts.join(", ");
+  const parts = [heard ? t("heard by {count}", { count: heard }) : t("heard by nobody yet")];
+  if (done && state !== "done") parts.push(t("done by {count}", { count: done }));
+  if (refused) parts.push(t("refused by {agents}", { agents: refusers.length ? agentsOf(refusers, refused) : refused }));
+  if (superseded) parts.push(t("replaced at {count}", { count: superseded }));
+  if (state === "expired") return t("heard by nobody in time");
+  const outcome = parts.join(", ");
+  return now_s < expires_s ? t("{outcome}; passed on until {time}", { outcome, time: clock(expires_s) }) : outcome;
 }
 
 /**
@@ -206,7 +206,7 @@ export function fate([, , , , , heard, done, refused, expires_s, state, supersed
  * @param {import("./types.js").Probe} probe
  */
 export function question(probe) {
-  if (probe.kind === "sheet") return "to consent";
+  if (probe.kind === "sheet") return t("to consent");
   if (probe.kind === "tlx") return "NASA-TLX";
-  return probe.kind === "isa" ? `ISA (question ${probe.number + 1})` : probe.form.title || probe.form.name;
+  return probe.kind === "isa" ? t("ISA (question {number})", { number: probe.number + 1 }) : t(probe.form.title || probe.form.name);
 }

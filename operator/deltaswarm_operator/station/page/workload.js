@@ -1,8 +1,9 @@
 /** The workload: message rates, number of senders, and time above the thresholds. */
 
 import { element, setText } from "./dom.js";
+import { later, plural, t } from "./language.js";
 import { inks } from "./looks.js";
-import { clock, count, number } from "./words.js";
+import { clock, number } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 
@@ -115,17 +116,20 @@ export class WorkloadPanel {
     setText(element("residue"), number(residue, 2));
     setText(element("events-open"), String(picture.events.length));
     const { events: closed, after_s } = picture.closed ?? { events: 0, after_s: 0 };
-    setText(element("events-closed"), closed ? `${closed} in ${number(after_s)} s` : "0");
+    setText(element("events-closed"), closed ? t("{count} in {seconds} s", { count: closed, seconds: number(after_s) }) : "0");
     const thresholds = hello?.thresholds_hz ?? [];
-    const above = thresholds.map((limit, at) => `above ${number(limit, 2)} /s for ${clock(above_s[at] ?? 0)}`);
+    const above = thresholds.map((limit, at) => t("above {rate} /s for {time}", { rate: number(limit, 2), time: clock(above_s[at] ?? 0) }));
     setText(element("above"), above.join(" · "));
     const isOver = thresholds.some((limit) => rate_60s_hz > limit);
     element("rate-long").classList.toggle("over", isOver);
+    element("rate-long").dataset["over"] = t("high");
     if (this.plot && (this.shown_s !== now_s || this.rows !== history.length)) {
       [this.shown_s, this.rows] = [now_s, history.length];
       this.plot.setData(this.columns());
       const until_s = history.at(-1)?.[0] ?? 0;
-      const words = `Messages per second until ${clock(until_s)}: ${number(rate_1s_hz)} in the last second, ${number(rate_60s_hz)} over a minute, from ${count(senders, "sender")}.`;
+      const told = { time: clock(until_s), short: number(rate_1s_hz), long: number(rate_60s_hz) };
+      const from = plural(senders, later("{count} sender"), later("{count} senders"));
+      const words = t("Messages per second until {time}: {short} in the last second, {long} over a minute, from {senders}.", { ...told, senders: from });
       this.where.setAttribute("aria-label", words);
     }
   }
