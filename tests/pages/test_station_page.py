@@ -277,7 +277,7 @@ def test_dark_and_light(page: Page) -> None:
         "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
     )
     page.until(lambda: page.driver.execute_script(colour) != light)
-    assert page.text("theme") == "Light"
+    page.until(lambda: page.text("theme") == "Light")
     page.at("theme").click()
     page.until(lambda: page.driver.execute_script(colour) == light)
     page.driver.refresh()
