@@ -18,6 +18,8 @@ ISA, TLX, SAGAT, SPAM = "isa", "tlx", "sagat", "spam"
 PROBES = (ISA, TLX, SAGAT, SPAM)
 """Questions that the station knows, besides forms."""
 
+NO_ORDERS = ("none",)
+
 LAYERS = ("heat", "activity", "labels", "trees")
 """Layers of the page's map that can be switched on and off."""
 
@@ -79,7 +81,9 @@ class PageSettings:
     title: str = key("", "heading of the page; empty: the scenario and the mode, which a participant should not read")
     end_text: str = key("", "what the page says once the run has ended; empty: that it may be closed")
     pace: bool = key(True, "whether the person may pause the run, do single steps and change its speed")
-    orders: tuple[str, ...] = key((), "orders that the page offers; none: all that the controller accepts")
+    orders: tuple[str, ...] = key(
+        (), 'orders that the page offers; an empty list: all that the controller accepts; ["none"]: no order'
+    )
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
     language: LanguageSettings = key(LanguageSettings, "language of the page")
 
@@ -154,7 +158,7 @@ class OperatorSettings:
     page: PageSettings = key(PageSettings, "what the station's page shows and offers")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")
     autonomy: AutonomySettings = key(AutonomySettings, "who sets delta during the run")
-    task: TaskSettings = key(TaskSettings, "the person's task: which events are targets")
+    task: TaskSettings = key(TaskSettings, "the person's task: to tell targets from decoys")
 
     @property
     def commands(self) -> bool:

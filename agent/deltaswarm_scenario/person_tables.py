@@ -31,7 +31,7 @@ class OperatorAction(NamedTuple):
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the act")] = None
     name: Annotated[
-        str, Column("", "the command; target or other; pause, resume, step or speed; what happened to the page")
+        str, Column("", "the command; target or decoy; pause, resume, step or speed; what happened to the page")
     ] = ""
     command: Annotated[int | None, Column("", "number of the command")] = None
     target: Annotated[str, Column("", "whom the command is for: all, circle, tree, agent or place")] = ""
@@ -83,8 +83,8 @@ class JudgementRow(NamedTuple):
 
     number: Annotated[int, Column("", "the event's number on the page")]
     event: Annotated[int, Column("", "the event in events.csv")]
-    truth: Annotated[str, Column("", "its class: target or other")]
-    answer: Annotated[str, Column("", "the last judgement: target or other; empty: none")]
+    truth: Annotated[str, Column("", "its class: target or decoy")]
+    answer: Annotated[str, Column("", "the last judgement: target or decoy; empty: none")]
     answered_s: Annotated[float | None, Column("s", "time of the last judgement")]
     changes: Annotated[int, Column("", "how often the judgement was changed")]
 

@@ -53,12 +53,12 @@ def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
     page.at("tab-events").click()
     page.until(lambda: page.texts("#events-list > li"))
     page.all('#events-list [data-key="2"] button')[0].click()
-    page.at("judge-other").click()
-    assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "other"}
+    page.at("judge-decoy").click()
+    assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "decoy"}
     page.press("x")
     assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "target"}
     page.until(lambda: page.at("judge-target").get_attribute("aria-pressed") == "true")
-    assert page.at("judge-other").get_attribute("aria-pressed") == "false"
+    assert page.at("judge-decoy").get_attribute("aria-pressed") == "false"
     page.until(lambda: "Judged: target" in page.texts('#events-list [data-key="2"] .what')[0])
     hello(page, goal="")
     page.until(lambda: not page.at("task").is_displayed())
@@ -220,6 +220,26 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
     page.player.swarm.probe = None
     page.player.show(103.0)
     page.until(lambda: page.at("map").is_displayed() and not page.at("form").is_displayed())
+
+
+def test_what_is_refused_after_the_end_opens_no_answered_form(page: Page) -> None:
+    """The page notes by itself how it is used, when the run has ended with the answer."""
+    page.player.swarm.probe = {
+        **a_form(0),
+        "hides": False,
+        "form": {"name": "score", "title": "Your score", "text": "9", "question": []},
+    }
+    page.player.show(101.0)
+    page.until(lambda: page.at("form").is_displayed())
+    page.at("form-send").click()
+    page.asked("form")
+    page.feed.hang_up()
+    page.until(lambda: page.at("status").get_attribute("data-state") == "ended")
+    page.until(lambda: not page.at("form").is_displayed())
+    page.at("tab-agents").click()  # the page notes this, which is refused
+    page.press("p")  # what a person wants is refused too, and said
+    page.until(lambda: "Not accepted" in page.text("said"))
+    assert not page.at("form").is_displayed()
 
 
 def test_a_question_in_passing_leaves_all_in_view(page: Page) -> None:

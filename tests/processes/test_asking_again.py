@@ -143,7 +143,7 @@ def test_a_session_shows_the_score_of_the_task(tmp_path: Path) -> None:
         try:
             Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
             first = Browser(folder / "1-A.part" / "station.json", tlx=True, condition="1 A", judges=True)
-            second = Browser(folder / "1-A.again-1" / "station.json", tlx=True)
+            second = Browser(folder / "1-A.score" / "station.json", tlx=True)
             assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
         finally:
             session.kill()

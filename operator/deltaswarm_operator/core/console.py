@@ -94,6 +94,10 @@ class Console:
         elif self.pace.hold_step < 0:
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
 
+    def conclude(self) -> None:
+        """Note that the run is over, if the console only asks what was not answered in it."""
+        self.picture.now_s, self._is_over = self.briefing.duration_s, True
+
     @property
     def next_hold_step(self) -> int:
         """The step before which the run is held next for questions about the situation; -1: none."""

@@ -50,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         server = ConsoleServer(
             arguments.out.name, console, arguments.out, lambda _: None, lambda _: None, inbox.put, page.end
         )
+        console.conclude()
         console.probes.end(briefing.duration_s, time.monotonic())
         deadline = time.monotonic() + ANSWER_WITHIN_S
         with contextlib.suppress(KeyboardInterrupt):

@@ -4,6 +4,7 @@ import base64
 import hmac
 import ipaddress
 from collections.abc import Mapping
+from typing import Any
 from urllib.parse import urlsplit
 
 import orjson
@@ -41,7 +42,7 @@ class RefusedError(ValueError):
     def __init__(self, why: str, command: str | None = None) -> None:
         super().__init__(why)
         self.command = command
-        """The browser's own id of the command, so that it can tell which command was refused."""
+        """The browser's own id of the command, or the type of another message: what was refused."""
 
 
 def is_our_host(host: str | None, listen: str) -> bool:
@@ -101,8 +102,7 @@ def intent_of(message: str | bytes, browser: int, role: str = OPERATE) -> bytes:
         raise RefusedError("a message must be JSON") from None
     if not isinstance(intent, dict):
         raise RefusedError("a message must be a JSON object")
-    command = intent.get("id")
-    command = command if isinstance(command, str) else None
+    command = id_of(intent)
     if not isinstance(intent.get("type"), str) or intent["type"] not in INTENTS:
         raise RefusedError(f"a message's type must be one of {', '.join(sorted(INTENTS))}", command)
     if intent["type"] not in ALLOWED[role]:
@@ -112,6 +112,12 @@ def intent_of(message: str | bytes, browser: int, role: str = OPERATE) -> bytes:
     if len(datagram) > MAX_INTENT_BYTES + 64:
         raise RefusedError(f"a message must be at most {MAX_INTENT_BYTES} bytes long", command)
     return datagram
+
+
+def id_of(intent: Mapping[str, Any]) -> str | None:
+    """Return what a refusal of an intent names: its own id, or else its type."""
+    found = intent.get("id") or intent.get("type")
+    return found if isinstance(found, str) else None
 
 
 def _is_loopback(host: str) -> bool:

@@ -282,10 +282,9 @@ class Station:
         try:
             self._feed.send(datagram)
         except (BlockingIOError, InterruptedError):
-            command = orjson.loads(datagram).get("id")
-            raise rules.RefusedError("the operator is busy: try again", command) from None
+            raise rules.RefusedError("the operator is busy: try again", rules.id_of(orjson.loads(datagram))) from None
         except OSError:
-            raise rules.RefusedError("the run has ended") from None
+            raise rules.RefusedError("the run has ended", rules.id_of(orjson.loads(datagram))) from None
 
 
 def _response(status: HTTPStatus, mime_type: str = "text/plain; charset=utf-8", body: bytes | None = None) -> Response:

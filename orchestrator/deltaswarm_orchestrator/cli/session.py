@@ -49,9 +49,11 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, keys_of, language_at, load_scenario
-from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_scenario.operator_settings import ProbeSettings, begun_with
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.commands import forms_of
+from deltaswarm_wire.plugins import find_controller
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""
@@ -143,7 +145,8 @@ def session(arguments: argparse.Namespace) -> int:
 
     for run in planned:  # before a participant has done the first
         cli_run.check_run(run.scenario, options_for(run))
-    for warning in dict.fromkeys(cli_run.isa_warning(run.scenario, settings.speed) for run in planned):
+    warnings = [*(cli_run.isa_warning(run.scenario, settings.speed) for run in planned), _order_warning(planned)]
+    for warning in dict.fromkeys(warnings):
         if warning:
             notice(warning)
     if arguments.dry_run:
@@ -168,6 +171,22 @@ def session(arguments: argparse.Namespace) -> int:
         return _do_runs(arguments, folder, planned, options_for)
     finally:
         lock.release()
+
+
+def _order_warning(planned: list[PlannedRun]) -> str | None:
+    """Return a warning if the page offers an order that sets what the conditions vary; None if it does not."""
+    values: dict[tuple[str, str], set[object]] = {}
+    for run in planned:
+        control = run.scenario.control
+        forms = begun_with(forms_of(find_controller(control.mode)), control.options)
+        for form in run.scenario.for_operator(forms, 1.0).offered if run.position else ():
+            for argument in form.arguments:
+                values.setdefault((form.name, argument.name), set()).add(argument.default)
+    found = next((names for names, defaults in values.items() if len(defaults) > 1), None)
+    return found and (
+        f"the conditions vary {found[1]}, which the participant reads and can change in the order {found[0]!r}: "
+        'operator.page.orders = ["none"], or a list without it, leaves it out'
+    )
 
 
 def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:

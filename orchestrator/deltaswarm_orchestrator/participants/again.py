@@ -35,8 +35,8 @@ def unanswered(folder: Path, scenario: Scenario) -> ProbeSettings | None:
 
 SCORE_TITLE = "Your score"
 SCORE_TEXT = (
-    "You judged {right} of {events} reported events right. Of the targets, {hits} were found and {misses} were taken "
-    "for others. Of the others, {false_alarms} were taken for targets. Without a judgement: {unjudged}."
+    "Judged right: {right} of {events} reported events. Targets found: {hits}. Targets taken for decoys: {misses}. "
+    "Decoys taken for targets: {false_alarms}. Without a judgement: {unjudged}."
 )
 
 
@@ -51,8 +51,8 @@ def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
 
 def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:
     """Ask on the station's page, until all is answered, the time is over or a signal ends it."""
-    number = len(_folders(folder)) + 1
-    out = folder.with_name(f"{folder.name}.again-{number}")
+    is_score = [form.name for form in probes.form] == [SCORE]
+    out = folder.with_name(f"{folder.name}.{SCORE if is_score else f'again-{len(_folders(folder)) + 1}'}")
     out.mkdir()
     briefing = write_briefing(out, replace(scenario, operator=replace(scenario.operator, probes=probes)), None)
     command = [sys.executable, "-P", "-m", "deltaswarm_operator.io.asking"]

@@ -67,6 +67,10 @@ def plan_participants(settings: SessionSettings, runs: Path, question: Question)
             raise CommandError(f"{runs} {found}")
         else:
             metrics[metric] = {"problem": found}
+    if all("problem" in row for row in metrics.values()):
+        raise CommandError(
+            f"{runs} {next((row['problem'] for row in metrics.values()), 'must have runs with numbers')}"
+        )
     return {
         "contrast": f"{second} - {first}",
         "test": TESTS[question.test],
@@ -143,11 +147,13 @@ def _pilot(rows: Sequence[Row], pair: tuple[str, str], metric: str, *, is_adjust
     both = [who for who in first if first[who][metric] and who in second and second[who][metric]]
     differences = np.array([float(second[who][metric]) - float(first[who][metric]) for who in both])
     others = _others([(first[who], second[who]) for who in both]) if is_adjusted else None
-    needed = MIN_DEGREES + 1 + (0 if others is None else int(np.linalg.matrix_rank(others)))
+    streams = {row.get("stream", "") for row in rows} - {""}
+    effects = 0 if others is None else max(1, len(streams), int(np.linalg.matrix_rank(others)))
+    needed = MIN_DEGREES + 1 + effects
     if len(both) < needed:
         lacking = sorted({row["participant"] for row in rows} - {*both}, key=int)
         without = f"; without: {', '.join(lacking)}" if lacking else ""
-        having = f": {', '.join(both)}" if both else ""
+        having = f", which {'are' if len(both) > 1 else 'is'} {', '.join(both)}" if both else ""
         adjusted = ", to adjust for position and stream" if is_adjusted else ""
         return (
             f"must have {metric} in {' and in '.join(pair)} of at least {needed} participants{adjusted} "

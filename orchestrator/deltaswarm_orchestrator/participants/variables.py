@@ -72,14 +72,14 @@ MEASURES = {
     "commands_done": Variable(WHOLE, Column("", "commands carried out by an agent"), "person.commands_by_state.done"),
     "share_right": Variable(NUMBER, Column("", "reported events that were judged right"), "task.share_right"),
     "hits": Variable(WHOLE, Column("", "targets that were judged to be targets"), "task.hits"),
-    "misses": Variable(WHOLE, Column("", "targets that were judged to be others"), "task.misses"),
-    "false_alarms": Variable(WHOLE, Column("", "others that were judged to be targets"), "task.false_alarms"),
+    "misses": Variable(WHOLE, Column("", "targets that were judged to be decoys"), "task.misses"),
+    "false_alarms": Variable(WHOLE, Column("", "decoys that were judged to be targets"), "task.false_alarms"),
     "correct_rejections": Variable(
-        WHOLE, Column("", "others that were judged to be others"), "task.correct_rejections"
+        WHOLE, Column("", "decoys that were judged to be decoys"), "task.correct_rejections"
     ),
     "unjudged": Variable(WHOLE, Column("", "reported events without a judgement"), "task.unjudged"),
     "d_prime": Variable(NUMBER, Column("", "sensitivity d' of the judgements, log-linear"), "task.d_prime"),
-    "criterion": Variable(NUMBER, Column("", "criterion c of the judgements; above 0: rather other"), "task.criterion"),
+    "criterion": Variable(NUMBER, Column("", "criterion c of the judgements; above 0: rather decoy"), "task.criterion"),
     "situation_right_share": Variable(
         NUMBER,
         Column("", "right answers about the situation (SAGAT, SPAM), as a share of those asked for"),

@@ -15,7 +15,7 @@ from typing import Any
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import JudgementRow
-from deltaswarm_scenario.task import OTHER, TARGET
+from deltaswarm_scenario.task import DECOY, TARGET
 
 ACTIONS, EVENT_NUMBERS, JUDGEMENTS = "actions.csv", "event_numbers.csv", "judgements.csv"
 
@@ -37,16 +37,16 @@ def score(rows: Sequence[JudgementRow]) -> dict[str, Any]:
     """Return numbers of events by class and answer, the share that was judged right, d' and c.
 
     An event without a judgement counts as not right. d' and c are of the judged events alone, and None unless targets
-    and others were judged.
+    and decoys were judged.
     """
     count = Counter((row.truth, row.answer) for row in rows)
-    hits, false_alarms = count[TARGET, TARGET], count[OTHER, TARGET]
-    misses, rejections = count[TARGET, OTHER], count[OTHER, OTHER]
-    targets, others = hits + misses, false_alarms + rejections
+    hits, false_alarms = count[TARGET, TARGET], count[DECOY, TARGET]
+    misses, rejections = count[TARGET, DECOY], count[DECOY, DECOY]
+    targets, decoys = hits + misses, false_alarms + rejections
     d_prime = criterion = None
-    if targets and others:
+    if targets and decoys:
         z = NormalDist().inv_cdf
-        z_hit, z_false_alarm = z((hits + 0.5) / (targets + 1)), z((false_alarms + 0.5) / (others + 1))
+        z_hit, z_false_alarm = z((hits + 0.5) / (targets + 1)), z((false_alarms + 0.5) / (decoys + 1))
         d_prime, criterion = z_hit - z_false_alarm, -(z_hit + z_false_alarm) / 2
     return {
         "events": len(rows),
@@ -54,7 +54,7 @@ def score(rows: Sequence[JudgementRow]) -> dict[str, Any]:
         "misses": misses,
         "false_alarms": false_alarms,
         "correct_rejections": rejections,
-        "unjudged": len(rows) - targets - others,
+        "unjudged": len(rows) - targets - decoys,
         "share_right": (hits + rejections) / len(rows) if rows else None,
         "d_prime": d_prime,
         "criterion": criterion,
@@ -73,7 +73,7 @@ def judgement_rows(
         given = answers.get(number, [])
         answer, answered_s = given[-1] if given else ("", None)
         changes = sum(now[0] != before[0] for before, now in pairwise(given))
-        yield JudgementRow(number, event, TARGET if event in targets else OTHER, answer, answered_s, changes)
+        yield JudgementRow(number, event, TARGET if event in targets else DECOY, answer, answered_s, changes)
 
 
 def _judged(folder: Path, outcome: Outcome) -> list[JudgementRow] | None:

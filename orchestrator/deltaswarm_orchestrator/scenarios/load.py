@@ -13,7 +13,7 @@ import tomli_w
 
 from deltaswarm_scenario.autonomy import OPERATOR, SWARM
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
-from deltaswarm_scenario.operator_settings import SET_DELTA
+from deltaswarm_scenario.operator_settings import NO_ORDERS, SET_DELTA
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
@@ -105,7 +105,8 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     if operator.person.commands and operator.autonomy.sets_delta != OPERATOR:
         wrong = "must be operator with a simulated person that sets delta, or that person's policy none"
         problems.append(Problem("operator.autonomy.sets_delta", repr(operator.autonomy.sets_delta), wrong))
-    if unknown := [order for order in operator.page.orders if named(forms, order) is None]:
+    orders = () if operator.page.orders == NO_ORDERS else operator.page.orders
+    if unknown := [order for order in orders if named(forms, order) is None]:
         wrong = f"must be orders that {scenario.control.mode} accepts: {names}"
         problems.append(Problem("operator.page.orders", ", ".join(unknown), wrong))
     for number, command in enumerate(scenario.command):

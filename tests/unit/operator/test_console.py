@@ -86,7 +86,7 @@ def test_a_reported_event_is_judged_and_another_is_not() -> None:
     one = Console(briefing(**TASK))
     assert json.loads(one.hello("run"))["goal"] == "Find the targets."
     close(one, 0, report(1, 0))
-    assert say(one, "judge", event=1, answer="other") == say(one, "judge", event=1, answer="target") == []
+    assert say(one, "judge", event=1, answer="decoy") == say(one, "judge", event=1, answer="target") == []
     for wrong in (
         {"event": 2, "answer": "target"},
         {"event": [1], "answer": "target"},
@@ -95,12 +95,12 @@ def test_a_reported_event_is_judged_and_another_is_not() -> None:
     ):
         [refused] = say(one, "judge", **wrong)
         assert refused["type"] == "refused"
-    by_conductor = json.dumps({"type": "judge", "event": 1, "answer": "other"}).encode()
+    by_conductor = json.dumps({"type": "judge", "event": 1, "answer": "decoy"}).encode()
     assert json.loads(carry_out(one, by_conductor, 0.0, CONDUCTOR)[0])["type"] == "refused"
     other = Console(briefing(**TASK))
     other.restore(0, json.loads(json.dumps(one.state())))
     assert shown(one)["judged"] == shown(other)["judged"] == [[1, "target"]]
-    assert [(act.kind, act.name, act.event) for act in one.actions] == [("judge", "other", 1), ("judge", "target", 1)]
+    assert [(act.kind, act.name, act.event) for act in one.actions] == [("judge", "decoy", 1), ("judge", "target", 1)]
 
 
 def test_without_a_task_nothing_is_judged() -> None:

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from deltaswarm_orchestrator.participants.again import score_form
 from deltaswarm_orchestrator.results.judgements import judgement_rows, score
 from deltaswarm_scenario.person_tables import JudgementRow
-from deltaswarm_scenario.task import OTHER, TARGET
+from deltaswarm_scenario.task import DECOY, TARGET
 
 
 def rows(hits: int, misses: int, false_alarms: int, rejections: int, unjudged: int = 0) -> list[JudgementRow]:
     """So many events of each kind."""
-    kinds = {(TARGET, TARGET): hits, (TARGET, OTHER): misses, (OTHER, TARGET): false_alarms, (OTHER, OTHER): rejections}
-    kinds[OTHER, ""] = unjudged
+    kinds = {(TARGET, TARGET): hits, (TARGET, DECOY): misses, (DECOY, TARGET): false_alarms, (DECOY, DECOY): rejections}
+    kinds[DECOY, ""] = unjudged
     return [JudgementRow(0, 0, *kind, None, 0) for kind, count in kinds.items() for _ in range(count)]
 
 
@@ -58,11 +58,11 @@ def test_the_last_judgement_counts() -> None:
     def act(time_s: float, event: int, name: str) -> Mapping[str, Any]:
         return {"kind": "judge", "time_s": str(time_s), "event": str(event), "name": name}
 
-    acts = [act(3, 1, OTHER), {"kind": "read"}, act(4, 1, TARGET), act(5, 1, TARGET), act(6, 2, TARGET)]
+    acts = [act(3, 1, DECOY), {"kind": "read"}, act(4, 1, TARGET), act(5, 1, TARGET), act(6, 2, TARGET)]
     made = list(judgement_rows([(1, 77), (2, 78), (3, 79)], {77, 79}, acts))
     assert made == [
         JudgementRow(1, 77, TARGET, TARGET, 5.0, 1),
-        JudgementRow(2, 78, OTHER, TARGET, 6.0, 0),
+        JudgementRow(2, 78, DECOY, TARGET, 6.0, 0),
         JudgementRow(3, 79, TARGET, "", None, 0),
     ]
 

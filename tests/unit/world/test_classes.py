@@ -13,7 +13,7 @@ from deltaswarm_world.core.classes import EventClasses
 from tests.swarms.test_checkpoint_cores import digests
 
 SIZE_M = np.array([100.0, 100.0])
-TASK = "operator.task={target_share=0.5, target_jump_m=0.5, other_jump_m=4, jump_every_s=3}"
+TASK = "operator.task={target_share=0.5, target_jump_m=0.5, decoy_jump_m=4, jump_every_s=3}"
 
 
 def classes(seed: int = 0, **table: Any) -> EventClasses:
@@ -32,7 +32,7 @@ def test_the_share_of_targets_is_as_asked(share: float) -> None:
 
 def test_each_class_jumps_as_far_as_asked() -> None:
     """Along x and y, within an interval not at all, and never out of the arena."""
-    one = classes(target_share=0.5, target_jump_m=0.3, other_jump_m=2.0, jump_every_s=10.0)
+    one = classes(target_share=0.5, target_jump_m=0.3, decoy_jump_m=2.0, jump_every_s=10.0)
     for event in range(6):
         places_m = np.array([one.as_sensed(event, 50.0, 50.0, number)[1:] for number in range(1500)])
         jump_m = 0.3 if one.is_target(event) else 2.0

@@ -30,7 +30,7 @@ class EventClasses:
     def as_sensed(self, event: int, x_m: float, y_m: float, interval: int) -> Event:
         """Return an event at the place where it is sensed in an interval, within the arena."""
         if event not in self._jumps_m:
-            self._jumps_m[event] = self._task.target_jump_m if self.is_target(event) else self._task.other_jump_m
+            self._jumps_m[event] = self._task.target_jump_m if self.is_target(event) else self._task.decoy_jump_m
         error_m = self._jumps_m[event] * generator(self._seed, JUMP_STREAM, event, interval).standard_normal(2)
         place_m = np.minimum(np.maximum(error_m + np.array((x_m, y_m)), 0.0), self._size_m)
         return Event(event, *place_m.tolist())

@@ -229,12 +229,12 @@ function take(message) {
  * @param {string} why
  */
 function refused(id, why) {
-  if (commands.refused(id, why)) return;
+  if (commands.refused(id, why) || id === "page") return; // nobody asked for what the page notes by itself
   app.say(t("Not accepted: {why}.", { why: retell(why) }));
-  if (id === null || id === "isa") isa.reopen();
-  tlx.reopen(why);
-  form.reopen(why);
-  session.reopen(why);
+  if (id === "isa") isa.reopen();
+  else if (id === "tlx") tlx.reopen(why);
+  else if (id === "form") form.reopen(why);
+  else if (id === "sheet") session.reopen(why);
 }
 
 const link = new Link(take, (nowOpen) => {
@@ -270,7 +270,7 @@ const shortcuts = [
   { keys: ["e"], words: later("to events"), act: () => go("tab-events", "tab-events") },
   { keys: ["v"], words: later("veto a change of delta"), act: () => autonomy.veto() },
   { keys: ["x"], words: later("judge the selected event: a target"), act: () => task.judge("target") },
-  { keys: ["z"], words: later("judge the selected event: another"), act: () => task.judge("other") },
+  { keys: ["z"], words: later("judge the selected event: a decoy"), act: () => task.judge("decoy") },
   { keys: ["n"], words: later("to notes"), act: () => go("tab-notes", "note-text") },
   { keys: ["j"], words: later("next message"), act: () => inbox.step(1) },
   { keys: ["k"], words: later("message before"), act: () => inbox.step(-1) },

@@ -6,7 +6,7 @@ import { eventName } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 
-const CLASSES = [later("target"), later("other")];
+const CLASSES = [later("target"), later("decoy")];
 
 export class TaskPanel {
   /** @param {App} app */

@@ -198,8 +198,10 @@ def test_a_plan_without_a_metric_has_a_line_for_each(tmp_path: Path, capsys: Pri
 @pytest.mark.parametrize(
     ("participants", "conditions", "options", "said"),
     [
-        (3, 2, ["--metric", "tlx_raw", "--test", "t"], "at least 4 participants (got 3: 1, 2, 3)"),
-        (5, 2, ["--metric", "tlx_raw"], "at least 6 participants, to adjust for position and stream (got 5: 1, 2,"),
+        (3, 2, ["--metric", "tlx_raw", "--test", "t"], "at least 4 participants (got 3, which are 1, 2, 3)"),
+        (5, 2, ["--metric", "tlx_raw"], "at least 6 participants, to adjust for position and stream (got 5, which"),
+        (1, 2, ["--metric", "tlx_raw"], "at least 6 participants, to adjust for position and stream (got 1, which is"),
+        (1, 2, [], "at least 6 participants"),
         (5, 2, ["--metric", "tlx"], "--metric must be one of tlx_raw, isa (got 'tlx')"),
         (6, 2, ["--metric", "isa"], "varies (got 1 of each)"),
         (5, 3, [], "--conditions must be two of A, B, C (got none, and the session has 3)"),

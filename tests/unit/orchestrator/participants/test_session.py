@@ -244,6 +244,27 @@ def test_questions_that_come_too_fast_are_warned_of(speed: float, every_s: float
     assert bool(cli_run.isa_warning(scenario, speed)) == warns
 
 
+@pytest.mark.parametrize(
+    ("orders", "warns"), [("[]", True), ("['set delta']", True), ("['none']", False), ("['recall']", False)]
+)
+def test_an_order_that_undoes_a_condition_is_warned_of(
+    orders: str, warns: bool, tmp_path: Path, capsys: Printed
+) -> None:
+    """Its field shows what the conditions vary, and it changes it."""
+    file = a_file(tmp_path, 2)
+    file.write_text(file.read_text().replace('["control', f'["operator.page.orders={orders}", "control'))
+    assert main(["session", str(file), "--participant", "1", "--out", str(tmp_path / "out"), "--dry-run"]) == 0
+    assert ("the conditions vary delta" in capsys.readouterr().err) == warns
+
+
+@pytest.mark.parametrize("probe", ["sagat_at_s", "spam_at_s"])
+def test_a_question_after_the_end_is_refused(probe: str) -> None:
+    """It would never be asked."""
+    load_scenario("smoke", ["run.duration_s=60", f"operator.probes.{probe}=[30, 59]"])
+    with pytest.raises(SettingsError, match=rf"operator.probes.{probe} .*60"):
+        load_scenario("smoke", ["run.duration_s=60", f"operator.probes.{probe}=[30, 60]"])
+
+
 FORMS = """
 [[session.form]]
 name = "you"

@@ -21,6 +21,7 @@ from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.complaints import Printed
+from tests.support.pages import ROOT
 from tests.unit.orchestrator.participants.test_session import FORMS, a_file
 
 ALWAYS = {
@@ -222,3 +223,9 @@ def test_a_session_whose_training_is_not_enough(
         assert len(runs.done) == count
     participant, _ = tables(file, tmp_path)
     assert (participant["training_runs"], participant["training_outcome"]) == ("2", "not reached")
+
+
+def test_the_page_names_every_metric() -> None:
+    """Before a session there is no table whose columns could be looked up."""
+    page = (ROOT / "docs" / "SESSION.md").read_text(encoding="utf-8")
+    assert [name for name in MEASURES if f"`{name}`" not in page] == []
