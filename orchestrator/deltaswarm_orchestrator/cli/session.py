@@ -24,6 +24,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     show,
     whole,
 )
+from deltaswarm_orchestrator.participants import outline
 from deltaswarm_orchestrator.participants.again import ask_again, score_form, unanswered
 from deltaswarm_orchestrator.participants.record import (
     RECORD,
@@ -92,7 +93,9 @@ def add_session(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--researcher", action="store_true", help="also serve the conductor's page, which shows the truth"
     )
-    add_dry_run(command, "the runs, in the order of the file as long as the session has not begun")
+    add_dry_run(
+        command, "the runs, their length and what they ask, in the order of the file while the session has not begun"
+    )
     _add_question(command.add_argument_group("with --plan"))
     add_quiet(command)
     add_json(command)
@@ -150,17 +153,8 @@ def session(arguments: argparse.Namespace) -> int:
         if warning:
             notice(warning)
     if arguments.dry_run:
-        has_begun = (folder / RECORD).exists()
-        labels = [settings.training.label, *(condition.label for condition in settings.condition)]
-        if has_begun:
-            labels = [run.label for run in planned]
-        lines = [f"{place} {label}" for place, label in enumerate(labels[: None if has_begun else 1])]
-        lines += (
-            []
-            if has_begun
-            else [f"then, in an order that is shown once the session has begun: {', '.join(labels[1:])}"]
-        )
-        show(arguments, labels, "\n".join(lines))
+        outlined = outline.outline(settings, planned, is_concealed=not (folder / RECORD).exists())
+        show(arguments, outlined, outline.text(outlined))
         return OK
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -88,6 +88,7 @@ class SessionSettings:
         choices=(CROSSED, OWN),
     )
     consent: str = key("", "a text file that a participant must agree to before the first run")
+    set: tuple[str, ...] = key((), "scenario keys of all runs, as key=value; a run's own set goes last")
     language: str = key("", "language of the page, as operator.page.language; a file is in the same folder")
     form: tuple[SessionFormSettings, ...] = key((), "forms that are filled in besides the runs")
     training: TrainingSettings = key(
@@ -168,6 +169,7 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         overrides = [
             *DEFAULTS,
             *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),
+            *settings.set,
             *condition.set,
         ]
         overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]

@@ -131,13 +131,12 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     monkeypatch.setattr(cli_run, "run_and_report", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
     assert main([*command, "--dry-run"]) == 0
-    first, others = capsys.readouterr().out.splitlines()
-    assert first == "0 training"
-    assert others.endswith(": A, B, C")
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in printed[:5]] == ["run", "training", "A", "B", "C"]
     assert main(command) == 1
     capsys.readouterr()
     assert main([*command, "--dry-run", "--json"]) == 0
-    order = json.loads(capsys.readouterr().out)
+    order = [run["label"] for run in json.loads(capsys.readouterr().out)["runs"]]
     assert order == ["training", *("ABC"[index] for index, _ in order_of(7, 3, seed=1))]
     assert main([*command, "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -230,6 +229,31 @@ def test_a_run_whose_questions_lack_answers_is_named(
     runs = json.loads((out / "participant-001" / "session.json").read_text())["runs"]
     missing = {run["condition"]: run["attempts"][0]["answers_missing"] for run in runs}
     assert missing == {"training": 0, "A": 0, "B": 1, "C": 0}
+
+
+def test_a_session_is_outlined_before_anybody_sits_there(tmp_path: Path, capsys: Printed) -> None:
+    """How long it takes, what is asked, and what all runs share; a run's own keys win."""
+    file = a_file(tmp_path, 2, FORMS)
+    shared = 'set = ["run.duration_s=600", "operator.probes.sagat_at_s=[30]", "operator.task.target_share=0.5"]\n'
+    text = file.read_text().replace("[session]\n", f"[session]\n{shared}")
+    file.write_text(text.replace('["control.delta=3', '["operator.probes.tlx=true", "control.delta=3'))
+    command = ["session", str(file), "--participant", "1", "--out", str(tmp_path / "out"), "--dry-run"]
+    assert main([*command, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [(run["label"], run["simulated_s"], run["wall_min"]) for run in told["runs"]] == [
+        ("training", 60.0, 0.2),
+        ("A", 600.0, 2.0),
+        ("B", 600.0, 2.0),
+    ]
+    assert told["wall_min"] == pytest.approx(4.2)
+    assert [run["asks"][1:] for run in told["runs"]] == [
+        ["SAGAT at 30 s", "task"],
+        ["SAGAT at 30 s", "task"],
+        ["SAGAT at 30 s", "NASA-TLX", "task"],
+    ]
+    assert told["forms"]["you"] == "before"
+    assert main(command) == 0
+    assert "ISA every 120 to 150 s; SAGAT at 30 s; NASA-TLX; task" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
