@@ -13,6 +13,8 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.participants.design import order_of
 from deltaswarm_orchestrator.participants.record import RECORD
 from deltaswarm_orchestrator.participants.session import load_session, plan
+from deltaswarm_orchestrator.results.run_tables import write_csv
+from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from tests.support.pages import ROOT, commands
@@ -35,6 +37,9 @@ def a_study(out: Path, rng: Random) -> None:
             run = folder / f"{place}-{label}"
             run.mkdir(parents=True)
             (run / "summary.json").write_text(json.dumps({**summary, "person": {"tlx": {"raw": workload}, "isa": 3.0}}))
+            asked = ("you", "trust", "trust"), ("age", "reliable", "why"), ("30", "6", "It was quick.")
+            rows = [ProbeRow(probe, 0, item, value, 60.0, None) for probe, item, value in zip(*asked, strict=True)]
+            write_csv(run / "probes.csv", ProbeRow._fields, rows)
             attempt = {"folder": run.name, "complete": True, "answers_missing": 0}
             runs.append({"place": place, "condition": label, "stream": stream, "attempts": [attempt]})
         (folder / RECORD).write_text(json.dumps({"participant": participant, "runs": runs}))
@@ -50,7 +55,8 @@ def test_the_model_of_the_page_finds_the_effect(tmp_path: Path, monkeypatch: pyt
     code = "".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
     found: dict[str, object] = {}
     exec(code.replace("print(smf", "model = (smf").replace(".summary())", ")"), found)
-    model = found["model"]
+    model, runs = found["model"], found["runs"]
+    assert set(runs.reliable) == {6}  # type: ignore[attr-defined]
     effect, error = (getattr(model, name)["C(condition)[T.B]"] for name in ("params", "bse"))
     assert error < 3.0
     assert abs(effect - EFFECT) < 3 * error
