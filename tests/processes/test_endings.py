@@ -194,7 +194,8 @@ def test_a_swarm_that_started_nothing_ends_no_other_child(tmp_path: Path, monkey
     """In a container, processes of a session that began outside have session 0."""
     monkeypatch.setattr(launch.FORK_SERVER, "_forkserver_pid", None)
     with swarm_of("", tmp_path) as (swarm, process):
-        monkeypatch.setattr(kernel, "_processes", lambda: iter([(process.pid, os.getpid(), 0)]))
+        found = [[], [(process.pid, os.getpid(), 0)]]
+        monkeypatch.setattr(kernel, "_processes", found.pop)
         swarm.parts.clear()
         swarm.end()
         assert process.poll() is None
