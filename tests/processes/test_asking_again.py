@@ -14,11 +14,11 @@ from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
 
-FILE = """
+TRAINING = """
 schema = 1
 
 [session]
-speed = 0
+speed = {}
 
 [session.training]
 label = "training"
@@ -28,13 +28,15 @@ set = ["run.duration_s=5", "operator.probes.isa_every_s=0"]
 [[session.condition]]
 label = "A"
 scenario = "smoke"
+"""
+FILE = f"""{TRAINING.format(0)}
 set = ["run.duration_s=5", "operator.probes.isa_every_s=0", "operator.probes.tlx=true"]
 
 [[session.form]]
 name = "trust"
 question = [
-    { name = "reliable", text = "The swarm is reliable." },
-    { name = "why", text = "Why?", kind = "text", required = false },
+    {{ name = "reliable", text = "The swarm is reliable." }},
+    {{ name = "why", text = "Why?", kind = "text", required = false }},
 ]
 """
 SCALES = {"mental": 60, "physical": 0, "temporal": 60, "performance": 0, "effort": 60, "frustration": 0}
@@ -115,20 +117,7 @@ def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
     assert subprocess.run(command, check=False, **options).returncode == 0  # nothing is left to ask
 
 
-TASK = """
-schema = 1
-
-[session]
-speed = 30
-
-[session.training]
-label = "training"
-scenario = "smoke"
-set = ["run.duration_s=5", "operator.probes.isa_every_s=0"]
-
-[[session.condition]]
-label = "A"
-scenario = "smoke"
+TASK = f"""{TRAINING.format(30)}
 set = ["run.duration_s=120", "operator.probes.isa_every_s=0", "operator.task.target_share=0.9", "events.rate_hz=0.5"]
 """
 

@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     whole,
 )
 from deltaswarm_orchestrator.participants import outline
-from deltaswarm_orchestrator.participants.again import ask_again, score_form, unanswered
+from deltaswarm_orchestrator.participants.again import ask_again, score_form, show_score, unanswered
 from deltaswarm_orchestrator.participants.record import (
     RECORD,
     Attempt,
@@ -50,7 +50,7 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, keys_of, language_at, load_scenario
-from deltaswarm_scenario.operator_settings import ProbeSettings, begun_with
+from deltaswarm_scenario.operator_settings import begun_with
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import forms_of
@@ -288,7 +288,7 @@ def _ask_again(
     if station is None or (probes is None and score is None):
         return
     if score is not None:
-        ask_again(folder, scenario, ProbeSettings(isa_every_s=0.0, form=(score,)), station)
+        show_score(folder, scenario, score, station)
     if probes is None:
         return
     asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])

@@ -3,7 +3,6 @@
 Those about a moment of the run (ISA, SAGAT, SPAM) are not asked again.
 """
 
-import csv
 import os
 import subprocess
 import sys
@@ -13,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.processes.station import Station, write_briefing
+from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.situation import PROBES
 from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
 from deltaswarm_scenario.questions import AFTER, FormSettings, tlx_scores
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 
-PROBES, SCORE = "probes.csv", "score"
+SCORE = "score"
 Row = dict[str, str]
 
 
@@ -51,8 +52,15 @@ def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
 
 def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:
     """Ask on the station's page, until all is answered, the time is over or a signal ends it."""
-    is_score = [form.name for form in probes.form] == [SCORE]
-    out = folder.with_name(f"{folder.name}.{SCORE if is_score else f'again-{len(_folders(folder)) + 1}'}")
+    _ask(folder.with_name(f"{folder.name}.again-{len(_folders(folder)) + 1}"), scenario, probes, station)
+
+
+def show_score(folder: Path, scenario: Scenario, score: FormSettings, station: Station) -> None:
+    """Show the score of a run on the station's page, until the person goes on, or as above."""
+    _ask(folder.with_name(f"{folder.name}.{SCORE}"), scenario, ProbeSettings(isa_every_s=0.0, form=(score,)), station)
+
+
+def _ask(out: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:
     out.mkdir()
     briefing = write_briefing(out, replace(scenario, operator=replace(scenario.operator, probes=probes)), None)
     command = [sys.executable, "-P", "-m", "deltaswarm_operator.io.asking"]
@@ -60,19 +68,13 @@ def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: 
     subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: station.token}, check=False)
 
 
-def rows_of(file: Path) -> list[Row]:
-    """Return the rows of a table of a run; none if there is no such table."""
-    if not file.exists():
-        return []
-    with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
-
-
 def answers(folder: Path) -> list[Row]:
     """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
     later = _later(folder)
     given = {(row["probe"], row["item"]) for row in later}
-    first = [row for row in rows_of(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
+    first = [
+        row for row in read_rows(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given
+    ]
     return [*first, *later]
 
 
@@ -91,7 +93,7 @@ def with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
 
 def _later(folder: Path) -> list[Row]:
     """Return the answers that were given after a run."""
-    return [row for again in _folders(folder) for row in rows_of(again / PROBES) if row["answered_utc"]]
+    return [row for again in _folders(folder) for row in read_rows(again / PROBES) if row["answered_utc"]]
 
 
 def _folders(folder: Path) -> list[Path]:

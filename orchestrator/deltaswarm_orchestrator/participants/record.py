@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.participants.again import rows_of, with_later_answers
+from deltaswarm_orchestrator.participants.again import with_later_answers
 from deltaswarm_orchestrator.participants.session import PlannedRun
 from deltaswarm_orchestrator.participants.training import OPEN, REACHED
+from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_orchestrator.results.situation import SITUATION
 from deltaswarm_scenario.scenario import Scenario
 
@@ -85,7 +86,7 @@ def summary_of(run: Path) -> dict[str, Any]:
     Raises CommandError, as above.
     """
     summary = with_later_answers(run, read_file(run / SUMMARY, "complete"))
-    if rows := rows_of(run / SITUATION):
+    if rows := read_rows(run / SITUATION):
         share = sum(row["is_right"] == "1" for row in rows) / len(rows)
         summary["person"] = {**(summary.get("person") or {}), "situation_right_share": share}
     return summary

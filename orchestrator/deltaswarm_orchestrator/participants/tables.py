@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.participants.again import PROBES, answers, rows_of
+from deltaswarm_orchestrator.participants.again import answers
 from deltaswarm_orchestrator.participants.record import RECORD, read_record, summary_of
 from deltaswarm_orchestrator.participants.variables import KEYS, PARTICIPANT, RUN, value_at
+from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.situation import PROBES
 from deltaswarm_scenario.person_tables import TABLES, columns_of
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
@@ -67,7 +69,7 @@ def _participant(record: Row) -> Row:
 
 def _rows(run: Path, name: str) -> list[dict[str, str]]:
     file = run / f"{name}.csv"
-    return answers(run) if file.name == PROBES else rows_of(file)
+    return answers(run) if file.name == PROBES else read_rows(file)
 
 
 _TOLD = ("type", "unit", "meaning")

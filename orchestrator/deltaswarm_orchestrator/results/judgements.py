@@ -4,7 +4,6 @@ d' and the criterion c are those of signal detection theory (Green and Swets 196
 (1995) keeps them finite at a rate of 0 or 1.
 """
 
-import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -12,12 +11,13 @@ from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
+from deltaswarm_orchestrator.recording.names import ACTIONS
 from deltaswarm_orchestrator.results.metrics import Outcome
-from deltaswarm_orchestrator.results.run_tables import write_csv
+from deltaswarm_orchestrator.results.run_tables import read_rows, write_csv
 from deltaswarm_scenario.person_tables import JudgementRow
 from deltaswarm_scenario.task import DECOY, TARGET
 
-ACTIONS, EVENT_NUMBERS, JUDGEMENTS = "actions.csv", "event_numbers.csv", "judgements.csv"
+EVENT_NUMBERS, JUDGEMENTS = "event_numbers.csv", "judgements.csv"
 
 
 def write_judgements(folder: Path, outcome: Outcome) -> None:
@@ -81,12 +81,5 @@ def _judged(folder: Path, outcome: Outcome) -> list[JudgementRow] | None:
     targets = outcome.world.get("targets")
     if targets is None or not (folder / EVENT_NUMBERS).exists():
         return None
-    numbers = [(int(row["number"]), int(row["event"])) for row in _rows(folder / EVENT_NUMBERS)]
-    return list(judgement_rows(numbers, set(targets), _rows(folder / ACTIONS)))
-
-
-def _rows(file: Path) -> list[dict[str, str]]:
-    if not file.exists():
-        return []
-    with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+    numbers = [(int(row["number"]), int(row["event"])) for row in read_rows(folder / EVENT_NUMBERS)]
+    return list(judgement_rows(numbers, set(targets), read_rows(folder / ACTIONS)))

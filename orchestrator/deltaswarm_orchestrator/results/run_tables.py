@@ -148,6 +148,14 @@ def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
     part.replace(file)
 
 
+def read_rows(file: Path) -> list[dict[str, str]]:
+    """Return the rows of a table of a run; none if there is no such table."""
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
 def _lost_by_agent(outcome: Outcome) -> str:
     """Name the agents that lost most messages, most first; empty if that is not known."""
     lost = Counter({agent: counts["lost"] for agent, counts in (outcome.operator.get("per_sender") or {}).items()})

@@ -1,12 +1,11 @@
 """Compare answers about the situation (SAGAT, SPAM) with the truth of the moment: `situation.csv`."""
 
-import csv
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from deltaswarm_orchestrator.results.metrics import Outcome
-from deltaswarm_orchestrator.results.run_tables import write_csv
+from deltaswarm_orchestrator.results.run_tables import read_rows, write_csv
 from deltaswarm_scenario.operator_settings import SAGAT, SPAM
 from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.questions import IN_TREES, MOST_EVENTS, OPEN_EVENTS, QUARTERS, TREES
@@ -18,11 +17,7 @@ SITUATION, PROBES = "situation.csv", "probes.csv"
 
 def write_situation(folder: Path, outcome: Outcome, scenario: Scenario) -> None:
     """Write the table, if the person was asked about the situation."""
-    file = folder / PROBES
-    if not file.exists():
-        return
-    with file.open(newline="", encoding="utf-8") as stream:
-        answers = [row for row in csv.DictReader(stream) if row["probe"] in (SAGAT, SPAM)]
+    answers = [row for row in read_rows(folder / PROBES) if row["probe"] in (SAGAT, SPAM)]
     if answers:
         rows = score(answers, outcome.step_records, outcome.events, scenario)
         write_csv(folder / SITUATION, SituationRow._fields, rows)
