@@ -87,7 +87,7 @@ _ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
 }
 """Fields of rows in a flat array, which a report without any leaves out: rows, most of them, C types that their
 items fit, and their bounds."""
-_REPORT_FIELDS = tuple(name for name in Report._fields if name not in (*_ROWS, "delta"))
+_REPORT_FIELDS = tuple(name for name in Report._fields if name != "delta" and name not in _ROWS)
 
 
 def encode_report(report: Report) -> bytes:

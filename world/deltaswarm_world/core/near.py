@@ -1,11 +1,13 @@
 """Search for neighbours."""
 
+from typing import TypeAlias
+
 import numpy as np
 import numpy.typing as npt
 
 from deltaswarm_world.core.arrays import Floats
 
-Indices = npt.NDArray[np.intp]
+Indices: TypeAlias = npt.NDArray[np.intp]
 
 FEW_PAIRS = 10_000
 """Up to this number a full comparison is faster than a tree."""
