@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.bench import floors
+from deltaswarm_orchestrator.bench.noise import cpu_ticks, shares, spread, stolen_share
+from deltaswarm_orchestrator.bench.own_traffic import own_traffic_steps_per_s
 from deltaswarm_orchestrator.bench.scale import in_turns, median_of, memory_mb
+from deltaswarm_orchestrator.bench.traffic import traffic_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
@@ -37,15 +40,23 @@ def bench_scenario(agents: int, steps: int) -> Scenario:
 
 
 def measure(agents: int, steps: int) -> dict[str, Any]:
-    """Make all measurements in turns; return medians of the rounds, and the largest `agent_pss_mb`."""
+    """Make all measurements in turns; return medians of the rounds, and the largest `agent_pss_mb`.
+
+    `own_traffic` is the floor that sends the very samples of the measured scenario. A ratio is None if its floor varied
+    too much over the rounds; `no_ratio_because` then says so.
+    """
     scenario = bench_scenario(agents, steps)
+    traffic = traffic_of(scenario)
+    began = cpu_ticks()
     rounds = []
     for _ in range(ROUNDS):
-        rates = _swarm(scenario)  # first, because the fork server's preloads are set only once
-        rates["sockets"] = floors.sockets_steps_per_s(agents, steps)
-        rates["zenoh"] = floors.zenoh_steps_per_s(agents, steps)
-        costs = in_turns({"": scenario}, steps, warm_up_steps=0)[""]
-        rounds.append({**rates, **costs, "share": rates["swarm"] / rates["zenoh"]})
+        row = _swarm(scenario)  # first, because the fork server's preloads are set only once
+        row["sockets"] = floors.sockets_steps_per_s(agents, steps)
+        row["zenoh"] = floors.zenoh_steps_per_s(agents, steps)
+        row["own_traffic"] = own_traffic_steps_per_s(traffic)
+        rounds.append(row | in_turns({"": scenario}, steps, warm_up_steps=0)[""])
+    by_floor = {name: [row[name] for row in rounds] for name in ("zenoh", "own_traffic")}
+    ratios, why_not = shares([row["swarm"] for row in rounds], by_floor)
     median = median_of(rounds)
     return {
         "agents": agents,
@@ -53,12 +64,17 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
         "rounds": ROUNDS,
         "sockets_floor_steps_per_s": median["sockets"],
         "zenoh_floor_steps_per_s": median["zenoh"],
+        "own_traffic_floor_steps_per_s": median["own_traffic"],
         "swarm_steps_per_s": median["swarm"],
-        "swarm_share_of_zenoh_floor": median["share"],
+        **{f"swarm_share_of_{name}_floor": ratio for name, ratio in ratios.items()},
+        "no_ratio_because": why_not,
+        "floor_spread": {name: spread(values) for name, values in by_floor.items()},
+        "stolen_share": stolen_share(began, cpu_ticks()),
         "in_process_steps_per_s": 1e6 / median["step_us"],
         "step_us": {
             "whole": 1e6 / median["swarm"],
             "zenoh_floor": 1e6 / median["zenoh"],
+            "own_traffic_floor": 1e6 / median["own_traffic"],
             "world": median["world_us"],
             "agents": median["agents_us"],
         },

@@ -41,6 +41,12 @@ END_WITHIN_S = 5.0
 PYTHON_S = 8.0
 """Time that a process may take to import its modules, on top of its start timeout [s]."""
 
+HANDSHAKE_MS = 60_000
+"""Time in which a client must have joined the router; Zenoh's 10 s are too short when a thousand do so at once."""
+
+OTHER_SESSIONS = 64
+"""Room for sessions besides the agents': operator, recorder, and processes replaced before the router notices."""
+
 
 class LaunchError(Exception):
     """A required part did not start, or ended too early."""
@@ -156,6 +162,16 @@ class Starter:
             yield
         finally:
             timer.cancel()
+
+
+def room_for(agents: int) -> list[tuple[str, str]]:
+    """Return Zenoh settings for router and clients that let all agents join at once.
+
+    Zenoh's defaults are 1,000 sessions and 100 handshakes at a time.
+    """
+    sessions = str(agents + OTHER_SESSIONS)
+    rooms = [(f"transport/unicast/{name}", sessions) for name in ("max_sessions", "accept_pending")]
+    return rooms + [(f"transport/unicast/{side}_timeout", str(HANDSHAKE_MS)) for side in ("open", "accept")]
 
 
 def _command_line(options: Options) -> list[str]:

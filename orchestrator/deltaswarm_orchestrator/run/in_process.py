@@ -21,6 +21,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD
+from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
@@ -53,6 +54,8 @@ class InProcess:
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
         """The errors of agents whose controller failed, one line each."""
+        self.exchanged: list[tuple[int, Frame, StepOutput]] = []
+        """(agent, its frame, its answer) of each agent asked in the last step."""
 
     def _agent(self, agent: int) -> AgentCore:
         settings = self.scenario.for_agent(agent)
@@ -74,15 +77,15 @@ class InProcess:
         self._inject(step, sink)
         frames = world.begin(step, last)
         began = time.perf_counter()
-        outputs: list[tuple[int, StepOutput]] = []
+        self.exchanged = []
         for agent, frame in frames:
             try:
-                outputs.append((agent, self.agents[agent].step(frame)))
+                self.exchanged.append((agent, frame, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
                 self.failed.append(f"agent {agent}: {error}")
                 world.participants.token_gone(agent)
         self.agents_s += time.perf_counter() - began
-        for agent, (act, act_bytes, counter, radio, report, report_bytes) in outputs:
+        for agent, _, (act, act_bytes, counter, radio, report, report_bytes) in self.exchanged:
             if radio is not None:
                 world.intake.accept_radio(agent, counter, radio)
                 if sink is not None:
