@@ -4,9 +4,11 @@ The only file that combines the parts. It makes the same bytes in the same order
 the same.
 """
 
+import gc
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from logging import WARNING
 from typing import Any
 
@@ -14,6 +16,7 @@ from deltaswarm_agent.controller import Controller, ControllerError, make_contro
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -110,6 +113,20 @@ class InProcess:
         return workload
 
 
+@contextmanager
+def rare_garbage_collections() -> Iterator[None]:
+    """Let Python collect garbage as rarely as in the parts' own processes.
+
+    A step makes no reference cycles, and a collection takes the longer the more agents there are.
+    """
+    thresholds = gc.get_threshold()
+    gc.set_threshold(GC_THRESHOLD)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
+
+
 def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
     """Trace an agent's frames to another agent, or its reports to the operator (None), from the next step on."""
     if receiver is None:
@@ -125,6 +142,7 @@ def explain(swarm: InProcess, receiver: int | None) -> tuple[list[dict[str, Any]
     return [finding._asdict() for finding in findings], outcomes
 
 
+@rare_garbage_collections()
 def run_in_process(
     scenario: Scenario,
     sink: Sink | None = None,
