@@ -1,6 +1,7 @@
 """Start single processes of a run from the fork server."""
 
 import multiprocessing
+import multiprocessing.process
 import os
 import socket
 import threading
@@ -9,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.processes import entry_point
@@ -34,6 +36,10 @@ PRELOADED = [
 
 Options = Mapping[str, object]
 """Options of a command line: True is a flag, a list repeats its option, None and False leave it out."""
+
+STARTED: set[Any] = getattr(multiprocessing.process, "_children", set())
+"""Python's own list of started processes. Each start polls all that are on it, which takes seconds of a thousand
+starts; parts are watched by `Part` and ended by `Swarm.end`, so they are taken off the list."""
 
 NO_CHANNELS: Mapping[str, socket.socket] = {}
 
@@ -114,6 +120,7 @@ class Starter:
             except (OSError, EOFError, ValueError) as error:
                 why = limits.reached(error) or f"the fork server ended ({error!r})"
                 raise LaunchError(f"{role} {number} cannot be started: {why}") from None
+        STARTED.discard(process)
         self.parts.append(part := Part(role, number, process, log_file))
         return part
 
