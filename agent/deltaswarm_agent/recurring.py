@@ -1,7 +1,9 @@
 """Actions that a controller repeats at an interval in seconds, whatever the length of a step."""
 
+from deltaswarm_wire.saved import Saved
 
-class Recurring:
+
+class Recurring(Saved):
     """Says when something is due again: at most a step late, and without drift.
 
     Args:

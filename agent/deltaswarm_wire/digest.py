@@ -7,12 +7,14 @@ hash of both parts.
 import hashlib
 import struct
 
+from deltaswarm_wire.saved import Saved
+
 _head = struct.Struct("<IHBI").pack
 ACT, RADIO, REPORT, COMMAND = 0, 1, 2, 3
 SIZE_BYTES = 16
 
 
-class Digest:
+class Digest(Saved):
     """A hash chain over (step, agent, kind, bytes) in step and agent order, one link per step.
 
     `state` suffices to resume later; it excludes messages since the last `end_step`.

@@ -20,6 +20,7 @@ from deltaswarm_wire.operator_messages import (
     keep_report,
 )
 from deltaswarm_wire.plugins import described
+from deltaswarm_wire.saved import Saved
 
 ENVELOPE_BYTES = 16
 """What a radio frame takes besides its payload and the commands that it relays."""
@@ -44,7 +45,7 @@ class StepOutput(NamedTuple):
     report_bytes: bytes | None
 
 
-class Receiver:
+class Receiver(Saved):
     """Decodes the envelopes of radio frames and keeps the newest frame of each sender."""
 
     def __init__(self, agent: int, step_s: float) -> None:
@@ -79,7 +80,7 @@ class Receiver:
         return sorted(newest.items()), relayed
 
 
-class AgentCore:
+class AgentCore(Saved):
     """One agent without input and output. `step` is its only mutating method.
 
     Args:

@@ -20,6 +20,7 @@ from deltaswarm_wire.commands import (
 )
 from deltaswarm_wire.envelope import fitting
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, SUPERSEDED, Answer
+from deltaswarm_wire.saved import Saved
 
 FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
 """Interval between the first two frames with a command; further intervals double, up to the longest."""
@@ -37,7 +38,7 @@ Verify = Callable[[Signed], bool]
 
 
 @dataclass
-class _Known:
+class _Known(Saved):
     """A command that is relayed or acknowledged."""
 
     signed: Signed
@@ -51,7 +52,7 @@ class _Known:
     state: int = HEARD
 
 
-class CommandRelay:
+class CommandRelay(Saved):
     """The commands that one agent knows. Steps are the agent's own.
 
     Args:

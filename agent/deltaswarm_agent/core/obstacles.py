@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from deltaswarm_wire.obstacles import signed_area_m2
+from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 EDGE_M = 1e-5
@@ -34,7 +35,7 @@ class Stride(NamedTuple):
     dy_m: float
 
 
-class Obstacles:
+class Obstacles(Saved):
     """The obstacles of an agent's map, and the edge of the arena around them."""
 
     def __init__(self, settings: AgentSettings) -> None:

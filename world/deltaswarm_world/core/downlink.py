@@ -14,6 +14,7 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import BASE_ID, Relayed, Signed, decode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
+from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator
@@ -28,7 +29,7 @@ NEVER = -1
 
 
 @dataclass
-class _Alive:
+class _Alive(Saved):
     """A command that is repeated until the step `ends`."""
 
     signed: Signed
@@ -37,7 +38,7 @@ class _Alive:
     """The step of the newest frame with it."""
 
 
-class Downlink:
+class Downlink(Saved):
     """The downlink of one run; `carry` is called once a step, in order."""
 
     def __init__(self, scenario: Scenario) -> None:

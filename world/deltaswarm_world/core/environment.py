@@ -8,6 +8,7 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.messages import Event
+from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.arrivals import Arrivals
 from deltaswarm_world.core.chance import generator
@@ -22,7 +23,7 @@ MAX_TRIES = 10_000
 
 
 @dataclass
-class EventRecord:
+class EventRecord(Saved):
     """One event's life. Position in m, world frame; times in s."""
 
     event: int
@@ -43,7 +44,7 @@ class EventRecord:
         return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
 
 
-class Environment:
+class Environment(Saved):
     """Positions (n, 2) [m; world frame] and velocities (one pair each) [m/s] of the agents, and all events."""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -178,7 +179,7 @@ class Environment:
     def mean_waiting_s(self) -> float:
         """Return the mean waiting time of sensed events so far [s]; 0 before the first."""
         waits = [event.sensed_s - event.arrived_s for event in self.arrived if event.sensed_s is not None]
-        return sum(waits) / len(waits) if waits else 0.0
+        return sum(waits, 0.0) / len(waits) if waits else 0.0
 
     def _jump(self, classes: EventClasses, time_s: float) -> None:
         """Move the places at which events are sensed, if an interval is over or an event has arrived."""

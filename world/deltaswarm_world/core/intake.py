@@ -17,11 +17,12 @@ from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, decode_act
 from deltaswarm_wire.operator_messages import Report, decode_report
 from deltaswarm_wire.orders import decode_taken
+from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.sequence import SequenceNumbers, by_agent
 
 
-class Intake:
+class Intake(Saved):
     """The samples of one step, and the counts of a run."""
 
     def __init__(self, participants: Participants) -> None:

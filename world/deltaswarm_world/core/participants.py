@@ -15,6 +15,8 @@ from collections.abc import Collection, Iterable, Set
 from dataclasses import dataclass
 from enum import Enum
 
+from deltaswarm_wire.saved import Saved
+
 MAX_RETURNS = 20
 """Number of times that an agent, unless it is a board, may come back after its process died."""
 
@@ -65,7 +67,7 @@ TRANSITIONS: dict[tuple[Condition, Cause], Condition] = {
 
 
 @dataclass
-class Attendance:
+class Attendance(Saved):
     """A board's attendance in a run."""
 
     late_steps: int = 0
@@ -76,7 +78,7 @@ class Attendance:
     """Steps of absence."""
 
 
-class Participants:
+class Participants(Saved):
     """Keeps each agent's condition, and which acts are due. It has no clock; the caller has."""
 
     def __init__(self, agents: Iterable[int], boards: Iterable[int] = ()) -> None:

@@ -3,13 +3,15 @@
 from collections import Counter
 from collections.abc import Mapping
 
+from deltaswarm_wire.saved import Saved
+
 
 def by_agent(counts: Mapping[int, int]) -> dict[str, int]:
     """Return the nonzero counts, for JSON."""
     return {str(agent): count for agent, count in sorted(counts.items()) if count}
 
 
-class SequenceNumbers:
+class SequenceNumbers(Saved):
     """Checks the numbers of one kind of message, which count up from 0: a gap is a loss."""
 
     def __init__(self) -> None:

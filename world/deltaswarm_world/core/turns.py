@@ -10,6 +10,7 @@ from typing import Any
 
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_wire.commands import MAX_IN_TURN, Signed, Turn, decode_command
+from deltaswarm_wire.saved import Saved
 
 OFF, AWAITED, LIVE = "off", "awaited", "live"
 
@@ -17,7 +18,7 @@ MAX_WAITING = 256
 """Maximum number of commands that wait for a step."""
 
 
-class Turns:
+class Turns(Saved):
     """The operator's part in the lock-step."""
 
     def __init__(self, mode: str = OFF) -> None:

@@ -17,6 +17,7 @@ from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
+from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.radio import Air, Reception
 from deltaswarm_world.core.coverage import Coverage
 from deltaswarm_world.core.downlink import Downlink
@@ -37,7 +38,7 @@ NOBODY_HIT: frozenset[int] = frozenset()
 SILENT, GONE = TreeStatus(), TreeStatus(DEAD)
 
 
-class WorldCore:
+class WorldCore(Saved):
     """The world of one run, with `scenario.agents.count` agents numbered from 0."""
 
     def __init__(self, scenario: Scenario, boards: Iterable[int] = ()) -> None:

@@ -15,9 +15,10 @@ from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.messages import Event, Pose
+from deltaswarm_wire.saved import Saved
 
 
-class Agent:
+class Agent(Saved):
     """One agent's state."""
 
     def __init__(self, context: ControllerContext) -> None:

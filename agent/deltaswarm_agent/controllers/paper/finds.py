@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from deltaswarm_agent.controllers.paper.frames import Attending, Averages, Member, PaperFrame
 from deltaswarm_wire.codec import MAX_ID
+from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 FADING_S = 1000.0
@@ -27,7 +28,7 @@ RANDOM, RETURNING = 0, 1
 """The kinds of legs of a walk (`walk.py`, `returning.py`)."""
 
 
-class Finds:
+class Finds(Saved):
     """Averages of one agent.
 
     They are brought up to date when the agent's activity changes or it hears or senses something, and not in between,
@@ -50,7 +51,7 @@ class Finds:
     @property
     def rate_hz(self) -> float:
         """New events that a walker finds per second (w)."""
-        return sum(self._finds) / sum(self._walked_s)
+        return sum(self._finds, 0.0) / sum(self._walked_s, 0.0)
 
     @property
     def ratio(self) -> float:
@@ -89,7 +90,7 @@ class Finds:
             return
         self.update(now)
         kept = self._kept ** len(averages)
-        means = [(1.0 - kept) * sum(column) / len(averages) for column in zip(*averages, strict=True)]
+        means = [(1.0 - kept) * sum(column, 0.0) / len(averages) for column in zip(*averages, strict=True)]
         self._finds = [
             max(LEAST_FINDS, kept * mine + mean / 1000) for mine, mean in zip(self._finds, means[:2], strict=True)
         ]

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 
 from deltaswarm_agent.controllers.paper.frames import MAX_PATH, MAX_TABLE, Attending, Descendant, Member, PaperFrame
 from deltaswarm_agent.controllers.paper.timers import Timers
+from deltaswarm_wire.saved import Saved
 
 
-class Branch:
+class Branch(Saved):
     """A child, and its own table."""
 
     __slots__ = ("heard", "row", "table")
@@ -21,7 +22,7 @@ class Branch:
         self.heard = heard
 
 
-class PreviousTree:
+class PreviousTree(Saved):
     """The tree that an agent has just left."""
 
     __slots__ = ("_timers", "freed", "pulse", "pulse_step", "root")
@@ -42,7 +43,7 @@ class PreviousTree:
         )
 
 
-class Membership:
+class Membership(Saved):
     """One agent's place in one tree, as a root (path of one) or below a parent."""
 
     def __init__(self, agent: int, parent: Member | None, now: int, timers: Timers) -> None:

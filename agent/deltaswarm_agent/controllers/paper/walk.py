@@ -12,10 +12,11 @@ from deltaswarm_agent.controllers.paper.finds import RANDOM, RETURNING
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
 from deltaswarm_agent.core.obstacles import Obstacles, Stride
 from deltaswarm_wire.messages import MAX_POSES
+from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 
-class Walk:
+class Walk(Saved):
     """Straight legs of uniform length in time, a uniform new heading, specular walls and obstacles.
 
     Some legs lead back to where events were `found` (`returning.py`), unless an obstacle is in the way. On a straight

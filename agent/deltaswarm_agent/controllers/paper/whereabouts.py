@@ -5,6 +5,7 @@ from collections import deque
 from deltaswarm_agent.controllers.paper.frames import PaperFrame
 from deltaswarm_agent.core.obstacles import Obstacles
 from deltaswarm_wire.messages import Pose
+from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 RANGE_MARGIN_M = 0.02
@@ -14,7 +15,7 @@ AT_PLACE_M = 0.01
 """Tolerance of a target position."""
 
 
-class Whereabouts:
+class Whereabouts(Saved):
     """The agent's place and its last ones [m; world frame]; places of others are as their frames say."""
 
     def __init__(self, shared: AgentSettings, d_min_m: float, trail_steps: int) -> None:
