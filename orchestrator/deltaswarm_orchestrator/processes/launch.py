@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans, end_orphans
+from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.boards.files import Boards
-from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem, kill_fork_server
-from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
+from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError, Starter
 from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
@@ -234,27 +233,11 @@ class Swarm:
 
     def end(self, *, at_once: bool = False) -> None:
         """End all parts that still run: by SIGTERM, then by SIGKILL; with `at_once`, by SIGKILL alone."""
-        for part in self.parts:
-            if part.is_stopped:
-                part.ends_as_planned = True
-                part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM
         for page in self._pages:
             page.operators_end.close()  # so that stations can tell a run that is over from an operator that restarts
         try:
-            if not at_once:
-                for part in wait_for(self.parts, 0):
-                    part.send(signal.SIGTERM)
-                    part.send(signal.SIGCONT)  # wakes a process that the user has stopped
-                wait_for(self.parts, END_WITHIN_S / 2)
-        finally:  # a second signal may end the wait
-            for part in wait_for(self.parts, 0):
-                part.send(signal.SIGKILL)
-            wait_for(self.parts, END_WITHIN_S)
-            if server := FORK_SERVER._forkserver_pid:  # none has started if the world could not
-                end_orphans(server)  # what a controller has started
-            if any(part.exit_code == UNKNOWN for part in self.parts):
-                kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
-            self._starter.close()
+            self._starter.end(at_once=at_once)
+        finally:
             for page in self._pages:
                 page.close()
             self._remove_secrets()
