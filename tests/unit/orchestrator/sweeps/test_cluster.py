@@ -1,13 +1,9 @@
 """A sweep on a real Dask cluster: a scheduler and two workers, each a process of its own."""
 
 import gc
-import json
-import os
 import re
 import signal
-import subprocess
 import sys
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +13,9 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.sweeps.job import work
-from tests.support.swarms import BOUND_S, PATIENCE_S, wait_until
-from tests.support.sweeping import MARK, RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
+from tests.support.dask_clusters import Cluster, dask_cluster
+from tests.support.swarms import BOUND_S, wait_until
+from tests.support.sweeping import RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
 
 distributed = pytest.importorskip("distributed")
 
@@ -27,69 +24,10 @@ from deltaswarm_orchestrator.sweeps.cluster import DaskEngine, attempt_with  # n
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
 
 
-class Cluster:
-    """A scheduler and its workers."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.mark = uuid.uuid4().hex
-        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", self.file)
-        wait_until(self._address, "the scheduler")
-        self.workers: list[subprocess.Popen[bytes]] = []
-
-    @property
-    def file(self) -> str:
-        """Where the scheduler says where it is."""
-        return str(self.folder / "scheduler.json")
-
-    @property
-    def address(self) -> str:
-        """Of the scheduler."""
-        return str(self._address())
-
-    def _address(self) -> str | None:
-        try:
-            return str(json.loads(Path(self.file).read_text())["address"])
-        except (OSError, ValueError):
-            return None
-
-    def add_worker(self, **environment: str) -> subprocess.Popen[bytes]:
-        """One more worker, which nobody starts again."""
-        place = ["--local-directory", str(self.folder)]
-        worker = self._start("worker", self.address, "--nthreads", "1", "--no-nanny", *place, **environment)
-        self.workers.append(worker)
-        with distributed.Client(self.address, timeout=PATIENCE_S) as client:
-            client.wait_for_workers(len(self.workers), timeout=PATIENCE_S)
-        return worker
-
-    def _start(self, part: str, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
-        with (self.folder / f"{part}.log").open("ab") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.dask_{part}", "--no-dashboard", *arguments],
-                stdout=log,
-                stderr=log,
-                cwd=self.folder,
-                env={**os.environ, MARK: self.mark, **environment},
-            )
-
-    def end(self) -> None:
-        """Every process of it, and what they started."""
-        for process in (*self.workers, self.scheduler):
-            process.kill()
-            process.wait()
-        for pid in marked(self.mark):
-            os.kill(pid, signal.SIGKILL)
-
-
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A scheduler without workers; nothing of it is left, whatever the test does."""
-    (tmp_path / "cluster").mkdir()
-    made_here = Cluster(tmp_path / "cluster")
-    try:
+    with dask_cluster(tmp_path / "cluster") as made_here:
         yield made_here
-    finally:
-        made_here.end()
 
 
 @contextmanager
