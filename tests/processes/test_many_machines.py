@@ -3,16 +3,22 @@
 import os
 import re
 import signal
+import socket
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 import deltaswarm_wire
-from tests.support.dask_clusters import Cluster, dask_cluster
+from deltaswarm_orchestrator.remote.host import AgentHost
+from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_wire.checked import plain
+from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
 from tests.support.swarms import BOUND_S, RunningSwarm, run, running, told, wait_until
-from tests.support.sweeping import marked
 
 pytestmark = pytest.mark.processes
 
@@ -36,18 +42,6 @@ def on(cluster: Cluster, out: Path, *arguments: str) -> Iterator[RunningSwarm]:
     """A run on a cluster, under way."""
     with running(out, "--engine", "dask", "--scheduler", cluster.address, *arguments) as swarm:
         yield swarm
-
-
-def agents_of(cluster: Cluster) -> list[int]:
-    """Processes on the workers, besides the workers themselves."""
-    parts = {process.pid for process in (cluster.scheduler, *cluster.workers)}
-    return [pid for pid in marked(cluster.mark) if pid not in parts]
-
-
-def nothing_is_left(cluster: Cluster, folder: Path) -> None:
-    """Neither processes nor files of agents are left on the workers."""
-    wait_until(lambda: not agents_of(cluster), "the end of the agents")
-    wait_until(lambda: not os.listdir(folder / "temporary"), "no more files of agents")
 
 
 def test_a_run_on_a_cluster_has_the_digest_of_one_process(cluster: Cluster, tmp_path: Path) -> None:
@@ -88,7 +82,7 @@ def test_a_killed_worker_costs_its_agents_alone(cluster: Cluster, tmp_path: Path
 
 def pid_of_agent(cluster: Cluster, agent: int) -> int:
     """The process on a worker whose standard error is an agent's log."""
-    [pid] = [pid for pid in agents_of(cluster) if os.readlink(f"/proc/{pid}/fd/2").endswith(f"/agent-{agent}.log")]
+    [pid] = [pid for pid in cluster.agents() if os.readlink(f"/proc/{pid}/fd/2").endswith(f"/agent-{agent}.log")]
     return pid
 
 
@@ -137,6 +131,21 @@ def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Pa
         elsewhere = told(*on_dask, cluster.address, "--listen", "tls/192.0.2.1:0")
         assert (elsewhere.returncode, "--listen must be an address of this machine" in elsewhere.stderr) == (2, True)
     assert not list(tmp_path.glob("run*"))
+
+
+def test_a_host_whose_process_is_killed_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worker notices, removes the files, and says so; the agents end with their parent."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
+        files = {agent: AgentFiles(settings, b"", b"SECRET") for agent in (3, 4)}
+        host = AgentHost(HostJob("run", endpoint, "hybrid", 60.0, b"", files))
+        wait_until(lambda: len(list(tmp_path.glob("*/logs/*.log"))) == 2, "the agents")
+        host._process.kill()
+        news = wait_until(lambda: (found := host.poll()).is_over and found, "the news")
+    assert news.failed == "its process ended with code -9"
+    wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
 
 
 def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:
