@@ -21,6 +21,8 @@ pytest.importorskip("distributed")
 class Cluster:
     """A scheduler and its workers; `inside` is the command that runs another one elsewhere."""
 
+    WORKER_OPTIONS = ("--nthreads", "1", "--no-nanny")
+
     def __init__(self, folder: Path, host: str = "127.0.0.1", inside: Sequence[str] = ()) -> None:
         self.folder = folder
         self.mark = uuid.uuid4().hex
@@ -48,7 +50,7 @@ class Cluster:
     def add_worker(self, inside: Sequence[str] = (), **environment: str) -> subprocess.Popen[bytes]:
         """One more worker, called w0, w1 and so on, which nobody starts again."""
         place = ["--local-directory", str(self.folder), "--name", f"w{len(self.workers)}"]
-        worker = self._start(inside, "worker", self.address, "--nthreads", "1", "--no-nanny", *place, **environment)
+        worker = self._start(inside, "worker", self.address, *self.WORKER_OPTIONS, *place, **environment)
         self.workers.append(worker)
         log = self.folder / "worker.log"
         wait_until(lambda: log.read_text().count("Registered to:") == len(self.workers), "the worker")
