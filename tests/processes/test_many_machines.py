@@ -1,5 +1,6 @@
 """A run over many machines: a Dask scheduler and two workers here, each worker with agents of its own."""
 
+import asyncio
 import os
 import re
 import signal
@@ -13,6 +14,7 @@ import pytest
 import tomli_w
 
 import deltaswarm_wire
+from deltaswarm_orchestrator.remote import dask_cluster as dask_cluster_module
 from deltaswarm_orchestrator.remote.host import AgentHost
 from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -146,6 +148,16 @@ def test_a_host_whose_process_is_killed_leaves_no_keys(tmp_path: Path, monkeypat
         news = wait_until(lambda: (found := host.poll()).is_over and found, "the news")
     assert news.failed == "its process ended with code -9"
     wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
+
+
+def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether it refuses or says nothing; one that listens is well."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)) == ""
+    assert "refused" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)).lower()
+    monkeypatch.setattr(dask_cluster_module, "REACH_WITHIN_S", 0.0)
+    assert "no answer" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port))
 
 
 def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:

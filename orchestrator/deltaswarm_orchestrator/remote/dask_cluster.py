@@ -1,6 +1,7 @@
 """The workers of a Dask scheduler as hosts of agents."""
 
 import asyncio
+import os
 import socket
 import sys
 import time
@@ -234,7 +235,7 @@ async def _problem_to_reach(host: str, port: int) -> str:
         _, writer = await asyncio.wait_for(asyncio.open_connection(host, port), REACH_WITHIN_S)
     except TimeoutError:
         return f"no answer from {host}:{port} within {REACH_WITHIN_S:g} s"
-    except OSError as error:
-        return str(error)
+    except OSError as error:  # asyncio puts its own words in place of the system's
+        return f"{os.strerror(error.errno) if error.errno else error} ({host}:{port})"
     writer.close()
     return ""

@@ -163,6 +163,19 @@ def test_the_command_ends_with_2_without_a_scheduler(
     assert main([*arguments, "-j", "1"]) == 0
 
 
+@pytest.mark.parametrize("command", [("sweep", "loss.toml"), ("run", "smoke", "--scheduler", "tcp://127.0.0.1:9")])
+def test_without_dask_the_line_says_how_to_install_it(
+    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """For a sweep and for a run; nothing is written."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    words = [str(written(tmp_path)) if word == "loss.toml" else word for word in command]
+    assert main([*words, "--engine", "dask", "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "deltaswarm: --engine dask needs Dask: pip install 'deltaswarm[cluster]'"
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.processes
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signals) -> None:
