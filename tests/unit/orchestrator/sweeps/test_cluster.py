@@ -1,6 +1,7 @@
 """A sweep on a real Dask cluster: a scheduler and two workers, each a process of its own."""
 
 import gc
+import os
 import re
 import signal
 import sys
@@ -93,7 +94,7 @@ def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -
     shadow.mkdir(parents=True)
     for source in origin.glob("*.py"):
         (shadow / source.name).write_text(source.read_text() + "# changed\n")
-    cluster.add_worker(PYTHONPATH=str(shadow.parent))
+    cluster.add_worker(PYTHONPATH=f"{shadow.parent}:{os.environ.get('PYTHONPATH', '')}")
     with on(cluster, written(tmp_path, repeats=1), tmp_path / "out") as running:
         code, _, errors = running.finish()
     assert code == 1
