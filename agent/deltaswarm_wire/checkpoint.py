@@ -8,7 +8,10 @@
 A checkpoint is unpickled and can therefore run arbitrary code: resume only your own runs.
 """
 
+import copyreg
+import io
 import json
+import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +35,34 @@ def agent_file(agent: int) -> str:
 def files(folder: Path, agents: Iterable[int]) -> list[Path]:
     """The files of a checkpoint in its own folder."""
     return [folder / name for name in (WORLD_FILE, OPERATOR_FILE, *map(agent_file, agents))]
+
+
+class _Pickler(pickle.Pickler):
+    """Pickles instances of compiled classes, too, whose attributes pickle itself does not find."""
+
+    def reducer_override(self, value: Any) -> Any:
+        names = getattr(type(value), "__mypyc_attrs__", None)
+        if names is None:
+            return NotImplemented
+        own = getattr(value, "__dict__", {})
+        state = {name: getattr(value, name) for name in (*names, *own) if name != "__dict__" and hasattr(value, name)}
+        return copyreg.__newobj__, (type(value),), state, None, None, _set_attributes  # type: ignore[attr-defined]
+
+
+def _set_attributes(value: object, state: dict[str, Any]) -> None:
+    for name, attribute in state.items():
+        object.__setattr__(value, name, attribute)  # also of a frozen dataclass
+
+
+def pickled(state: object) -> bytes:
+    """Pickle a part's state, compiled or not; `pickle.loads` restores it where it is the same.
+
+    Raises:
+        Exception: as pickle does, for what it cannot save.
+    """
+    file = io.BytesIO()
+    _Pickler(file).dump(state)
+    return file.getvalue()
 
 
 def write(file: Path, data: bytes) -> None:

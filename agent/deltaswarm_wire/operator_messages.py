@@ -87,7 +87,7 @@ _ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
 }
 """Fields of rows in a flat array, which a report without any leaves out: rows, most of them, C types that their
 items fit, and their bounds."""
-_REPORT_FIELDS = tuple(name for name in Report._fields if name not in (*_ROWS, "delta"))
+_REPORT_FIELDS = tuple(name for name in Report._fields if name != "delta" and name not in _ROWS)
 
 
 def encode_report(report: Report) -> bytes:
@@ -105,16 +105,33 @@ def encode_report(report: Report) -> bytes:
     return pack(raw)
 
 
-@lru_cache(maxsize=128)  # in one process the agent and the operator decode the same
+_KEPT = 128
+_kept_reports: dict[bytes, Report] = {}
+"""The newest reports by their bytes: in one process the agent's report need not be decoded at the operator's."""
+
+
+def keep_report(data: bytes, report: Report) -> Report:
+    """Keep a report that `decode_report` would make of these bytes, and return it."""
+    _kept_reports[data] = report
+    if len(_kept_reports) > _KEPT:
+        del _kept_reports[next(iter(_kept_reports))]
+    return report
+
+
 def decode_report(data: bytes) -> Report:
     """Check and decode. Raises WireError."""
+    kept = _kept_reports.get(data)
+    return _decode_report(data) if kept is None else kept
+
+
+def _decode_report(data: bytes) -> Report:
     raw = unpack(data)
     rows, delta = {}, 0
     if type(raw) is dict and len(raw) > len(_REPORT_FIELDS) + 1:
         rows = {name: _rows(raw.pop(name), name) for name in _ROWS if name in raw}
         delta = integer(raw.pop("delta", 0), 0, MAX_DELTA, "report.delta")
     raw = fields(raw, _REPORT_FIELDS, "report")
-    return Report(
+    report = Report(
         integer(raw["agent"], 0, MAX_AGENT_ID, "report.agent"),
         integer(raw["sequence"], 0, MAX_STEP, "report.sequence"),
         integer(raw["step"], 0, MAX_STEP, "report.step"),
@@ -126,6 +143,7 @@ def decode_report(data: bytes) -> Report:
         delta=delta,
         **rows,
     )
+    return keep_report(data, report)
 
 
 def _rows(raw: Any, name: str) -> tuple[Any, ...]:

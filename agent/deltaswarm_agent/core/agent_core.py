@@ -4,13 +4,21 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act
+from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, act_of, checked_act, is_ours
 from deltaswarm_agent.core.commands import CommandRelay, Verify
 from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
 from deltaswarm_wire.commands import BASE_ID, Command, forms_of
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import NOBODY, Act, Frame, Heard, Pose, encode_act
-from deltaswarm_wire.operator_messages import MAX_MEMBERS, MAX_REPORTED, Answer, Report, decode_report, encode_report
+from deltaswarm_wire.operator_messages import (
+    MAX_MEMBERS,
+    MAX_REPORTED,
+    Answer,
+    Report,
+    decode_report,
+    encode_report,
+    keep_report,
+)
 from deltaswarm_wire.plugins import described
 
 ENVELOPE_BYTES = 16
@@ -68,7 +76,7 @@ class Receiver:
                     newest[sender] = payload
                 if commands:
                     relayed += commands
-        return [(sender, newest[sender]) for sender in sorted(newest)], relayed
+        return sorted(newest.items()), relayed
 
 
 class AgentCore:
@@ -91,6 +99,7 @@ class AgentCore:
         self._counter = 0
         self._sequence = 0
         self._root = NOBODY
+        self._is_checked = not is_ours(controller)
 
     @property
     def rejected_frames(self) -> int:
@@ -123,7 +132,8 @@ class AgentCore:
         percept = Percept(step, time_s, (x_m, y_m), poses, events, frames, commands)
         try:
             decision = self.controller.step(percept)
-            return self._outbound(checked_act(decision, step), decision, (x_m, y_m))
+            act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
+            return self._outbound(act, decision, (x_m, y_m))
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit too: it would end a run in one process
@@ -163,7 +173,10 @@ class AgentCore:
                 act.tree_status.delta,
             )
             report_bytes = encode_report(report)
-            report = decode_report(report_bytes)  # a controller may be third-party code
+            if self._is_checked:
+                report = decode_report(report_bytes)
+            else:
+                keep_report(report_bytes, report)
             self._sequence += 1
         return StepOutput(act, encode_act(act), counter, radio, report, report_bytes)
 

@@ -16,7 +16,7 @@ def saved(core: AgentCore, newest: int) -> bytes:
         ControllerError: pickle cannot save the controller.
     """
     try:
-        return pickle.dumps((core, newest))
+        return checkpoint.pickled((core, newest))
     except Exception as error:  # a controller may be third-party code
         name = f"{type(core.controller).__module__}:{type(core.controller).__qualname__}"
         raise ControllerError(f"controller {name} cannot be saved in a checkpoint: {described(error)}") from error

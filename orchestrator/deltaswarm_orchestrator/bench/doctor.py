@@ -9,7 +9,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from deltaswarm_orchestrator.base import limits
+from deltaswarm_orchestrator.base import limits, provenance
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
@@ -54,6 +54,7 @@ def examine(agents: int) -> list[Diagnosis]:
         Diagnosis("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
         *packages,
         Diagnosis("sweeps and studies", studies, True),
+        Diagnosis("build", provenance.build(), True),
         Diagnosis("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
         *(
             Diagnosis(

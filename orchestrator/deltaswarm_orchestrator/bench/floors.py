@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
-from deltaswarm_orchestrator.processes.starter import PRELOADED
+from deltaswarm_orchestrator.processes.starter import PRELOADED, room_for
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
 
 use_one_worker_thread()
@@ -23,7 +23,7 @@ QUEUE_SAMPLES = 64
 def sockets_steps_per_s(agents: int, steps: int) -> float:
     """Measure what the kernel allows: a pair of Unix sockets per agent process."""
     pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(agents)]
-    with _children(_socket_agent, [(far, steps) for _, far in pairs]):
+    with children(_socket_agent, [(far, steps) for _, far in pairs]):
         links = [near for near, _ in pairs]
         for _, far in pairs:
             far.close()
@@ -50,9 +50,7 @@ def _socket_agent(link: socket.socket, steps: int) -> None:
 
 def zenoh_steps_per_s(agents: int, steps: int) -> float:
     """Measure what Zenoh allows with the swarm's settings: a router here, a client session per agent process."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        link = RouterLink(f"tcp/127.0.0.1:{probe.getsockname()[1]}", low_latency=True)
+    link = RouterLink(free_endpoint(), low_latency=True, overrides=tuple(room_for(agents)))
     router = [("mode", "router"), ("listen/endpoints", [link.endpoint]), *quiet_pairs(low_latency=True)]
     with zenoh.open(configured(zenoh.Config, router, link)) as session:
         up = session.declare_subscriber("floor/up/*", zenoh.handlers.FifoChannel(4 * agents))
@@ -60,7 +58,7 @@ def zenoh_steps_per_s(agents: int, steps: int) -> float:
             session.declare_publisher(f"floor/down/{agent}", congestion_control=zenoh.CongestionControl.BLOCK)
             for agent in range(agents)
         ]
-        with _children(_zenoh_agent, [(agent, steps, link) for agent in range(agents)]):
+        with children(_zenoh_agent, [(agent, steps, link) for agent in range(agents)]):
             for _ in range(agents):
                 up.recv()  # up and running
             began = time.perf_counter()
@@ -86,8 +84,15 @@ def _zenoh_agent(agent: int, steps: int, link: RouterLink) -> None:
         down.recv()
 
 
+def free_endpoint() -> str:
+    """Return an endpoint on a free port of this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
 @contextmanager
-def _children(target: Callable[..., None], arguments: Sequence[tuple[object, ...]]) -> Iterator[None]:
+def children(target: Callable[..., None], arguments: Sequence[tuple[object, ...]]) -> Iterator[None]:
     """Start processes from the same fork server as a run's, and end them with the block."""
     context = multiprocessing.get_context("forkserver")
     started = [context.Process(target=target, args=entry, daemon=True) for entry in arguments]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
-from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.in_process import InProcess, rare_garbage_collections
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings
 from deltaswarm_scenario.scenario import Scenario
@@ -29,7 +29,7 @@ WARM_UP_STEPS = 1000
 BLOCK_STEPS = 50
 """Scenarios take turns after this many steps, so that other load on the machine affects all of them alike."""
 
-COUNTED = ("frames_sent", "frames_received", "agents_in_trees")
+COUNTED = ("frames_sent", "frames_received", "agents_asked", "agents_in_trees")
 
 TILE_AGENTS = 25
 """Number of agents of the paper's base scenario, whose arena is the tile."""
@@ -66,9 +66,11 @@ def scale_scenario(agents: int, steps: int, seed: int = 1) -> Scenario:
 
 
 def measure(sizes: Sequence[int], steps: int, rounds: int) -> dict[str, Any]:
-    """Measure steps/s of each size after a warm-up, in a fresh process; return medians of rounds with seeds 1, 2...
+    """Measure the cost of a step of each size after a warm-up, in a fresh process; return medians of rounds.
 
-    The sizes take turns, so that temporary load on the machine affects all of them.
+    Rounds have seeds 1, 2... Costs are CPU times per step and agent, and per agent that was asked: more agents are
+    asked where trees are larger, so the latter tells dearer agents from busier ones. The sizes take turns, so that
+    temporary load on the machine affects all of them.
 
     Raises:
         ValueError: fewer than two different sizes.
@@ -80,14 +82,24 @@ def measure(sizes: Sequence[int], steps: int, rounds: int) -> dict[str, Any]:
         {"agents": agents, "agent_steps_per_s": agents * row["steps_per_s"], **row}
         for agents, row in zip(sizes, map(median_of, zip(*results, strict=True)), strict=True)
     ]
-    exponent, _ = np.polyfit(np.log(sizes), np.log([1.0 / row["steps_per_s"] for row in rows]), 1)
     return {
         "warm_up_steps": WARM_UP_STEPS,
         "steps": steps,
         "rounds": rounds,
         "sizes": rows,
-        "step_time_exponent": float(exponent),
+        "step_time_exponent": exponent(sizes, [1.0 / row["steps_per_s"] for row in rows]),
+        "world_time_exponent": exponent(sizes, [row["agents"] * row["world_us_per_agent"] for row in rows]),
+        "agents_time_exponent": exponent(sizes, [row["agents"] * row["agents_us_per_agent"] for row in rows]),
     }
+
+
+def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
+    """Return the power of the size with which a cost grows: the slope of a least-squares line through the logarithms.
+
+    1 is a cost proportional to the number of agents.
+    """
+    slope, _ = np.polyfit(np.log(sizes), np.log(costs), 1)
+    return float(slope)
 
 
 def draw(result: dict[str, Any]) -> "Figure":
@@ -110,16 +122,24 @@ def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, float]:
 
 
 def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float]:
-    """Measure speed, the share of agents in trees meanwhile, and the process's peak memory [MB]."""
+    """Measure speed, CPU times [us], shares of agents asked and in trees, and the process's peak memory [MB]."""
     (costs,) = in_turns({"": scale_scenario(agents, WARM_UP_STEPS + steps, seed)}, steps).values()
     return {
         "steps_per_s": 1e6 / costs["step_us"],
+        "us_per_agent": costs["step_us"] / agents,
+        "world_us_per_agent": costs["world_us"] / agents,
+        "agents_us_per_agent": costs["agents_us"] / agents,
+        "us_per_asked_agent": costs["step_us"] / costs["agents_asked"],
+        "world_us_per_asked_agent": costs["world_us"] / costs["agents_asked"],
+        "agents_us_per_asked_agent": costs["agents_us"] / costs["agents_asked"],
+        "share_asked": costs["agents_asked"] / agents,
         "share_in_trees": costs["agents_in_trees"] / agents,
         # Not by `getrusage`, whose value starts at the parent process's.
         "peak_memory_mb": memory_mb("/proc/self/status", "VmHWM"),
     }
 
 
+@rare_garbage_collections()
 def in_turns(
     scenarios: Mapping[str, Scenario], steps: int, warm_up_steps: int = WARM_UP_STEPS
 ) -> dict[str, dict[str, float]]:

@@ -1,14 +1,19 @@
 """Measure the swarm's speed on this machine and, in turns with it, that of the bare exchange (`floors`)."""
 
+import os
 import secrets
 import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from deltaswarm_orchestrator.bench import floors
+from deltaswarm_orchestrator.bench.noise import cpu_ticks, shares, spread, stolen_share
+from deltaswarm_orchestrator.bench.own_traffic import own_traffic_steps_per_s
 from deltaswarm_orchestrator.bench.scale import in_turns, median_of, memory_mb
+from deltaswarm_orchestrator.bench.traffic import traffic_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
@@ -37,44 +42,65 @@ def bench_scenario(agents: int, steps: int) -> Scenario:
 
 
 def measure(agents: int, steps: int) -> dict[str, Any]:
-    """Make all measurements in turns; return medians of the rounds, and the largest `agent_pss_mb`."""
+    """Make all measurements in turns; return medians of the rounds, and the largest `agent_pss_mb`.
+
+    `own_traffic` is the floor that sends the very samples of the measured scenario. A ratio is None if its floor varied
+    too much over the rounds; `no_ratio_because` then says so.
+    """
     scenario = bench_scenario(agents, steps)
+    traffic = traffic_of(scenario)
+    began = cpu_ticks()
     rounds = []
     for _ in range(ROUNDS):
-        rates = _swarm(scenario)  # first, because the fork server's preloads are set only once
-        rates["sockets"] = floors.sockets_steps_per_s(agents, steps)
-        rates["zenoh"] = floors.zenoh_steps_per_s(agents, steps)
-        costs = in_turns({"": scenario}, steps, warm_up_steps=0)[""]
-        rounds.append({**rates, **costs, "share": rates["swarm"] / rates["zenoh"]})
-    median = median_of(rounds)
+        row = swarm_of_processes(scenario)  # first, because the fork server's preloads are set only once
+        row["sockets"] = floors.sockets_steps_per_s(agents, steps)
+        row["zenoh"] = floors.zenoh_steps_per_s(agents, steps)
+        row["own_traffic"] = own_traffic_steps_per_s(traffic)
+        rounds.append(row | in_turns({"": scenario}, steps, warm_up_steps=0)[""])
+    by_floor = {name: [row[name] for row in rounds] for name in ("zenoh", "own_traffic")}
+    ratios, why_not = shares([row["swarm"] for row in rounds], by_floor)
+    middle = median_of(rounds)
     return {
         "agents": agents,
         "steps": steps,
         "rounds": ROUNDS,
-        "sockets_floor_steps_per_s": median["sockets"],
-        "zenoh_floor_steps_per_s": median["zenoh"],
-        "swarm_steps_per_s": median["swarm"],
-        "swarm_share_of_zenoh_floor": median["share"],
-        "in_process_steps_per_s": 1e6 / median["step_us"],
+        "sockets_floor_steps_per_s": middle["sockets"],
+        "zenoh_floor_steps_per_s": middle["zenoh"],
+        "own_traffic_floor_steps_per_s": middle["own_traffic"],
+        "swarm_steps_per_s": middle["swarm"],
+        **{f"swarm_share_of_{name}_floor": ratio for name, ratio in ratios.items()},
+        "no_ratio_because": why_not,
+        "floor_spread": {name: spread(values) for name, values in by_floor.items()},
+        "stolen_share": stolen_share(began, cpu_ticks()),
+        "in_process_steps_per_s": 1e6 / middle["step_us"],
         "step_us": {
-            "whole": 1e6 / median["swarm"],
-            "zenoh_floor": 1e6 / median["zenoh"],
-            "world": median["world_us"],
-            "agents": median["agents_us"],
+            "whole": 1e6 / middle["swarm"],
+            "zenoh_floor": 1e6 / middle["zenoh"],
+            "own_traffic_floor": 1e6 / middle["own_traffic"],
+            "world": middle["world_us"],
+            "agents": middle["agents_us"],
         },
-        "startup_s": median["startup_s"],
+        "startup_s": middle["startup_s"],
         "agent_pss_mb": max(row["pss_mb"] for row in rounds),
     }
 
 
-def _swarm(scenario: Scenario) -> dict[str, float]:
-    """Measure steps per second, start-up time [s] and the largest agent's memory [MB] of one run with processes."""
+def swarm_of_processes(scenario: Scenario) -> dict[str, float]:
+    """Measure one run with real processes.
+
+    Returns:
+        `swarm`: steps per second; `startup_s`: time until the first step. Halfway, `pss_mb` and `median_pss_mb`: the
+        largest and the median agent's memory [MB]; `world_pss_mb`: the world's; `open_files`: the orchestrator's.
+
+    Raises:
+        RuntimeError: the run is not valid.
+    """
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
         (folder / "scenario.toml").write_text(to_toml(scenario), encoding="utf-8")
         run = f"bench-{secrets.token_hex(4)}"
         began = time.monotonic()
-        startup_s = pss_mb = 0.0
+        measured: dict[str, float] = {}
         with Swarm(scenario, run, folder) as swarm:
             swarm.start_world("tcp/127.0.0.1:0")
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
@@ -83,16 +109,26 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
                 while swarm.part(WORLD).exit_code is None:
                     observer.work(0.02)
                     phase = observer.status.phase if observer.status else "waiting"
-                    if phase != "waiting" and not startup_s:
-                        startup_s = time.monotonic() - began
+                    if phase != "waiting":
+                        measured.setdefault("startup_s", time.monotonic() - began)
                     is_half_way = observer.status is not None and 2 * observer.status.step >= scenario.run.steps
-                    if is_half_way and not pss_mb:  # while all are running and share memory
-                        pss_mb = max(_pss_mb(p.pid) for p in swarm.parts if p.role == AGENT)
+                    if is_half_way and "pss_mb" not in measured:  # while all are running and share memory
+                        measured |= _resources(swarm)
                     observer.leave_when_done()
         summary = run_tables.summary(run_tables.read_outcome(folder), scenario)
         if not summary["valid"]:
             raise RuntimeError(f"the measured run is not valid: {summary['invalid_because']}")
-        return {"swarm": summary["steps_per_s"], "startup_s": startup_s, "pss_mb": pss_mb}
+        return {"swarm": summary["steps_per_s"], **measured}
+
+
+def _resources(swarm: Swarm) -> dict[str, float]:
+    agents = [_pss_mb(part.pid) for part in swarm.parts if part.role == AGENT]
+    return {
+        "pss_mb": max(agents),
+        "median_pss_mb": median(agents),
+        "world_pss_mb": _pss_mb(swarm.part(WORLD).pid),
+        "open_files": len(os.listdir("/proc/self/fd")),
+    }
 
 
 def _pss_mb(pid: int) -> float:

@@ -147,7 +147,7 @@ def _source(folder: Path) -> Path:
     if not all((data / name).exists() for name in DATA):
         data = Path(__file__).parents[1] / INSTALLED_DATA
     for origin in origins:
-        shutil.copytree(origin, folder / origin.name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(origin, folder / origin.name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     for name in DATA:
         if not (data / name).exists():
             raise BundleError(f"{data / name} is missing: this installation of deltaswarm {__version__} is incomplete")

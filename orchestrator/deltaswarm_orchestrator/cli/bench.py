@@ -2,7 +2,9 @@
 
 import argparse
 import importlib
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
@@ -22,11 +24,16 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "agents": {"type": whole(1), "default": 25, "metavar": "N", "help": "size of the swarm (default: 25)"},
     "sizes": {
         "type": _sizes,
-        "default": [25, 50, 100, 200, 400],
+        "default": "25,50,100,200,400,1000",
         "metavar": "N,N,...",
-        "help": "sizes of the swarm (default: 25,50,100,200,400)",
+        "help": "sizes of the swarm (default: %(default)s)",
     },
-    "steps": {"type": whole(1), "default": 1000, "metavar": "N", "help": "steps per measurement (default: 1000)"},
+    "steps": {
+        "type": whole(1),
+        "default": 1000,
+        "metavar": "N",
+        "help": "steps per measurement (default: %(default)s)",
+    },
     "rounds": {"type": whole(1), "default": 3, "metavar": "N", "help": "measure this often (default: 3)"},
     "rtts": {
         "type": _times,
@@ -46,6 +53,8 @@ class Measurement(NamedTuple):
     """The arguments of `measure`, and `plot`."""
     help: str
     needs_processes: bool = False
+    defaults: Mapping[str, object] = MappingProxyType({})
+    """Defaults that differ from those of `OPTIONS`."""
 
 
 MEASUREMENTS = {
@@ -65,6 +74,13 @@ MEASUREMENTS = {
     ),
     "coverage": Measurement(
         "coverage", ("rounds", "plot"), "Measure how fast a command of the operator spreads, in one process."
+    ),
+    "processes": Measurement(
+        "processes",
+        ("sizes", "steps"),
+        "Measure start-up, memory, speed and open files of runs with more and more real processes.",
+        needs_processes=True,
+        defaults={"sizes": "25,100,400,1000", "steps": 100},
     ),
     "station": Measurement(
         "station_cost",
@@ -89,6 +105,7 @@ def add_bench(command: argparse.ArgumentParser) -> None:
         parser = measurements.add_parser(name, help=summary, description=measurement.help)
         for option in measurement.options:
             parser.add_argument(f"--{option}", **OPTIONS[option])
+        parser.set_defaults(**measurement.defaults)
         add_json(parser)
     command.set_defaults(func=bench)
 
@@ -99,7 +116,7 @@ def bench(arguments: argparse.Namespace) -> int:
     if measurement.needs_processes:
         from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
 
-        check_parts_can_start(arguments.agents)
+        check_parts_can_start(max(getattr(arguments, "sizes", None) or [arguments.agents]))
     module = importlib.import_module(f"deltaswarm_orchestrator.bench.{measurement.module}")
     try:
         result = module.measure(*(getattr(arguments, option) for option in measurement.options if option != "plot"))

@@ -46,11 +46,10 @@ def main(
     `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
     ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channels` are the part's ends of socket
     pairs between operator and pages, by the options that are appended to `argv` with their file descriptors.
-    `in_background` keeps a process that a message wakes from preempting another: the world hands out all frames of a
-    step before the agents take the cores, which saves a third of the context switches.
+    `in_background` is for all parts but the world.
     """
-    if in_background and hasattr(os, "SCHED_BATCH"):
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    if in_background:
+        run_in_background()
     sys.excepthook = sys.__excepthook__  # not the fork server's
     gc.freeze()
     gc.set_threshold(GC_THRESHOLD)
@@ -76,6 +75,16 @@ def main(
         print(limit, file=sys.stderr)
         code = LIMIT_REACHED
     sys.exit(code)
+
+
+def run_in_background() -> None:
+    """Keep this process from preempting another when a message wakes it.
+
+    The world hands out all frames of a step before the agents take the cores, which saves a third of the context
+    switches.
+    """
+    if hasattr(os, "SCHED_BATCH"):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def _wake_at_the_end() -> None:

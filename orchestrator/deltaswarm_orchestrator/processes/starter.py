@@ -1,6 +1,7 @@
 """Start single processes of a run from the fork server."""
 
 import multiprocessing
+import multiprocessing.process
 import os
 import signal
 import socket
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.kernel import end_orphans
@@ -38,11 +40,21 @@ PRELOADED = [
 Options = Mapping[str, object]
 """Options of a command line: True is a flag, a list repeats its option, None and False leave it out."""
 
+STARTED: set[Any] = getattr(multiprocessing.process, "_children", set())
+"""Python's own list of started processes. Each start polls all that are on it, which takes seconds of a thousand
+starts; parts are watched by `Part` and ended by `Swarm.end`, so they are taken off the list."""
+
 NO_CHANNELS: Mapping[str, socket.socket] = {}
 
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
 """Time that a process may take to import its modules, on top of its start timeout [s]."""
+
+HANDSHAKE_MS = 60_000
+"""Time in which a client must have joined the router; Zenoh's 10 s are too short when a thousand do so at once."""
+
+OTHER_SESSIONS = 64
+"""Room for sessions besides the agents': operator, recorder, and processes replaced before the router notices."""
 
 
 class LaunchError(Exception):
@@ -133,6 +145,7 @@ class Starter:
             except (OSError, EOFError, ValueError) as error:
                 why = limits.reached(error) or f"the fork server ended ({error!r})"
                 raise LaunchError(f"{role} {number} cannot be started: {why}") from None
+        STARTED.discard(process)
         self.parts.append(part := Part(role, number, process, log_file))
         return part
 
@@ -181,6 +194,16 @@ class Starter:
             yield
         finally:
             timer.cancel()
+
+
+def room_for(agents: int) -> list[tuple[str, str]]:
+    """Return Zenoh settings for router and clients that let all agents join at once.
+
+    Zenoh's defaults are 1,000 sessions and 100 handshakes at a time.
+    """
+    sessions = str(agents + OTHER_SESSIONS)
+    rooms = [(f"transport/unicast/{name}", sessions) for name in ("max_sessions", "accept_pending")]
+    return rooms + [(f"transport/unicast/{side}_timeout", str(HANDSHAKE_MS)) for side in ("open", "accept")]
 
 
 def _command_line(options: Options) -> list[str]:

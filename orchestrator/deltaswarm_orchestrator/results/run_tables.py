@@ -59,6 +59,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "commit": provenance.commit(),
         "host": provenance.host(),
         "code": provenance.code_digest(),
+        "build": provenance.build(),
         "controller": {"mode": mode, "source": source, "files": files},
     }
 

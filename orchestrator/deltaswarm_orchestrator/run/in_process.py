@@ -4,9 +4,11 @@ The only file that combines the parts. It makes the same bytes in the same order
 the same.
 """
 
+import gc
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from logging import WARNING
 from typing import Any
 
@@ -14,6 +16,7 @@ from deltaswarm_agent.controller import Controller, ControllerError, make_contro
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -21,6 +24,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD
+from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
@@ -53,6 +57,8 @@ class InProcess:
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
         """The errors of agents whose controller failed, one line each."""
+        self.exchanged: list[tuple[int, Frame, StepOutput]] = []
+        """(agent, its frame, its answer) of each agent asked in the last step."""
 
     def _agent(self, agent: int) -> AgentCore:
         settings = self.scenario.for_agent(agent)
@@ -74,15 +80,15 @@ class InProcess:
         self._inject(step, sink)
         frames = world.begin(step, last)
         began = time.perf_counter()
-        outputs: list[tuple[int, StepOutput]] = []
+        self.exchanged = []
         for agent, frame in frames:
             try:
-                outputs.append((agent, self.agents[agent].step(frame)))
+                self.exchanged.append((agent, frame, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
                 self.failed.append(f"agent {agent}: {error}")
                 world.participants.token_gone(agent)
         self.agents_s += time.perf_counter() - began
-        for agent, (act, act_bytes, counter, radio, report, report_bytes) in outputs:
+        for agent, _, (act, act_bytes, counter, radio, report, report_bytes) in self.exchanged:
             if radio is not None:
                 world.intake.accept_radio(agent, counter, radio)
                 if sink is not None:
@@ -107,6 +113,20 @@ class InProcess:
         return workload
 
 
+@contextmanager
+def rare_garbage_collections() -> Iterator[None]:
+    """Let Python collect garbage as rarely as in the parts' own processes.
+
+    A step makes no reference cycles, and a collection takes the longer the more agents there are.
+    """
+    thresholds = gc.get_threshold()
+    gc.set_threshold(GC_THRESHOLD)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
+
+
 def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
     """Trace an agent's frames to another agent, or its reports to the operator (None), from the next step on."""
     if receiver is None:
@@ -122,6 +142,7 @@ def explain(swarm: InProcess, receiver: int | None) -> tuple[list[dict[str, Any]
     return [finding._asdict() for finding in findings], outcomes
 
 
+@rare_garbage_collections()
 def run_in_process(
     scenario: Scenario,
     sink: Sink | None = None,

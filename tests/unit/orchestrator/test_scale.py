@@ -34,9 +34,23 @@ def test_growth_is_measured_between_sizes() -> None:
     for row in found["sizes"]:
         assert row["agent_steps_per_s"] == pytest.approx(row["agents"] * row["steps_per_s"])
         assert 0 <= row["share_in_trees"] <= 1
+        assert row["world_us_per_agent"] + row["agents_us_per_agent"] == pytest.approx(row["us_per_agent"])
+        assert row["us_per_asked_agent"] * row["share_asked"] == pytest.approx(row["us_per_agent"])
         assert 10 < row["peak_memory_mb"] < 1000
     small, large = (row["steps_per_s"] for row in found["sizes"])
     assert found["step_time_exponent"] == pytest.approx(math.log(small / large) / math.log(20 / 5))
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 1.3])
+def test_the_exponent_is_the_power_of_the_size(power: float) -> None:
+    """Whatever the cost of one agent."""
+    sizes = (25, 100, 1000)
+    assert scale.exponent(sizes, [3e-5 * size**power for size in sizes]) == pytest.approx(power)
+
+
+def test_one_outlier_does_not_decide_the_exponent() -> None:
+    """All sizes count alike."""
+    assert scale.exponent((10, 100, 1000), [10, 200, 1000]) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("sizes", [(25, 25), ()])
@@ -58,7 +72,7 @@ def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureF
     assert repr(value.rpartition(",")[2]) in error
 
 
-@pytest.mark.parametrize("command", ["coverage --agents=3", "run --rounds=2", "radio --plot=x", "station --sizes=2,4"])
+@pytest.mark.parametrize("command", ["coverage --agents=3", "run --rounds=2", "radio --plot=x", "processes --agents=3"])
 def test_a_measurement_takes_only_options_that_it_uses(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Others are refused by name before anything is measured."""
     with pytest.raises(SystemExit) as ended:

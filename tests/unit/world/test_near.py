@@ -1,4 +1,4 @@
-"""Nearness: the same pairs whether each is looked at or a tree finds them."""
+"""Nearness: the same pairs whether each is compared or a strip of the arena is searched."""
 
 import numpy as np
 import pytest
@@ -29,18 +29,18 @@ def pairs(some: Floats, others: Floats) -> list[tuple[int, int]]:
     return list(zip(first.tolist(), second.tolist(), strict=True))
 
 
-@pytest.mark.parametrize("few_pairs", [FEW_PAIRS, -1], ids=["each", "tree"])
+@pytest.mark.parametrize("few_pairs", [FEW_PAIRS, -1], ids=["each", "strips"])
 @given(some=places, others=places)
-@settings(max_examples=60, deadline=None)  # the first one imports scipy
+@settings(max_examples=60, deadline=None)
 def test_all_pairs_in_range_are_found_in_order(few_pairs: int, some: Floats, others: Floats) -> None:
-    """The range included; by index of the one, then of the other; both ways of looking."""
+    """The range included; by index of the one, then of the other; both ways of searching."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "FEW_PAIRS", few_pairs)
         assert pairs(some, others) == by_hand(some, others)
 
 
 def test_a_large_swarm_is_no_other_than_a_small_one() -> None:
-    """Beyond the number of pairs from which on a tree is used, by itself: bit by bit the same answer."""
+    """Beyond the number of pairs from which on strips are searched: bit by bit the same answer."""
     rng = np.random.default_rng(1)
     some, others = rng.random((300, 2)) * 100, rng.random((150, 2)) * 100
     assert len(some) * len(others) > FEW_PAIRS

@@ -1,14 +1,16 @@
 """Search for neighbours."""
 
+from typing import TypeAlias
+
 import numpy as np
 import numpy.typing as npt
 
 from deltaswarm_world.core.arrays import Floats
 
-Indices = npt.NDArray[np.intp]
+Indices: TypeAlias = npt.NDArray[np.intp]
 
 FEW_PAIRS = 10_000
-"""Up to this number a full comparison is faster than a tree."""
+"""Up to this number a full comparison is faster than a search by strips."""
 
 
 def near(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
@@ -42,11 +44,17 @@ def _squares_m2(dx_m: Floats, dy_m: Floats) -> Floats:
 
 
 def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
-    """Return all pairs within the range, and some slightly beyond, since a tree rounds differently."""
-    try:
-        from scipy.spatial import KDTree  # slow to import; small swarms do not need it
-    except ModuleNotFoundError:  # it comes with the extra `study`
-        first, second = np.indices((len(places_m), len(others_m))).reshape(2, -1)
-        return first, second
-    pairs = KDTree(places_m).sparse_distance_matrix(KDTree(others_m), range_m * 1.000001, output_type="ndarray")
-    return pairs["i"], pairs["j"]
+    """Return all pairs within the range in each coordinate, and some slightly beyond, since sums round differently.
+
+    At most the others in a place's strip of the arena are compared with it: those within the range in x.
+    """
+    reach_m = range_m * 1.000001
+    by_x = others_m[:, 0].argsort()
+    x_m = others_m[by_x, 0]
+    begins = x_m.searchsorted(places_m[:, 0] - reach_m)
+    counts = x_m.searchsorted(places_m[:, 0] + reach_m, side="right") - begins
+    first = np.arange(len(places_m)).repeat(counts)
+    skipped = counts.cumsum() - counts
+    second = by_x[np.arange(len(first)) + (begins - skipped).repeat(counts)]
+    beside = np.abs(places_m[first, 1] - others_m[second, 1]) <= reach_m
+    return first[beside], second[beside]

@@ -52,7 +52,7 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
     """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
     participants, folder = saved.core.participants, run_folder / checkpoint.FOLDER
     newest = folder / str(participants.step)
-    checkpoint.write(newest / checkpoint.WORLD_FILE, pickle.dumps(saved))
+    checkpoint.write(newest / checkpoint.WORLD_FILE, checkpoint.pickled(saved))
     agents = sorted(participants.present)
     files = checkpoint.files(newest, agents)
     content = {

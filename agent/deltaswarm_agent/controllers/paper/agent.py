@@ -40,6 +40,10 @@ class Agent:
         self.sensed: set[int] = set()
         self.sensed_step = -1
         """The events that it sensed in its last step, and that step, kept for `learning.py`."""
+        self.rejected_frames = 0
+        """Received invalid frames."""
+        self.rows_cut = 0
+        """Descendants beyond a frame's table."""
         self.beliefs = Beliefs(context.shared.sensing_range_m, self.timers)
         self.reporting = Recurring(settings.report_every_s)
         self.now = 0

@@ -47,12 +47,14 @@ class Beliefs:
         sent = now - 1
         last_update, known = self._last_update_step, self._last_update_step.get
         for event, x_cm, y_cm, age in events:
-            if known(event, -1) < sent - age:
-                last_update[event] = sent - age
+            step = sent - age
+            if known(event, -1) < step:
+                last_update[event] = step
                 self._places[event] = (x_cm, y_cm)
         for event, age in gone:
-            if known(event, -1) < sent - age:
-                last_update[event] = sent - age
+            step = sent - age
+            if known(event, -1) < step:
+                last_update[event] = step
                 self._places.pop(event, None)
 
     def hear_tree(self, heard: Sequence[PaperFrame], root: int, now: int) -> None:
