@@ -23,6 +23,7 @@ RUN_ELSEWHERE = {
     "agent/README.md": "boards/test_docs",
     "docs/CONTROLLERS.md": "docs/test_controllers",
     "docs/ROS2.md": "docs/test_ros2",
+    "docs/SCALE.md": "docs/test_scale",
     "docs/SESSION.md": "docs/test_session",
     "docs/STATION.md": "docs/test_station",
     "docs/STUDIES.md": "docs/test_studies",

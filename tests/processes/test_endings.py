@@ -16,7 +16,7 @@ from typing import Any, cast
 import pytest
 
 from deltaswarm_orchestrator.base import disk, kernel
-from deltaswarm_orchestrator.processes import launch
+from deltaswarm_orchestrator.processes import launch, starter
 from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.recording.names import ACTIONS
 from deltaswarm_orchestrator.results.folder import RunFolder
@@ -171,11 +171,11 @@ def test_a_second_signal_cuts_the_orderly_end_short(tmp_path: Path, monkeypatch:
     """A part that does not heed the request does not outlive who asked twice."""
 
     def wait_in_vain(parts: list[Part], within_s: float) -> list[Part]:
-        if within_s == launch.END_WITHIN_S / 2:
+        if within_s == starter.END_WITHIN_S / 2:
             raise KeyboardInterrupt
         return wait_for(parts, within_s)
 
-    monkeypatch.setattr(launch, "wait_for", wait_in_vain)
+    monkeypatch.setattr(starter, "wait_for", wait_in_vain)
     with swarm_of("signal.signal(signal.SIGTERM, signal.SIG_IGN)", tmp_path) as (swarm, process):
         with pytest.raises(KeyboardInterrupt):
             swarm.end()
@@ -192,7 +192,7 @@ def test_a_part_that_is_stopped_ends_as_asked(tmp_path: Path) -> None:
 
 def test_a_swarm_that_started_nothing_ends_no_other_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a container, processes of a session that began outside have session 0."""
-    monkeypatch.setattr(launch.FORK_SERVER, "_forkserver_pid", None)
+    monkeypatch.setattr(starter.FORK_SERVER, "_forkserver_pid", None)
     with swarm_of("", tmp_path) as (swarm, process):
         found = [[], [(process.pid, os.getpid(), 0)]]
         monkeypatch.setattr(kernel, "_processes", found.pop)

@@ -52,12 +52,15 @@ class Limit:
         return self.allowed >= self.needed
 
 
-def limits(agents: int) -> list[Limit]:
-    """Return the limits that matter to a run with this many agents here; `allowed` is what the hard limits leave."""
+def limits(agents: int, linked: int = 0) -> list[Limit]:
+    """Return the limits that matter to a run with this many agents here; `allowed` is what the hard limits leave.
+
+    Agents that are `linked` run on other machines. Each is a link, and so an open file, of the world.
+    """
     return [
         Limit(
             "open files",
-            DESCRIPTORS + math.ceil(DESCRIPTORS_PER_AGENT * agents),
+            DESCRIPTORS + math.ceil(DESCRIPTORS_PER_AGENT * agents) + linked,
             _hard_limit(resource.RLIMIT_NOFILE),
             "raise the hard limit (`ulimit -Hn`; limits.conf), or take fewer agents",
         ),
@@ -70,18 +73,22 @@ def limits(agents: int) -> list[Limit]:
     ]
 
 
-def make_room(agents: int) -> None:
+def make_room(agents: int, linked: int = 0) -> None:
     """Raise the soft limits of this process and its children to what a run with this many agents needs.
+
+    Args:
+        agents: agents on this machine.
+        linked: agents on other machines.
 
     Raises:
         CommandError: a hard limit is too low.
     """
-    descriptors, threads = limits(agents)
+    descriptors, threads = limits(agents, linked)
     for limit in (descriptors, threads):
         if not limit.is_enough:
             raise CommandError(
-                f"a run with {agents} agents needs {limit.needed} {limit.name}, and {limit.shown} are allowed: "
-                f"{limit.advice}",
+                f"a run with {agents + linked} agents needs {limit.needed} {limit.name}, and {limit.shown} are "
+                f"allowed: {limit.advice}",
                 FAILED,
             )
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

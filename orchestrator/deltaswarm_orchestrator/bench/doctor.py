@@ -92,13 +92,17 @@ def loopback_problem() -> str | None:
         return error.strerror or str(error)
 
 
-def check_parts_can_start(agents: int) -> None:
-    """Check that the parts of a run with this many agents here can start, and can reach each other.
+def check_parts_can_start(agents: int, linked: int = 0) -> None:
+    """Check that the parts of a run can start here, and can reach each other.
+
+    Args:
+        agents: agents on this machine.
+        linked: agents on other machines.
 
     Raises:
         CommandError: they cannot.
     """
-    limits.make_room(agents)
+    limits.make_room(agents, linked)
     if problem := loopback_problem():
         raise CommandError(
             f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`",

@@ -76,7 +76,7 @@ class Authority:
         """Make a key and a certificate for this many days; without hosts, `name` is the host, as of boards as peers."""
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-        names = x509.SubjectAlternativeName([_host(host) for host in hosts or (name,)])
+        names = x509.SubjectAlternativeName([check_host(host) for host in hosts or (name,)])
         builder = (
             _builder(_name(name), self.certificate.subject, key, days)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -96,7 +96,7 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
         ValueError: a host is not a name or address, or the authority's files do not match or have expired.
         OSError: the folder cannot be written.
     """
-    server = tuple(dict.fromkeys(str(_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
+    server = tuple(dict.fromkeys(str(check_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     new: list[str] = []
     if (folder / "ca.pem").exists():
@@ -164,7 +164,12 @@ def _name(text: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 
 
-def _host(text: str) -> x509.GeneralName:
+def check_host(text: str) -> x509.GeneralName:
+    """Return a host as certificates name it.
+
+    Raises:
+        ValueError: it is not a name or address.
+    """
     try:
         return x509.IPAddress(ipaddress.ip_address(text))
     except ValueError:
@@ -188,12 +193,18 @@ def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: float) -> x5
     )
 
 
-def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
-    """Write the key before the certificate, so that every certificate has its key."""
+def pem_of(key: Key, certificate: x509.Certificate) -> tuple[bytes, bytes]:
+    """Return a private key and a certificate as the contents of PEM files."""
     pem = serialization.Encoding.PEM
     secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    return secret, certificate.public_bytes(pem)
+
+
+def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
+    """Write the key before the certificate, so that every certificate has its key."""
+    secret, public = pem_of(key, certificate)
     _put(stem.with_name(f"{stem.name}.key"), secret, 0o600)
-    _put(stem.with_name(f"{stem.name}.pem"), certificate.public_bytes(pem), 0o644)
+    _put(stem.with_name(f"{stem.name}.pem"), public, 0o644)
 
 
 def _put(path: Path, data: bytes, mode: int) -> None:

@@ -46,7 +46,7 @@ class Boards:
             problems.append(Problem("--boards", str(self.agents[-1]), allowed))
         if problem := endpoint_problem(self.listen, connects=True):
             problems.append(Problem("--listen", repr(self.listen), problem))
-        elif protocol_of(self.listen) not in WITH_PORT or _is_any(self._host):
+        elif protocol_of(self.listen) not in WITH_PORT or is_any(self._host):
             allowed = "must be this machine's address, to which boards connect"
             problems.append(Problem("--listen", repr(self.listen), allowed))
         problems += [
@@ -132,7 +132,8 @@ def authority_folder(boards: Path) -> Path:
     return folder.with_name(f"{folder.name}.authority")
 
 
-def _is_any(host: str) -> bool:
+def is_any(host: str) -> bool:
+    """Whether a host stands for all addresses of this machine, to which no other machine can connect."""
     try:
         return ipaddress.ip_address(host).is_unspecified
     except ValueError:

@@ -1,6 +1,7 @@
 """Arguments that several commands share."""
 
 import argparse
+import importlib
 import json
 import os
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from deltaswarm_wire import endpoints
 from deltaswarm_wire.checked import did_you_mean
 
 N = TypeVar("N", int, float)
+
+ENGINES = ("local", "dask")
 
 A_RUN = "the folder of a run"
 
@@ -30,6 +33,24 @@ def add_dry_run(command: Group, prints: str) -> None:
     command.add_argument(
         "--dry-run", action="store_true", help=f"start and write nothing: make every check, and print {prints}"
     )
+
+
+def add_engine(command: Group, scheduler: str) -> None:
+    """Add `--engine` and `--scheduler`, whose help says what the scheduler is for."""
+    command.add_argument("--engine", choices=ENGINES, default="local", help="this machine, or a Dask cluster")
+    command.add_argument("--scheduler", metavar="ADDRESS", help=f"with --engine dask: {scheduler}")
+
+
+def check_dask() -> None:
+    """Check that Dask is installed, for `--engine dask`.
+
+    Raises:
+        CommandError: it is not.
+    """
+    try:
+        importlib.import_module("distributed")
+    except ImportError:
+        raise CommandError("--engine dask needs Dask: pip install 'deltaswarm[cluster]'") from None
 
 
 def add_json(command: Group, what: str = "the result") -> None:

@@ -9,11 +9,15 @@ from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.base.text import named
-from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
 
 
 def _sizes(text: str) -> list[int]:
     return [whole(1)(part) for part in text.split(",")]
+
+
+def _times(text: str) -> list[float]:
+    return [number(0, 10_000)(part) for part in text.split(",")]
 
 
 OPTIONS: dict[str, dict[str, Any]] = {
@@ -31,6 +35,12 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "help": "steps per measurement (default: %(default)s)",
     },
     "rounds": {"type": whole(1), "default": 3, "metavar": "N", "help": "measure this often (default: 3)"},
+    "rtts": {
+        "type": _times,
+        "default": [0.0, 1.0, 5.0, 20.0],
+        "metavar": "MS,MS,...",
+        "help": "round-trip times to the agents' machines [ms] (default: 0,1,5,20)",
+    },
     "plot": {"type": Path, "metavar": "NAME", "help": "draw NAME.png, NAME.svg and NAME.pdf"},
 }
 
@@ -76,6 +86,12 @@ MEASUREMENTS = {
         "station_cost",
         ("agents", "steps", "rounds"),
         "Measure what the operator's station and its pages cost a run.",
+        needs_processes=True,
+    ),
+    "link": Measurement(
+        "link",
+        ("agents", "steps", "rounds", "rtts"),
+        "Measure how the speed depends on the round-trip time to agents on other machines.",
         needs_processes=True,
     ),
 }

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.cli.arguments import (
     add_dry_run,
+    add_engine,
     add_json,
     add_markers,
     add_quiet,
+    check_dask,
     free_folder,
     host_and_port,
     must_exist,
@@ -47,16 +49,19 @@ NEEDS = {
     "live_port": "live",
     "live_connect": "live",
     "boards_folder": "boards",
+    "engine": "scheduler",
+    "scheduler": "engine",
 }
 """Options, and the one without which they have no effect."""
 
 EXCLUDES = {
     "in_process": (("station", "researcher", "boards", "checkpoint", "listen", "zenoh"), "there is one process"),
     "boards": (("checkpoint",), "it saves processes of this machine"),
+    "engine": (("in_process", "boards", "checkpoint"), "the agents are processes on the workers of a cluster"),
     "resume": (
         (
-            *("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "checkpoint", "dry_run"),
-            *("commands", "station"),
+            *("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "engine", "checkpoint"),
+            *("dry_run", "commands", "station"),
         ),
         "the run goes on as it began",
     ),
@@ -89,8 +94,12 @@ def add_run(command: argparse.ArgumentParser) -> None:
     add_quiet(group)
     group = command.add_argument_group("processes and network")
     group.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
+    add_engine(group, "address of the scheduler, on whose workers the agents run")
     group.add_argument(
-        "--listen", type=listens_on, metavar="ENDPOINT", help=f"where the router listens (default: {ANYWHERE})"
+        "--listen",
+        type=listens_on,
+        metavar="ENDPOINT",
+        help=f"where the router listens (default: {ANYWHERE}; with --engine dask: tls/ at this machine's address)",
     )
     group.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
@@ -187,7 +196,9 @@ def check_run(scenario: Scenario, options: "RunOptions") -> None:
     from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
     from deltaswarm_orchestrator.run.options import check
 
-    if not options.in_process:
+    if options.remote:
+        check_parts_can_start(0, linked=scenario.agents.count)
+    elif not options.in_process:
         check_parts_can_start(scenario.agents.count - len(options.boards.agents if options.boards else ()))
     check(scenario, options)
 
@@ -237,15 +248,17 @@ def run_and_report(scenario: Scenario, options: "RunOptions", *, quiet: bool, as
 def _problem(arguments: argparse.Namespace) -> str | None:
     """Return what is wrong with the combination of options; None if nothing is."""
     given = {name for name, value in vars(arguments).items() if not (value is None or value is False or value == [])}
+    if arguments.engine == "local":
+        given.discard("engine")
+    for name, (others, why) in EXCLUDES.items():
+        if name in given and (refused := [_shown(other) for other in others if other in given]):
+            return f"{_shown(name)} must be given without {', '.join(refused)}: {why}"
     for name, needed in NEEDS.items():
         if name in given and needed not in given:
             return f"{_shown(name)} must be given with {_shown(needed)}, without which it has no effect"
     for name, kind in (("live_port", FOXGLOVE), ("live_connect", ROS2)):
         if name in given and arguments.live != kind:
             return f"{_shown(name)} must be given with --live {kind}, without which it has no effect"
-    for name, (others, why) in EXCLUDES.items():
-        if name in given and (refused := [_shown(other) for other in others if other in given]):
-            return f"{_shown(name)} must be given without {', '.join(refused)}: {why}"
     if arguments.resume is not None:
         must_exist(arguments.resume, "--resume", "the folder of an interrupted run")
         if not (arguments.resume / "scenario.toml").is_file():
@@ -254,7 +267,7 @@ def _problem(arguments: argparse.Namespace) -> str | None:
 
 
 def _shown(name: str) -> str:
-    return name.upper() if name == "scenario" else f"--{name.replace('_', '-')}"
+    return {"scenario": "SCENARIO", "engine": "--engine dask"}.get(name, f"--{name.replace('_', '-')}")
 
 
 def _scenario_of(arguments: argparse.Namespace) -> Scenario:
@@ -275,10 +288,14 @@ def _default_folder(scenario: Scenario) -> Path:
 def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
     from deltaswarm_orchestrator.boards.files import Boards
     from deltaswarm_orchestrator.processes.station import LOOPBACK, Station
+    from deltaswarm_orchestrator.remote.plan import Remote
     from deltaswarm_orchestrator.run.options import RunOptions
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
-    listen, boards, station, live_port = arguments.listen or ANYWHERE, None, None, None
+    listen, boards, station, live_port, remote = arguments.listen or ANYWHERE, None, None, None, None
+    if arguments.engine == "dask":
+        check_dask()
+        remote, listen = Remote(arguments.scheduler, arguments.listen or ""), ANYWHERE
     if arguments.boards:  # which connect at `listen`; the processes of this machine need no fixed address
         folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
         boards, listen = Boards(tuple(arguments.boards), listen, folder), ANYWHERE
@@ -294,6 +311,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         listen,
         tuple(arguments.zenoh),
         boards,
+        remote,
         arguments.checkpoint or 0,
         station,
         arguments.researcher,

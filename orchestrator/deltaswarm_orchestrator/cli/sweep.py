@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, check_dask, show, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
     from deltaswarm_orchestrator.sweeps.plan import Sweep
     from deltaswarm_orchestrator.sweeps.runner import SweepResult
-
-ENGINES = ("local", "dask")
 
 
 def add_sweep(command: argparse.ArgumentParser) -> None:
@@ -42,10 +40,7 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
     command.add_argument("-j", "--jobs", type=whole(1), metavar="N", help="runs in parallel (default: number of cores)")
     command.add_argument("--processes", action="store_true", help="every run with real agent processes")
-    command.add_argument("--engine", choices=ENGINES, default="local", help="this machine, or a Dask cluster")
-    command.add_argument(
-        "--scheduler", metavar="ADDRESS", help="with --engine dask: address of the scheduler (default: a local cluster)"
-    )
+    add_engine(command, "address of the scheduler (default: a local cluster)")
 
 
 def sweep(arguments: argparse.Namespace) -> int:
@@ -150,10 +145,9 @@ def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Eng
         if arguments.scheduler:
             raise CommandError("--scheduler is for --engine dask")
         return lambda: LocalEngine(workers)
-    try:
-        from deltaswarm_orchestrator.sweeps.cluster import DaskEngine
-    except ImportError:
-        raise CommandError("--engine dask needs Dask: pip install 'deltaswarm[cluster]'") from None
+    check_dask()
+    from deltaswarm_orchestrator.sweeps.cluster import DaskEngine
+
     return lambda: DaskEngine(arguments.scheduler, workers)
 
 

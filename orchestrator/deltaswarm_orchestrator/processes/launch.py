@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans, end_orphans
+from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.boards.files import Boards
-from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem, kill_fork_server
-from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.processes.elsewhere import AgentsElsewhere
+from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
+from deltaswarm_orchestrator.processes.process import Part, RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError, Starter, room_for
 from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
@@ -44,6 +44,8 @@ class Swarm:
     """The run's folder, which holds `scenario.toml`."""
     zenoh: Sequence[tuple[str, str]] = ()
     boards: Boards | None = None
+    remote: AgentsElsewhere | None = None
+    """The agents, if they run on other machines."""
     was_stopped: Callable[[], object] = lambda: None
     """Returns something true once the user has asked to stop."""
     checkpoint_steps: int = 0
@@ -90,12 +92,16 @@ class Swarm:
             LaunchError: the world ended (the text has its last log lines) or was not up in time.
             StoppedError: the user asked to stop.
         """
-        credentials, boards = self.folder / SECRETS / "credentials", self.boards
-        tls = boards.tls if boards else None
+        secrets, boards = self.folder / SECRETS, self.boards
+        credentials, tls, elsewhere = secrets / "credentials", None, None
+        if boards:
+            tls, elsewhere = boards.tls, boards.listen
+        elif self.remote:
+            tls, elsewhere = self.remote.write_worlds(secrets), self.remote.listen
         options = {
             "--scenario": self.folder / "scenario.toml",
             "--credentials": credentials,
-            "--listen": [listen, boards.listen if boards else None],
+            "--listen": [listen, elsewhere],
             "--out": self.folder,
             "--run": self.run,
             "--expect": [OPERATOR, RECORDER],
@@ -166,7 +172,14 @@ class Swarm:
         """Start all agents that do not run on boards, or only `agents`; each gets its own id, password and log.
 
         In a resumed run, "all" means the agents of the checkpoint, each in its saved state.
+
+        Raises:
+            LaunchError: they could not be started.
+            StoppedError: the user asked to stop while other machines started them.
         """
+        if self.remote:
+            self.remote.start(self.run, self.endpoints[-1], self._overrides, self.was_stopped)
+            return
         resumed = self.resumed if agents is None else None
         if agents is None:
             everyone = resumed.agents if resumed else range(self.scenario.agents.count)
@@ -221,9 +234,17 @@ class Swarm:
                 part.is_stopped = order.action == STOP
                 part.send(signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
 
-    def ended(self) -> list[Part]:
-        """Return the parts whose process has ended."""
-        return [part for part in self.parts if part.exit_code is not None]
+    def ended(self) -> list[RunPart]:
+        """Return the parts that have ended, those on other machines too."""
+        if self.remote:
+            self.remote.look()
+        parts = [*self.parts, *(self.remote.parts if self.remote else ())]
+        return [part for part in parts if part.exit_code is not None]
+
+    @property
+    def agents(self) -> Sequence[RunPart]:
+        """All processes of agents that this run has started, here or on other machines."""
+        return self.remote.agents if self.remote else [part for part in self.parts if part.role == AGENT]
 
     def part(self, role: str, number: int = 0) -> Part:
         """Return the newest process of a part; station 0 is the operator's."""
@@ -235,27 +256,13 @@ class Swarm:
 
     def end(self, *, at_once: bool = False) -> None:
         """End all parts that still run: by SIGTERM, then by SIGKILL; with `at_once`, by SIGKILL alone."""
-        for part in self.parts:
-            if part.is_stopped:
-                part.ends_as_planned = True
-                part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM
         for page in self._pages:
             page.operators_end.close()  # so that stations can tell a run that is over from an operator that restarts
         try:
-            if not at_once:
-                for part in wait_for(self.parts, 0):
-                    part.send(signal.SIGTERM)
-                    part.send(signal.SIGCONT)  # wakes a process that the user has stopped
-                wait_for(self.parts, END_WITHIN_S / 2)
-        finally:  # a second signal may end the wait
-            for part in wait_for(self.parts, 0):
-                part.send(signal.SIGKILL)
-            wait_for(self.parts, END_WITHIN_S)
-            if server := FORK_SERVER._forkserver_pid:  # none has started if the world could not
-                end_orphans(server)  # what a controller has started
-            if any(part.exit_code == UNKNOWN for part in self.parts):
-                kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
-            self._starter.close()
+            self._starter.end(at_once=at_once)
+            if self.remote:
+                self.remote.end(at_once=at_once)
+        finally:
             for page in self._pages:
                 page.close()
             self._remove_secrets()

@@ -33,18 +33,55 @@ EXIT_CODE_WITHIN_S = 3.0
 """Maximum wait for the fork server to tell a process's exit code [s]."""
 
 
-class Part:
-    """One started process."""
+class RunPart:
+    """A part of a run, on this machine or on another: how it ended, and its log here."""
 
-    def __init__(self, role: str, number: int, process: ForkServerProcess, log_file: Path) -> None:
+    def __init__(self, role: str, number: int, log_file: Path) -> None:
         self.role = role
         self.number = number
         self.log_file = log_file
         self.name = f"{role} {number}" if role == AGENT or number else role
+        self.ends_as_planned = False
+        """Whether its end needs no line: it was killed by a fault of the scenario, at the end while stopped, or with
+        its machine, whose own line says so."""
+
+    @property
+    def exit_code(self) -> int | None:
+        """The exit code: None while the part runs, negative the signal that killed it, UNKNOWN if not known."""
+        raise NotImplementedError
+
+    def how_it_ended(self, when: str = "") -> str:
+        """Describe in one line how the part ended, and when, if that is known."""
+        code, when = self.exit_code or 0, when and f" {when}"
+        if code == NO_ROOM:
+            folder = self.log_file.parents[1]
+            return f"{self.name} could not write into {folder}: {disk_usage(folder).free:,} bytes are free there"
+        if code < 0:
+            return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
+        how = HOW.get(code, f"ended with exit code {code}")
+        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line]
+        # The world may have timed out waiting for a part, which its last error names.
+        cause = f": {errors[-1]}" if errors and self.role == WORLD else ""
+        return f"{self.name} {how}{when}{cause}"
+
+    def log_tail(self) -> str:
+        """Return the last lines of the log, for an error message."""
+        return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
+
+    def _last_lines(self) -> list[str]:
+        try:
+            return self.log_file.read_text(errors="replace").splitlines()[-LOG_TAIL_LINES:]
+        except OSError:
+            return []
+
+
+class Part(RunPart):
+    """One started process of this machine."""
+
+    def __init__(self, role: str, number: int, process: ForkServerProcess, log_file: Path) -> None:
+        super().__init__(role, number, log_file)
         self.is_stopped = False
         """Whether a fault of the scenario has stopped the process (SIGSTOP)."""
-        self.ends_as_planned = False
-        """Whether the process was killed on purpose: by a fault of the scenario, or at the end while stopped."""
         self.pid = process.pid or 0
         self._process = process
         try:
@@ -92,30 +129,6 @@ class Part:
         if self._pidfd is not None:
             os.close(self._pidfd)
             self._pidfd = None
-
-    def how_it_ended(self, when: str = "") -> str:
-        """Describe in one line how the process ended, and when, if that is known."""
-        code, when = self.exit_code or 0, when and f" {when}"
-        if code == NO_ROOM:
-            folder = self.log_file.parents[1]
-            return f"{self.name} could not write into {folder}: {disk_usage(folder).free:,} bytes are free there"
-        if code < 0:
-            return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
-        how = HOW.get(code, f"ended with exit code {code}")
-        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line]
-        # The world may have timed out waiting for a part, which its last error names.
-        cause = f": {errors[-1]}" if errors and self.role == WORLD else ""
-        return f"{self.name} {how}{when}{cause}"
-
-    def log_tail(self) -> str:
-        """Return the last lines of the log, for an error message."""
-        return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
-
-    def _last_lines(self) -> list[str]:
-        try:
-            return self.log_file.read_text(errors="replace").splitlines()[-LOG_TAIL_LINES:]
-        except OSError:
-            return []
 
 
 def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:

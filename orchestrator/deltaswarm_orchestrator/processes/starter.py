@@ -3,6 +3,7 @@
 import multiprocessing
 import multiprocessing.process
 import os
+import signal
 import socket
 import threading
 import time
@@ -13,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import limits
+from deltaswarm_orchestrator.base.kernel import end_orphans
 from deltaswarm_orchestrator.processes import entry_point
+from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
-from deltaswarm_orchestrator.processes.process import Part, wait_for
+from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 from deltaswarm_wire.plugins import CONTROLLERS
@@ -81,12 +84,34 @@ class Starter:
         self._context = multiprocessing.get_context("forkserver")
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
 
-    def close(self) -> None:
-        """Release what belongs to the processes, all of which have ended."""
+    def end(self, *, at_once: bool = False) -> None:
+        """End all parts that still run, by SIGTERM and then by SIGKILL, and what they started; leave nothing behind.
+
+        Args:
+            at_once: by SIGKILL alone.
+        """
         for part in self.parts:
-            part.close()
-        self._kept_end.close()
-        self._lifeline.close()
+            if part.is_stopped:
+                part.ends_as_planned = True
+                part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM
+        try:
+            if not at_once:
+                for part in wait_for(self.parts, 0):
+                    part.send(signal.SIGTERM)
+                    part.send(signal.SIGCONT)  # wakes a process that the user has stopped
+                wait_for(self.parts, END_WITHIN_S / 2)
+        finally:  # a second signal may end the wait
+            for part in wait_for(self.parts, 0):
+                part.send(signal.SIGKILL)
+            wait_for(self.parts, END_WITHIN_S)
+            if server := FORK_SERVER._forkserver_pid:  # none has started if the world could not
+                end_orphans(server)  # what a controller has started
+            if any(part.exit_code == UNKNOWN for part in self.parts):
+                kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
+            for part in self.parts:
+                part.close()
+            self._kept_end.close()
+            self._lifeline.close()
 
     def start(
         self,

@@ -3,7 +3,7 @@
 import json
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,12 +19,14 @@ from deltaswarm_orchestrator.live.observers import LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.views import LiveSocket, ResearcherFeed
 from deltaswarm_orchestrator.processes.launch import Swarm
-from deltaswarm_orchestrator.processes.process import Part
+from deltaswarm_orchestrator.processes.process import RunPart
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.processes.station import Station, announce
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.remote.agents import RemoteAgents
+from deltaswarm_orchestrator.remote.placement import Placement, placed
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.results.judgements import task_score, write_judgements
@@ -34,11 +36,11 @@ from deltaswarm_orchestrator.results.situation import write_situation
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunOptions, RunResult, check
 from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.run.shown import foxglove_viewer, ros2_publisher
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
-from deltaswarm_wire.keys import AGENT
 
 AT_ONCE = "a second signal ended the run at once"
 
@@ -52,6 +54,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         SettingsError: the scenario cannot be run with these boards, or has a bound that processes cannot compute.
         LiveError: the run cannot be shown live.
         RoomError: the disk is too full to write how the run ended.
+        ClusterError: the cluster cannot do this run.
         CommandError: the user asked to stop twice before the run began.
     """
     check(scenario, options)
@@ -59,10 +62,11 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         try:
             with (
                 disk.room_in(options.out),
-                _viewer(scenario, options, reporter) as viewer,
-                _ros2(scenario, options, reporter) as ros2,
+                placed(options.remote, scenario.agents.count, reporter.say) as placement,
+                foxglove_viewer(scenario, options, reporter) as viewer,
+                ros2_publisher(scenario, options, reporter) as ros2,
             ):
-                return _run(scenario, options, reporter, stop, viewer, ros2)
+                return _run(scenario, options, reporter, stop, viewer, ros2, placement)
         except KeyboardInterrupt:
             raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
 
@@ -74,6 +78,7 @@ def _run(
     stop: Stop,
     viewer: FoxgloveServer | None,
     ros2: LiveObserver | None,
+    placement: Placement | None,
 ) -> RunResult:
     if options.boards:
         options.boards.prepare(scenario)
@@ -84,31 +89,7 @@ def _run(
             newest = resume.newest(folder.path)
             return _Run(scenario, options, folder, reporter, stop, viewer, ros2, newest).execute()
     with RunFolder(options.out, force=options.force) as folder:
-        return _Run(scenario, options, folder, reporter, stop, viewer, ros2).execute()
-
-
-@contextmanager
-def _viewer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[FoxgloveServer | None]:
-    """Yield the server for live viewers, or None if the run has none."""
-    if options.live_port is None:
-        yield None
-        return
-    with FoxgloveServer(scenario.name, options.live_port, reporter.say) as server:
-        reporter.say(f"live: open {server.url} in Foxglove; it shows the truth, which the operator does not know")
-        yield server
-
-
-@contextmanager
-def _ros2(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[LiveObserver | None]:
-    """Yield the publisher for ROS 2's tools, or None if the run has none."""
-    if not options.live_ros2:
-        yield None
-        return
-    from deltaswarm_orchestrator.live.ros2_publisher import TOPICS, Ros2Publisher  # no other run needs ROS 2's messages
-
-    with Ros2Publisher(options.live_ros2, scenario) as publisher:
-        reporter.say(f"live: {' and '.join(TOPICS.values())} in ROS 2; they show the truth")
-        yield publisher
+        return _Run(scenario, options, folder, reporter, stop, viewer, ros2, placement=placement).execute()
 
 
 @dataclass(eq=False)
@@ -123,10 +104,11 @@ class _Run:
     viewer: FoxgloveServer | None
     ros2: LiveObserver | None
     resumed: Resumed | None = None
+    placement: Placement | None = None
     outcome: Outcome | None = None
-    why: list[str | Part] = field(default_factory=list)
+    why: list[str | RunPart] = field(default_factory=list)
     """Reasons why the run ended too early, and what was lost, one line each; an agent stands for its own line."""
-    agents: list[Part] = field(default_factory=list)
+    agents: Sequence[RunPart] = ()
     """The processes of agents, which have ended when the run is concluded."""
     logs: list[str] = field(default_factory=list)
     """The last lines of the logs of failed parts."""
@@ -140,8 +122,9 @@ class _Run:
             self.manifest |= {"exit_reason": run_tables.RUNNING}
             self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": self.resumed.step}]
         else:
-            engine = "in-process" if self.options.in_process else "processes"
+            engine = "in-process" if self.options.in_process else "dask" if self.placement else "processes"
             self.manifest = run_tables.new_manifest(self.scenario, engine, self.scenario.record)
+            self.manifest |= {"workers": self.placement.workers} if self.placement else {}
             self.manifest |= {"checkpoint_steps": self.options.checkpoint_steps, "resumed": []}
         self.checkpoint_steps: int = self.manifest["checkpoint_steps"]
 
@@ -278,25 +261,13 @@ class _Run:
             folder,
             zenoh=options.zenoh,
             boards=boards,
+            remote=RemoteAgents(scenario, self.placement, folder / "logs") if self.placement else None,
             was_stopped=lambda: self.stop.by,
             checkpoint_steps=self.checkpoint_steps,
             resumed=resumed,
             station=station,
         ) as swarm:
-            urls = {}
-            if station:
-                urls = {"url": swarm.start_station(), "watch_url": station.watch_url}
-                self.reporter.say(f"station: {urls['url']}")
-                self.reporter.say(f"only to watch it: {station.watch_url}")
-            if options.researcher and recorder is not None:
-                page = Station()
-                feed = ResearcherFeed(page.operators_end, name, scenario, is_beside_operator=station is not None)
-                self.live_observers.append(feed)
-                urls["researcher_url"] = swarm.start_station(page, 1)
-                swarm.conductor = page if station else None
-                self.reporter.say(f"conductor's page, which shows the truth: {urls['researcher_url']}")
-            if station:
-                announce(folder, urls, opens_browser=station.opens_browser)
+            self._start_pages(swarm, has_truth=recorder is not None)
             swarm.start_world(options.listen, record=recorder is not None)
             if boards:
                 self.reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
@@ -317,7 +288,7 @@ class _Run:
                     watch.watch_to_the_end()
                 finally:
                     self.why += watch.why
-                    self.agents = [part for part in swarm.parts if part.role == AGENT]
+                    self.agents = swarm.agents
                     self.logs += [
                         f"the last lines of the log of {part}:\n{tail}"
                         for part, tail in watch.logs.items()
@@ -325,6 +296,27 @@ class _Run:
                     ]
                     self.operator_restarts = watch.operator_restarts
                     self.disk_is_full = watch.disk_is_full
+
+    def _start_pages(self, swarm: Swarm, *, has_truth: bool) -> None:
+        """Start the pages of the person and of the researcher, if the run has them, and say where they are.
+
+        Raises:
+            LaunchError, StoppedError: as in `_run_processes`.
+        """
+        station, urls = self.options.station, {}
+        if station:
+            urls = {"url": swarm.start_station(), "watch_url": station.watch_url}
+            self.reporter.say(f"station: {urls['url']}")
+            self.reporter.say(f"only to watch it: {station.watch_url}")
+        if self.options.researcher and has_truth:
+            page = Station()
+            feed = ResearcherFeed(page.operators_end, swarm.run, self.scenario, is_beside_operator=station is not None)
+            self.live_observers.append(feed)
+            urls["researcher_url"] = swarm.start_station(page, 1)
+            swarm.conductor = page if station else None
+            self.reporter.say(f"conductor's page, which shows the truth: {urls['researcher_url']}")
+        if station:
+            announce(self.folder.path, urls, opens_browser=station.opens_browser)
 
     def _conclude(self) -> dict[str, Any]:
         """Return the summary, and update the manifest to agree with it."""
@@ -348,7 +340,7 @@ class _Run:
         """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""
         world = outcome.world
         lost = dict(zip(world.get("agents_lost", ()), world.get("lost_in_step", ()), strict=True))
-        told = {entry.number for entry in self.why if isinstance(entry, Part)}
+        told = {entry.number for entry in self.why if isinstance(entry, RunPart)}
         quiet = [part for part in self.agents if part.exit_code == 0 and part.number in lost.keys() - told]
         when = {agent: f"in step {step}" for agent, step in lost.items()}
         return [

@@ -8,6 +8,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
 from deltaswarm_orchestrator.boards.files import Boards
 from deltaswarm_orchestrator.live.foxglove_server import LiveError, check_installed
 from deltaswarm_orchestrator.processes.station import Station
+from deltaswarm_orchestrator.remote.plan import Remote
 from deltaswarm_orchestrator.results.folder import check_target
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -26,6 +27,8 @@ class RunOptions:
     zenoh: tuple[tuple[str, str], ...] = ()
     boards: Boards | None = None
     """Agents that are started by hand on other machines."""
+    remote: Remote | None = None
+    """Agents that are started on the workers of a cluster."""
     checkpoint_steps: int = 0
     """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
     station: Station | None = None
@@ -63,7 +66,8 @@ def check(scenario: Scenario, options: RunOptions) -> None:
 
     Raises:
         FolderError: the folder exists.
-        SettingsError: the scenario cannot be run with these boards, or has a bound that processes cannot compute.
+        SettingsError: the scenario cannot be run with these boards or on a cluster, or has a bound that
+            processes cannot compute.
         LiveError: the run cannot be shown live.
     """
     if scenario.run.bound != "none" and not options.in_process:
@@ -71,6 +75,8 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     if options.boards:
         options.boards.check(scenario)
+    if options.remote:
+        options.remote.check(scenario)
     if options.live_port is not None:
         check_installed()
     if options.live_ros2 and scenario.record == "off":

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.launch import Swarm
-from deltaswarm_orchestrator.processes.process import Part, wait_for
+from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
+from deltaswarm_orchestrator.remote.agents import SCHEDULER
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
@@ -44,7 +45,7 @@ class Watch:
         patience_s: float,
         live_observers: Sequence[LiveObserver] = (),
     ) -> None:
-        self.why: list[str | Part] = []
+        self.why: list[str | RunPart] = []
         """Reasons why a part or the run ended too early; an agent stands for its line: the world knows the step."""
         self.logs: dict[str, str] = {}
         """The last log lines of failed parts that were not restarted, by part name."""
@@ -57,7 +58,7 @@ class Watch:
         self._stop = stop
         self._live_observers = live_observers
         self._patience_s = patience_s + SILENCE_S
-        self._noted: set[Part] = set()
+        self._noted: set[RunPart] = set()
         self._deadline = float("inf")
         """When the orchestrator stops waiting for the world to end (monotonic wall time [s])."""
         self._silent_since = self._looked_at = time.monotonic()
@@ -138,6 +139,9 @@ class Watch:
                     self._end_soon()
             elif part.role == STATION and part.number == 0:
                 self._restart_station(part)
+            elif part.role == SCHEDULER:
+                self._end_soon()  # its workers end, too
+                self._swarm.part(WORLD).ends_as_planned = True
 
     def _must_await_status(self) -> bool:
         """Whether a part has ended and only the world's next status can tell if the run had begun by then.
@@ -152,7 +156,7 @@ class Watch:
         self._awaits_status = status is self._status_at_end
         return self._awaits_status
 
-    def _restart_station(self, station: Part) -> None:
+    def _restart_station(self, station: RunPart) -> None:
         """Restart the operator's station after it died; if that fails, the run continues without a station."""
         self._station_restarts += 1
         try:
@@ -166,7 +170,7 @@ class Watch:
             del self.logs[station.name]
             self._swarm.write_pids()
 
-    def _restart_operator(self, operator: Part) -> bool:
+    def _restart_operator(self, operator: RunPart) -> bool:
         """Restart the operator after it died; return False if a restart is impossible or would not help."""
         step = self._observer.newest_step
         self._vain_restarts = self._vain_restarts + 1 if step <= self._step_at_restart else 0
@@ -190,7 +194,7 @@ class Watch:
         status = self._observer.status
         return status is not None and status.phase != "waiting"
 
-    def _failed(self) -> list[Part]:
+    def _failed(self) -> list[RunPart]:
         """Return the parts that have newly ended with an error and not as planned.
 
         If a part lost its world, wait for the world's own end, so that the world is listed before that part.
@@ -202,10 +206,10 @@ class Watch:
         self._noted.update(ended)
         return [part for part in ended if part.exit_code != 0 and not part.ends_as_planned]
 
-    def _newly_ended(self) -> list[Part]:
+    def _newly_ended(self) -> list[RunPart]:
         return [part for part in self._swarm.ended() if part not in self._noted]
 
-    def _note_ends(self, failed: list[Part]) -> None:
+    def _note_ends(self, failed: list[RunPart]) -> None:
         for part in failed:
             if part.exit_code == NO_ROOM and self.disk_is_full:
                 continue

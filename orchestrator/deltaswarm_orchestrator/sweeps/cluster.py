@@ -2,7 +2,6 @@
 
 import atexit
 import functools
-import gc
 import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -14,12 +13,10 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.deploy.spec import close_clusters
 
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.dask_client import CONNECT_WITHIN_S, client_of, silence_dask
 from deltaswarm_orchestrator.base.exits import FAILED, notice
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.job import Result, Task
-
-CONNECT_WITHIN_S = 10.0
-
 
 # The exit stack closes the cluster. Dask's own exit handler would only add a traceback if Ctrl-C came during start-up.
 atexit.unregister(close_clusters)
@@ -42,8 +39,7 @@ class DaskEngine:
             EngineError: no scheduler can be reached at the address.
             EngineLostError: the scheduler was lost during the sweep.
         """
-        for name in ("distributed", "distributed.client", "asyncio"):  # our one-line error replaces their tracebacks
-            logging.getLogger(name).setLevel(logging.CRITICAL)
+        silence_dask()
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack)
             if self._scheduler and not client.nthreads():
@@ -72,12 +68,10 @@ class DaskEngine:
                     n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
                 )
             )
-            client: Client = stack.enter_context(Client(address, timeout=CONNECT_WITHIN_S))
-            return client
+            return stack.enter_context(client_of(address, CONNECT_WITHIN_S))
         except (OSError, ValueError, AssertionError, RuntimeError) as error:
             # AssertionError: Dask's thread was not up within 10 s; RuntimeError: a worker of a local cluster died.
             problem = str(error)
-        gc.collect()  # closes the unconnected client here: if one of Dask's threads collected it, that might deadlock
         if self._scheduler:
             raise EngineError(f"no Dask scheduler could be reached at {self._scheduler}: {problem}")
         raise EngineError(f"no Dask cluster could be started on this machine: {problem}", FAILED)

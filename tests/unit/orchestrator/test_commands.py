@@ -83,6 +83,8 @@ WITH_VALUE = {
     "boards": "4",
     "markers": "127.0.0.1:5000",
     "checkpoint": "5",
+    "engine": "dask",
+    "scheduler": "tcp://127.0.0.1:9",
     "listen": "tcp/127.0.0.1:0",
     "zenoh": "mode='client'",
     "resume": "there",

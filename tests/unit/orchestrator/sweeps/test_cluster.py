@@ -1,13 +1,10 @@
 """A sweep on a real Dask cluster: a scheduler and two workers, each a process of its own."""
 
 import gc
-import json
 import os
 import re
 import signal
-import subprocess
 import sys
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +14,9 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.sweeps.job import work
-from tests.support.swarms import BOUND_S, PATIENCE_S, wait_until
-from tests.support.sweeping import MARK, RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
+from tests.support.dask_clusters import Cluster, dask_cluster
+from tests.support.swarms import BOUND_S, wait_until
+from tests.support.sweeping import RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
 
 distributed = pytest.importorskip("distributed")
 
@@ -27,69 +25,10 @@ from deltaswarm_orchestrator.sweeps.cluster import DaskEngine, attempt_with  # n
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
 
 
-class Cluster:
-    """A scheduler and its workers."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.mark = uuid.uuid4().hex
-        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", self.file)
-        wait_until(self._address, "the scheduler")
-        self.workers: list[subprocess.Popen[bytes]] = []
-
-    @property
-    def file(self) -> str:
-        """Where the scheduler says where it is."""
-        return str(self.folder / "scheduler.json")
-
-    @property
-    def address(self) -> str:
-        """Of the scheduler."""
-        return str(self._address())
-
-    def _address(self) -> str | None:
-        try:
-            return str(json.loads(Path(self.file).read_text())["address"])
-        except (OSError, ValueError):
-            return None
-
-    def add_worker(self, **environment: str) -> subprocess.Popen[bytes]:
-        """One more worker, which nobody starts again."""
-        place = ["--local-directory", str(self.folder)]
-        worker = self._start("worker", self.address, "--nthreads", "1", "--no-nanny", *place, **environment)
-        self.workers.append(worker)
-        with distributed.Client(self.address, timeout=PATIENCE_S) as client:
-            client.wait_for_workers(len(self.workers), timeout=PATIENCE_S)
-        return worker
-
-    def _start(self, part: str, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
-        with (self.folder / f"{part}.log").open("ab") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.dask_{part}", "--no-dashboard", *arguments],
-                stdout=log,
-                stderr=log,
-                cwd=self.folder,
-                env={**os.environ, MARK: self.mark, **environment},
-            )
-
-    def end(self) -> None:
-        """Every process of it, and what they started."""
-        for process in (*self.workers, self.scheduler):
-            process.kill()
-            process.wait()
-        for pid in marked(self.mark):
-            os.kill(pid, signal.SIGKILL)
-
-
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A scheduler without workers; nothing of it is left, whatever the test does."""
-    (tmp_path / "cluster").mkdir()
-    made_here = Cluster(tmp_path / "cluster")
-    try:
+    with dask_cluster(tmp_path / "cluster") as made_here:
         yield made_here
-    finally:
-        made_here.end()
 
 
 @contextmanager
@@ -155,7 +94,7 @@ def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -
     shadow.mkdir(parents=True)
     for source in origin.glob("*.py"):
         (shadow / source.name).write_text(source.read_text() + "# changed\n")
-    cluster.add_worker(PYTHONPATH=str(shadow.parent))
+    cluster.add_worker(PYTHONPATH=f"{shadow.parent}:{os.environ.get('PYTHONPATH', '')}")
     with on(cluster, written(tmp_path, repeats=1), tmp_path / "out") as running:
         code, _, errors = running.finish()
     assert code == 1
@@ -223,6 +162,19 @@ def test_the_command_ends_with_2_without_a_scheduler(
     assert line.startswith("deltaswarm: ")
     assert "tcp://127.0.0.1:9" in line
     assert main([*arguments, "-j", "1"]) == 0
+
+
+@pytest.mark.parametrize("command", [("sweep", "loss.toml"), ("run", "smoke", "--scheduler", "tcp://127.0.0.1:9")])
+def test_without_dask_the_line_says_how_to_install_it(
+    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """For a sweep and for a run; nothing is written."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    words = [str(written(tmp_path)) if word == "loss.toml" else word for word in command]
+    assert main([*words, "--engine", "dask", "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "deltaswarm: --engine dask needs Dask: pip install 'deltaswarm[cluster]'"
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.processes

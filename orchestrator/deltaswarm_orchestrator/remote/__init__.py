@@ -1,0 +1,1 @@
+"""One run over many machines: agents' processes on the workers of a cluster, everything else here."""

@@ -1,0 +1,174 @@
+"""A run over many machines: a Dask scheduler and two workers here, each worker with agents of its own."""
+
+import asyncio
+import os
+import re
+import signal
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+import deltaswarm_wire
+from deltaswarm_orchestrator.remote import dask_cluster as dask_cluster_module
+from deltaswarm_orchestrator.remote.host import AgentHost
+from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_wire.checked import plain
+from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
+from tests.support.swarms import BOUND_S, RunningSwarm, run, running, told, wait_until
+
+pytestmark = pytest.mark.processes
+
+SHORT = ("--set", "run.duration_s=60")
+LONG = ("--set", "run.duration_s=1000000")
+"""A run that a test ends once it has seen what it is about."""
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """Two workers whose temporary files are in a folder of their own."""
+    (tmp_path / "temporary").mkdir()
+    with dask_cluster(tmp_path / "cluster") as made:
+        for _ in range(2):
+            made.add_worker(TMPDIR=str(tmp_path / "temporary"))
+        yield made
+
+
+@contextmanager
+def on(cluster: Cluster, out: Path, *arguments: str) -> Iterator[RunningSwarm]:
+    """A run on a cluster, under way."""
+    with running(out, "--engine", "dask", "--scheduler", cluster.address, *arguments) as swarm:
+        yield swarm
+
+
+def test_a_run_on_a_cluster_has_the_digest_of_one_process(cluster: Cluster, tmp_path: Path) -> None:
+    """Its agents are divided in order, their logs are here, and nothing is left on the workers."""
+    with on(cluster, tmp_path / "run", *SHORT) as swarm:
+        swarm.end_well()
+    nothing_is_left(cluster, tmp_path)
+    inside = run(tmp_path / "inside", *SHORT, "--in-process")
+    summary, manifest = swarm.summary(), swarm.manifest()
+    assert (summary["digest"], summary["valid"], summary["why"]) == (inside["digest"], True, [])
+    assert manifest["engine"] == "dask"
+    assert [name.split()[0] for name in manifest["workers"]] == ["w0", "w1"]
+    assert [*manifest["workers"].values()] == [[0, 1, 2], [3, 4, 5]]
+    for agent in range(6):
+        assert f"agent {agent} exits after step 59" in swarm.log("agent", agent)
+
+
+def test_a_killed_worker_costs_its_agents_alone(cluster: Cluster, tmp_path: Path) -> None:
+    """The others do all steps, the line names worker and agents, and an agent that is killed has a line of its own."""
+    with on(cluster, tmp_path / "run", "--set", "run.duration_s=1500", "--record", "off") as swarm:
+        swarm.wait_for_steps(20)
+        secrets = list((tmp_path / "temporary").glob("*/*.key"))
+        assert sorted(key.name for key in secrets) == [f"{agent}.key" for agent in range(6)]
+        assert {key.stat().st_mode & 0o777 for key in secrets} == {0o600}
+        assert {key.parent.stat().st_mode & 0o777 for key in secrets} == {0o700}
+        os.kill(pid_of_agent(cluster, 4), signal.SIGKILL)
+        swarm.wait_for_steps(20)
+        cluster.workers[0].kill()
+        swarm.end_well()
+    nothing_is_left(cluster, tmp_path)
+    summary = swarm.summary()
+    assert (summary["complete"], summary["steps"], sorted(summary["agents_lost"])) == (True, 1500, [0, 1, 2, 4])
+    killed, lost = sorted(summary["why"])
+    assert re.fullmatch(r"the Dask worker w0 at tcp://\S+ was lost after step \d+ with agents 0-2", lost)
+    assert re.fullmatch(r"agent 4 was killed by SIGKILL in step \d+", killed)
+    assert swarm.manifest()["why"] == summary["why"]
+
+
+def pid_of_agent(cluster: Cluster, agent: int) -> int:
+    """The process on a worker whose standard error is an agent's log."""
+    [pid] = [pid for pid in cluster.agents() if os.readlink(f"/proc/{pid}/fd/2").endswith(f"/agent-{agent}.log")]
+    return pid
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_agents_on_workers_end_with_the_command(number: signal.Signals, cluster: Cluster, tmp_path: Path) -> None:
+    """However it ends; the workers stay."""
+    with on(cluster, tmp_path / "run", *LONG, "--record", "off") as swarm:
+        swarm.wait_for_steps(5)
+        swarm.process.send_signal(number)
+        code, _, errors = swarm.finish(BOUND_S)
+        assert code == (130 if number == signal.SIGINT else -9), errors
+        assert "Traceback" not in errors
+        nothing_is_left(cluster, tmp_path)
+    assert [worker.poll() for worker in cluster.workers] == [None, None]
+    if number == signal.SIGINT:
+        assert swarm.summary()["agents_lost"] == []
+        assert "exits after step" in swarm.log("agent", 5)
+
+
+def test_without_its_scheduler_a_run_ends(cluster: Cluster, tmp_path: Path) -> None:
+    """In one line; Dask's workers end without it, and so do their agents."""
+    with on(cluster, tmp_path / "run", *LONG, "--record", "off") as swarm:
+        swarm.wait_for_steps(5)
+        cluster.scheduler.kill()
+        code, _, errors = swarm.finish(BOUND_S)
+    assert code == 1
+    assert "Traceback" not in errors
+    [why] = swarm.summary()["why"]
+    assert re.fullmatch(rf"the Dask scheduler was lost after step \d+ .* {cluster.address}", why)
+    nothing_is_left(cluster, tmp_path)
+
+
+def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    """No scheduler, no workers, an address that is not this machine's: a line each, and no folder."""
+    out = tmp_path / "run"
+    with dask_cluster(tmp_path / "cluster") as cluster:
+        on_dask = ("run", "smoke", "--out", str(out), "--engine", "dask", "--scheduler")
+        nobody = told(*on_dask, "tcp://127.0.0.1:9")
+        assert (nobody.returncode, "no Dask scheduler could be reached at tcp://127.0.0.1:9" in nobody.stderr) == (
+            2,
+            True,
+        )
+        empty = told(*on_dask, cluster.address)
+        assert (empty.returncode, "must have at least one worker" in empty.stderr) == (2, True)
+        cluster.add_worker()
+        elsewhere = told(*on_dask, cluster.address, "--listen", "tls/192.0.2.1:0")
+        assert (elsewhere.returncode, "--listen must be an address of this machine" in elsewhere.stderr) == (2, True)
+    assert not list(tmp_path.glob("run*"))
+
+
+def test_a_host_whose_process_is_killed_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worker notices, removes the files, and says so; the agents end with their parent."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
+        files = {agent: AgentFiles(settings, b"", b"SECRET") for agent in (3, 4)}
+        host = AgentHost(HostJob("run", endpoint, "hybrid", 60.0, b"", files))
+        wait_until(lambda: len(list(tmp_path.glob("*/logs/*.log"))) == 2, "the agents")
+        host._process.kill()
+        news = wait_until(lambda: (found := host.poll()).is_over and found, "the news")
+    assert news.failed == "its process ended with code -9"
+    wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
+
+
+def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether it refuses or says nothing; one that listens is well."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)) == ""
+    assert "refused" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)).lower()
+    monkeypatch.setattr(dask_cluster_module, "REACH_WITHIN_S", 0.0)
+    assert "no answer" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port))
+
+
+def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:
+    """The lines name the worker, what it has, and what this machine has."""
+    shadow = tmp_path / "shadow" / "deltaswarm_wire"
+    shadow.mkdir(parents=True)
+    for source in Path(deltaswarm_wire.__path__[0]).glob("*.py"):
+        (shadow / source.name).write_text(source.read_text() + "# changed\n")
+    with dask_cluster(tmp_path / "cluster") as cluster:
+        cluster.add_worker(PYTHONPATH=f"{shadow.parent}:{os.environ.get('PYTHONPATH', '')}")
+        done = told("run", "smoke", "--out", str(tmp_path / "run"), "--engine", "dask", "--scheduler", cluster.address)
+    assert done.returncode == 2
+    assert re.search(r"w0 at tcp://\S+ has deltaswarm \S+ \(code \w+\), Python", done.stderr)
+    assert not (tmp_path / "run").exists()

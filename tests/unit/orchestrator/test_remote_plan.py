@@ -1,0 +1,225 @@
+"""What is decided about a run over many machines before anything starts."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.remote.agents import RemoteAgents
+from deltaswarm_orchestrator.remote.credentials import Credentials
+from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob, HostLostError, News
+from deltaswarm_orchestrator.remote.placement import Placement
+from deltaswarm_orchestrator.remote.plan import (
+    ClusterError,
+    Installed,
+    Remote,
+    Worker,
+    check_installed,
+    check_reached,
+    divide,
+    in_order,
+    listen_problem,
+    spans,
+)
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_wire.checked import SettingsError
+
+HERE = Installed("1.2.0", "3.11", "1.10.2", "aa")
+W0, W1 = Worker("w0", "tcp://10.0.0.1:1"), Worker("w1", "tcp://10.0.0.2:1")
+
+
+@given(st.integers(0, 60), st.integers(1, 9))
+def test_agents_are_divided_evenly_and_in_order(agents: int, workers: int) -> None:
+    """Each agent once, in blocks that differ by one at most; nobody gets an empty block."""
+    there = [Worker(str(number), f"tcp://10.0.0.1:{number}") for number in range(workers)]
+    blocks = divide(range(agents), there)
+    assert [agent for block in blocks.values() for agent in block] == list(range(agents))
+    assert [*blocks] == there[: min(agents, workers)]
+    sizes = [len(block) for block in blocks.values()]
+    assert sizes == sorted(sizes, reverse=True)
+    assert not sizes or sizes[0] - sizes[-1] <= 1
+
+
+@given(st.permutations([Worker(name, f"tcp://{name}:{port}") for name in ("n2", "n10", "7", "x") for port in (9, 10)]))
+def test_the_order_of_workers_does_not_depend_on_how_they_are_told(workers: list[Worker]) -> None:
+    """By name and then address; numbers count by their value."""
+    assert [worker.address for worker in in_order(workers)] == [
+        *("tcp://7:9", "tcp://7:10", "tcp://n2:9", "tcp://n2:10", "tcp://n10:9", "tcp://n10:10", "tcp://x:9"),
+        "tcp://x:10",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("agents", "text"), [([7], "agent 7"), ([0, 1, 2], "agents 0-2"), ([0, 1, 4, 6, 7], "agents 0-1, 4, 6-7")]
+)
+def test_agents_are_named_by_spans(agents: list[int], text: str) -> None:
+    """In few words, however many they are."""
+    assert spans(agents) == text
+
+
+def test_a_worker_with_something_else_is_named() -> None:
+    """With what it has, and what this machine has; equal ones are well."""
+    check_installed(HERE, {W0: HERE, W1: HERE})
+    with pytest.raises(ClusterError) as caught:
+        check_installed(HERE, {W0: HERE, W1: HERE._replace(zenoh="1.9.0")})
+    first, second, third = str(caught.value).splitlines()
+    assert str(HERE) in first
+    assert second.strip() == f"w1 at {W1.address} has deltaswarm 1.2.0 (code aa), Python 3.11, eclipse-zenoh 1.9.0"
+    assert "install the same" in third
+    assert "w0" not in str(caught.value)
+
+
+def test_many_workers_are_not_all_named() -> None:
+    """A text of a thousand lines would be read by nobody."""
+    many = {Worker(str(number), f"tcp://10.0.0.1:{number}"): "refused" for number in range(1000)}
+    with pytest.raises(ClusterError, match="and 995 more") as caught:
+        check_reached("tls/10.0.0.9:0", many)
+    assert "--listen tls/ADDRESS:PORT" in str(caught.value)
+    check_reached("tls/10.0.0.9:0", dict.fromkeys(many, ""))
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "is_well"),
+    [
+        ("tls/10.0.0.9:0", True),
+        ("tls/head.cluster:7447", True),
+        ("tcp/10.0.0.9:0", False),
+        ("tls/0.0.0.0:0", False),
+        ("tls/[::1]:0", False),
+        ("tls/10.0.0.9", False),
+    ],
+)
+def test_the_world_listens_where_agents_with_certificates_can_connect(endpoint: str, is_well: bool) -> None:
+    """Over TLS, at one address."""
+    assert (listen_problem(endpoint) == "") == is_well
+    if not is_well:
+        with pytest.raises(SettingsError, match="--listen"):
+            Remote("tcp://there:8786", endpoint).check(load_scenario("smoke"))
+
+
+@pytest.mark.parametrize("kind", ["kill", "freeze", "restart"])
+def test_faults_that_signal_processes_are_refused(kind: str, tmp_path: Path) -> None:
+    """They would have to reach processes of other machines; faults of bodies and radios do not."""
+    lasts = "duration_s = 5.0" if kind == "freeze" else ""
+    file = tmp_path / "faulty.toml"
+    start = 'schema = 1\nname = "faulty"\n\n[[fault]]\nat_s = 3.0\nagents = [1]\n'
+    file.write_text(f'{start}kind = "{kind}"\n{lasts}')
+    with pytest.raises(SettingsError, match="must not signal processes"):
+        Remote("tcp://there:8786").check(load_scenario(str(file)))
+    file.write_text(f'{start}kind = "radio-dead"\n')
+    Remote("tcp://there:8786").check(load_scenario(str(file)))
+
+
+def test_no_key_is_in_a_representation() -> None:
+    """Dask logs the arguments of a task that fails."""
+    files = AgentFiles("", b"SECRET certificate", b"SECRET key")
+    assert "SECRET" not in repr(HostJob("run", "tls/there:1", "hybrid", 5.0, b"SECRET", {3: files})) + repr(files)
+
+
+class Said:
+    """A host that says what a test lets it say."""
+
+    def __init__(self, worker: Worker) -> None:
+        self.worker = worker
+        self.pending: list[News | Exception] = []
+        self.calls: list[str] = []
+        self.job: HostJob | None = None
+
+    def start(self, job: HostJob) -> None:
+        """Keep the job."""
+        self.job = job
+
+    def is_started(self) -> bool:
+        """At once."""
+        return True
+
+    def news(self) -> News | None:
+        """The next of what is pending."""
+        if not self.pending:
+            return None
+        if isinstance(said := self.pending.pop(0), Exception):
+            raise said
+        return said
+
+    def stop(self) -> None:
+        """End at once."""
+        self.calls.append("stop")
+        self.pending.append(News(is_over=True))
+
+    def close(self) -> None:
+        """Note it."""
+        self.calls.append("close")
+
+
+class Well:
+    """A cluster whose problem a test sets."""
+
+    problem = ""
+
+
+@pytest.fixture
+def hosts() -> list[Said]:
+    return [Said(W0), Said(W1)]
+
+
+@pytest.fixture
+def agents(hosts: list[Said], tmp_path: Path) -> RemoteAgents:
+    """Six agents on two hosts, started."""
+    blocks = {hosts[0]: (0, 1, 2), hosts[1]: (3, 4, 5)}
+    placement = Placement(Well(), blocks, "tls/127.0.0.1:0", Credentials.create("127.0.0.1"))
+    made = RemoteAgents(load_scenario("smoke"), placement, tmp_path)
+    made.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
+    return made
+
+
+def ended(agents: RemoteAgents) -> dict[str, int]:
+    return {part.name: part.exit_code for part in agents.parts if part.exit_code is not None}
+
+
+def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, hosts: list[Said]) -> None:
+    """Each agent with its own key and settings."""
+    jobs = [host.job for host in hosts if host.job]
+    assert [[*job.agents] for job in jobs] == [[0, 1, 2], [3, 4, 5]]
+    assert len({files.key for job in jobs for files in job.agents.values()}) == 6
+    assert len({files.settings for job in jobs for files in job.agents.values()}) == 6, "seeds differ"
+    assert all(b"PRIVATE KEY" in files.key for job in jobs for files in job.agents.values())
+
+
+def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said], tmp_path: Path) -> None:
+    """A log is what has come of it so far; an exit code is its agent's."""
+    hosts[0].pending += [News(logs={1: b"one\n"}), News(logs={1: b"two\n"}, ended={1: -9, 0: 0})]
+    agents.look()
+    agents.look()
+    assert (tmp_path / "agent-1.log").read_bytes() == b"one\ntwo\n"
+    assert ended(agents) == {"agent 0": 0, "agent 1": -9}
+
+
+def test_a_lost_host_has_one_line_for_all_that_ran_there(agents: RemoteAgents, hosts: list[Said]) -> None:
+    """Agents that had ended before have their own; nobody asks a lost host to stop."""
+    hosts[0].pending += [News(ended={1: 1}), HostLostError("no answer for 30 s")]
+    agents.look()
+    agents.look()
+    lost = {part.name: part for part in agents.parts if part.exit_code is not None}
+    assert {name for name, part in lost.items() if not part.ends_as_planned} == {f"the Dask worker {W0}", "agent 1"}
+    line = lost[f"the Dask worker {W0}"].how_it_ended("after step 7")
+    assert line == f"the Dask worker {W0} was lost after step 7 with agents 0, 2: no answer for 30 s"
+    agents.end(at_once=False)
+    assert (hosts[0].calls, hosts[1].calls) == (["close"], ["stop", "close"])
+
+
+def test_a_lost_scheduler_takes_all_with_it(
+    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one line, not one for each worker."""
+    monkeypatch.setattr(agents.placement.cluster, "problem", "no connection")
+    agents.look()
+    [line] = [part.how_it_ended() for part in agents.parts if part.exit_code is not None and not part.ends_as_planned]
+    assert line == "the Dask scheduler was lost with all agents: no connection"
+    assert len(ended(agents)) == 7
+
+
+def test_an_end_at_once_waits_for_nobody(agents: RemoteAgents, hosts: list[Said]) -> None:
+    """The loss of the hosts ends the agents."""
+    agents.end(at_once=True)
+    assert [host.calls for host in hosts] == [["close"], ["close"]]
