@@ -174,13 +174,6 @@ def is_ours(controller: Controller) -> bool:
     return type(controller).__module__.startswith("deltaswarm_agent.controllers.")
 
 
-def act_of(decision: Decision, step: int) -> Act:
-    """Convert a valid decision to an act: what `checked_act` returns, without its checks."""
-    (vx_mps, vy_mps), observed, _, _, role, level, parent, root, until = decision[:9]
-    held = step + 1 if until is None else min(until, step + MAX_POSES)
-    return Act(step, vx_mps, vy_mps, observed, TreeStatus(role, level, parent, root, decision.delta), held)
-
-
 def checked_act(decision: Any, step: int) -> Act:
     """Convert a decision to an act with plain values; a controller may be third-party code.
 

@@ -81,6 +81,22 @@ def test_what_was_pickled_goes_on_as_it_was(compiled: Path) -> None:
     assert python(compiled, "-c", RESUMED) == python(None, "-c", RESUMED)
 
 
+def test_third_parties_decisions_and_samples_are_checked_alike(compiled: Path) -> None:
+    """What compiled code expects of types must not take the place of the checks, nor of what they allow."""
+    tests = ("tests/unit/agent/test_core.py", "tests/unit/wire/test_codec.py")
+    python(
+        compiled,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--rootdir",
+        str(ROOT),
+        *(str(ROOT / t) for t in tests),
+    )
+
+
 def test_the_doctor_says_what_is_installed(compiled: Path) -> None:
     found = json.loads(python(compiled, "-m", "deltaswarm_orchestrator", "doctor", "--json"))
     assert {row["name"]: row["found"] for row in found}["build"] == "compiled"

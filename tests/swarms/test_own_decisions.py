@@ -2,8 +2,9 @@
 
 import pytest
 
-from deltaswarm_agent.controller import Decision, act_of, checked_act
+from deltaswarm_agent.controller import Decision, checked_act
 from deltaswarm_agent.core import agent_core
+from deltaswarm_agent.core.agent_core import act_of
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.messages import Act

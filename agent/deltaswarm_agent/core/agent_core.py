@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, act_of, checked_act, is_ours
+from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act, is_ours
 from deltaswarm_agent.core.commands import CommandRelay, Verify
 from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
 from deltaswarm_wire.commands import BASE_ID, Command, forms_of
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
-from deltaswarm_wire.messages import NOBODY, Act, Frame, Heard, Pose, encode_act
+from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Frame, Heard, Pose, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import (
     MAX_MEMBERS,
     MAX_REPORTED,
@@ -31,6 +31,13 @@ FORGET_SENDER_S = 20.0
 
 _opened = lru_cache(maxsize=256)(decode_sample)
 """Caches a frame with many receivers in one process."""
+
+
+def act_of(decision: Decision, step: int) -> Act:
+    """Convert a valid decision to an act: what `checked_act` returns, without its checks."""
+    (vx_mps, vy_mps), observed, _, _, role, level, parent, root, until = decision[:9]
+    held = step + 1 if until is None else min(until, step + MAX_POSES)
+    return Act(step, vx_mps, vy_mps, observed, TreeStatus(role, level, parent, root, decision.delta), held)
 
 
 class StepOutput(NamedTuple):
@@ -132,7 +139,8 @@ class AgentCore(Saved):
                 )
         percept = Percept(step, time_s, (x_m, y_m), poses, events, frames, commands)
         try:
-            decision = self.controller.step(percept)
+            controller: Any = self.controller  # whatever it returns is checked, or is ours
+            decision = controller.step(percept)
             act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
             return self._outbound(act, decision, (x_m, y_m))
         except KeyboardInterrupt:
@@ -141,7 +149,7 @@ class AgentCore(Saved):
             name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
             raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
 
-    def _outbound(self, act: Act, decision: Decision, pose: Pose) -> StepOutput:
+    def _outbound(self, act: Act, decision: Any, pose: Pose) -> StepOutput:
         """Number and encode. Raises ValueError for values that the wire cannot carry."""
         radio = report = report_bytes = None
         counter, payload, relay = self._counter, decision.payload, self.commands

@@ -40,4 +40,6 @@ class Coverage:
         dx, dy = (columns + 0.5) * COVERAGE_CELL_M - x_m, (rows + 0.5) * COVERAGE_CELL_M - y_m
         inside = dx * dx + dy * dy <= self._range_m2
         inside &= (columns >= 0) & (columns < self._cells[0]) & (rows >= 0) & (rows < self._cells[1])
-        return float(np.unique((columns * self._cells[1] + rows)[inside]).size) * COVERAGE_CELL_M**2
+        is_sensed = np.zeros(self._cells, dtype=np.bool_)
+        is_sensed[columns[inside], rows[inside]] = True
+        return float(np.count_nonzero(is_sensed)) * COVERAGE_CELL_M**2

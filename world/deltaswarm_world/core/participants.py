@@ -13,7 +13,7 @@ before, so the number of answers still due is kept.
 from collections import Counter
 from collections.abc import Collection, Iterable, Set
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 from deltaswarm_wire.saved import Saved
 
@@ -21,7 +21,7 @@ MAX_RETURNS = 20
 """Number of times that an agent, unless it is a board, may come back after its process died."""
 
 
-class Condition(Enum):
+class Condition(StrEnum):
     """What a step may expect of an agent."""
 
     ABSENT = "absent"
@@ -31,7 +31,7 @@ class Condition(Enum):
     FROZEN = "frozen"
 
 
-class Cause(Enum):
+class Cause(StrEnum):
     """Why an agent changes its condition."""
 
     TOKEN = "its liveliness token appeared"

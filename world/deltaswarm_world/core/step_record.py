@@ -12,6 +12,9 @@ _NOTHING_DROPPED = {f"dropped_{reason}": 0 for reason in DROP_REASONS} | {
 
 def record(*, frames_dropped: Mapping[str, int], reports_dropped: Mapping[str, int], **counts: Any) -> StepRecord:
     """The row: frames and reports that were dropped by reason, all other fields by name."""
-    frames = {f"dropped_{reason}": count for reason, count in frames_dropped.items()}
-    reports = {f"reports_dropped_{reason}": count for reason, count in reports_dropped.items()}
-    return StepRecord(**{**_NOTHING_DROPPED, **frames, **reports, **counts})
+    row = {**_NOTHING_DROPPED, **counts}
+    for reason, count in frames_dropped.items():
+        row[f"dropped_{reason}"] = count
+    for reason, count in reports_dropped.items():
+        row[f"reports_dropped_{reason}"] = count
+    return StepRecord._make([row[name] for name in StepRecord._fields])

@@ -5,8 +5,6 @@ observes until the event is complete; then it goes to another one that it senses
 agent moves within communication range of an agent that is observing an event", it goes to that event too.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.beliefs import GONE_MARGIN_M
 from deltaswarm_agent.controllers.paper.frames import Attending, PaperFrame
@@ -14,7 +12,7 @@ from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, WALKING,
 from deltaswarm_wire.messages import Event
 
 
-def seek_event(agent: Agent, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
+def seek_event(agent: Agent, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
     """Go to an event, and observe it until it is complete."""
     target = agent.target
     if agent.state is ATTENDING and target is not None:
@@ -35,7 +33,7 @@ def seek_event(agent: Agent, sensed: Sequence[Event], heard: Sequence[PaperFrame
         agent.change(Cause.AT_THE_EVENT)
 
 
-def _join_attending(agent: Agent, heard: Sequence[PaperFrame]) -> None:
+def _join_attending(agent: Agent, heard: list[PaperFrame]) -> None:
     """Let a walking agent newly in range of an attending agent go to its event."""
     attending = [
         frame

@@ -1,7 +1,5 @@
 """A tree member's knowledge of events: the paper's E_i, from its sensor and its tree's frames."""
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, Gone, Member, PaperFrame, Sighting, sighting
 from deltaswarm_agent.controllers.paper.timers import Timers
 from deltaswarm_wire.messages import Event
@@ -27,7 +25,7 @@ class Beliefs(Saved):
         self._places: dict[int, tuple[int, int]] = {}
         """Positions of the events believed present [cm]."""
 
-    def sense(self, events: Sequence[Event], x_m: float, y_m: float, now: int) -> None:
+    def sense(self, events: tuple[Event, ...], x_m: float, y_m: float, now: int) -> None:
         """Take the own sensor's events at a position, and the missing ones."""
         last_update, places = self._last_update_step, self._places
         for event, ex_m, ey_m in events:
@@ -43,22 +41,22 @@ class Beliefs(Saved):
             last_update[event] = now
             del places[event]
 
-    def hear(self, events: Sequence[Sighting], gone: Sequence[Gone], now: int) -> None:
+    def hear(self, events: tuple[Sighting, ...], gone: tuple[Gone, ...], now: int) -> None:
         """Take the frame of a tree member from one step ago; fresher information wins."""
         sent = now - 1
-        last_update, known = self._last_update_step, self._last_update_step.get
+        last_update, places = self._last_update_step, self._places
         for event, x_cm, y_cm, age in events:
             step = sent - age
-            if known(event, -1) < step:
+            if last_update.get(event, -1) < step:
                 last_update[event] = step
-                self._places[event] = (x_cm, y_cm)
+                places[event] = (x_cm, y_cm)
         for event, age in gone:
             step = sent - age
-            if known(event, -1) < step:
+            if last_update.get(event, -1) < step:
                 last_update[event] = step
-                self._places.pop(event, None)
+                places.pop(event, None)
 
-    def hear_tree(self, heard: Sequence[PaperFrame], root: int, now: int) -> None:
+    def hear_tree(self, heard: list[PaperFrame], root: int, now: int) -> None:
         """Take the frames of members of the tree with this root."""
         for frame in heard:
             if type(frame) is Member and frame.path[0] == root:

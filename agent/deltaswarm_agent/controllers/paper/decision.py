@@ -1,6 +1,6 @@
 """What an agent does in a step, by its state: motion, observed events, frame for the neighbours, report."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 
 from deltaswarm_agent.controller import STAND, Decision, OperatorReport, Velocity
@@ -66,7 +66,7 @@ def _motion(agent: Agent) -> tuple[Velocity, int]:
     return velocity, agent.now + 1
 
 
-def _observed(agent: Agent, sensed: Sequence[Event]) -> tuple[int, ...]:
+def _observed(agent: Agent, sensed: tuple[Event, ...]) -> tuple[int, ...]:
     """Return the events that this agent works on in this step."""
     if agent.state in (WALKING, GOING, RELOCATING):
         return ()

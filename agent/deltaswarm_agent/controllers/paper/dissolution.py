@@ -6,8 +6,6 @@ with `idle_root = "leaves"` one that has no followers and senses nothing leaves 
 (`patience.py`) other rules hold.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.patience import lose_patience
@@ -19,7 +17,7 @@ EXHAUSTED = 1e-9
 """Counts as 0, despite rounding of short steps."""
 
 
-def dissolve(agent: Agent, membership: Membership, sensed: Sequence[Event]) -> bool:
+def dissolve(agent: Agent, membership: Membership, sensed: tuple[Event, ...]) -> bool:
     """Renew or lower the gamma of a member or root; return whether it left its tree."""
     settings = agent.settings
     if not settings.dissolution:

@@ -5,7 +5,6 @@ agents that meet soon agree, and an agent that stands in a tree for a long time 
 """
 
 import math
-from collections.abc import Sequence
 
 from deltaswarm_agent.controllers.paper.frames import Attending, Averages, Member, PaperFrame
 from deltaswarm_wire.codec import MAX_ID
@@ -83,7 +82,7 @@ class Finds(Saved):
         if self._leg is not None:
             self._finds[self._leg] += count
 
-    def hear(self, heard: Sequence[PaperFrame], now: int) -> None:
+    def hear(self, heard: list[PaperFrame], now: int) -> None:
         """Mix in the averages of others, in whichever order they came."""
         averages = [f.averages for f in heard if (type(f) is Attending or type(f) is Member) and f.averages is not None]
         if not averages:

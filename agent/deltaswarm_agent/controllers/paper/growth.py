@@ -5,15 +5,13 @@ away from it, it joins the tree with that member as its parent, and stops. Our r
 literally *moves* within range, so that a freed agent does not join again at once.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.frames import Member
 from deltaswarm_agent.controllers.paper.membership import fits_below
 from deltaswarm_agent.controllers.paper.states import Cause
 
 
-def joins(agent: Agent, members: Sequence[Member]) -> bool:
+def joins(agent: Agent, members: list[Member]) -> bool:
     """Let a free agent join the nearest member newly in range and at least d_min away, if there is one."""
     candidates = [
         frame

@@ -1,7 +1,5 @@
 """What an agent learns in each step about finding events, for `finds` and `returning`."""
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_agent.controllers.paper.frames import Attending, Member, PaperFrame
@@ -9,7 +7,7 @@ from deltaswarm_agent.controllers.paper.states import WALKING
 from deltaswarm_wire.messages import Event
 
 
-def learn(agent: Agent, finds: Finds, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
+def learn(agent: Agent, finds: Finds, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
     """Take what the agent senses and hears: new events, where they are, and the averages of others.
 
     An event near an agent that is attending or in a tree, by its frames, is not a find: it was known already.
@@ -33,7 +31,7 @@ def learn(agent: Agent, finds: Finds, sensed: Sequence[Event], heard: Sequence[P
             found.add(x_cm / 100, y_cm / 100, now)
 
 
-def _is_known(agent: Agent, event: Event, heard: Sequence[PaperFrame]) -> bool:
+def _is_known(agent: Agent, event: Event, heard: list[PaperFrame]) -> bool:
     reach_m2 = agent.shared.sensing_range_m**2
     return any(
         (type(frame) is Attending or type(frame) is Member)

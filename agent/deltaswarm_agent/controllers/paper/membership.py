@@ -4,8 +4,6 @@ Kept only through messages: the path is the parent's plus the agent, the table t
 rules: "Trees by message" in `TREES.md`.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.frames import MAX_PATH, MAX_TABLE, Attending, Descendant, Member, PaperFrame
 from deltaswarm_agent.controllers.paper.timers import Timers
 from deltaswarm_wire.saved import Saved
@@ -117,7 +115,7 @@ class Membership(Saved):
             and is_fresh(frame.pulse, self.pulse, self.pulse_step, now, self._timers.freshness)
         )
 
-    def hear_children(self, heard: Sequence[PaperFrame], now: int) -> None:
+    def hear_children(self, heard: list[PaperFrame], now: int) -> None:
         """Keep the table of children: an agent that names this one as its parent is its child."""
         children, agent = self.children, self._agent
         for frame in heard:

@@ -1,7 +1,5 @@
 """One step of an agent under the paper's control structures: the order in which the rules apply."""
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controller import Decision, Percept
 from deltaswarm_agent.controllers.paper import (
     baseline,
@@ -41,7 +39,7 @@ def decide(agent: Agent, percept: Percept) -> Decision:
     return decision
 
 
-def _decoded(agent: Agent, heard: Sequence[tuple[int, bytes]]) -> list[PaperFrame]:
+def _decoded(agent: Agent, heard: list[tuple[int, bytes]]) -> list[PaperFrame]:
     frames: list[PaperFrame] = []
     for sender, payload in heard:
         try:
@@ -51,7 +49,7 @@ def _decoded(agent: Agent, heard: Sequence[tuple[int, bytes]]) -> list[PaperFram
     return frames
 
 
-def _step_free(agent: Agent, sensed: Sequence[Event], heard: list[PaperFrame]) -> None:
+def _step_free(agent: Agent, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
     members = [frame for frame in heard if type(frame) is Member] if heard else []
     if founds(agent, sensed, members) or (members and growth.joins(agent, members)):
         assert agent.membership is not None
@@ -60,7 +58,7 @@ def _step_free(agent: Agent, sensed: Sequence[Event], heard: list[PaperFrame]) -
         baseline.seek_event(agent, sensed, heard)
 
 
-def _step_in_tree(agent: Agent, membership: Membership, sensed: Sequence[Event], heard: list[PaperFrame]) -> None:
+def _step_in_tree(agent: Agent, membership: Membership, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
     carried, agent.order = agent.order, None
     membership.hear_children(heard, agent.now)
     agent.beliefs.hear_tree(heard, membership.root, agent.now)
@@ -81,7 +79,7 @@ def _step_in_tree(agent: Agent, membership: Membership, sensed: Sequence[Event],
         agent.stay()
 
 
-def _step_member(agent: Agent, membership: Membership, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
+def _step_member(agent: Agent, membership: Membership, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
     parent = membership.parent
     for frame in heard:
         if frame.sender == parent:

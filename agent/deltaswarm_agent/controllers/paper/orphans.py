@@ -1,7 +1,5 @@
 """Members that lose their parent, and how they find another in their own tree."""
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame
 from deltaswarm_agent.controllers.paper.membership import Membership
@@ -40,9 +38,7 @@ def become_orphan(agent: Agent, cause: Cause) -> None:
     agent.since = agent.now
 
 
-def find_parent(
-    agent: Agent, membership: Membership, heard: Sequence[PaperFrame], strict_steps: int, steps: int
-) -> bool:
+def find_parent(agent: Agent, membership: Membership, heard: list[PaperFrame], strict_steps: int, steps: int) -> bool:
     """Let an orphan, or a recruited agent at its target, find a parent in its own tree; return whether it has one.
 
     For `strict_steps` it takes members at legal distance only, then any in range; after `steps` it gives up.

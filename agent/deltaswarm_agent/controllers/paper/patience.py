@@ -5,15 +5,13 @@ An agent that senses nothing counts idle seconds; below level 1 they count as of
 events are hard to find, and not at all where they are everywhere. A root does the same, and takes its tree along.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import Cause
 from deltaswarm_wire.messages import Event
 
 
-def lose_patience(agent: Agent, membership: Membership, sensed: Sequence[Event]) -> bool:
+def lose_patience(agent: Agent, membership: Membership, sensed: tuple[Event, ...]) -> bool:
     """Count a member's or a root's idle time; return whether it left its tree."""
     assert agent.finds is not None
     if sensed:

@@ -3,15 +3,13 @@
 The paper has no rule for this; without one, trees would interleave.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import Cause
 
 
-def yields(agent: Agent, membership: Membership, heard: Sequence[PaperFrame]) -> bool:
+def yields(agent: Agent, membership: Membership, heard: list[PaperFrame]) -> bool:
     """Let a root yield to a senior that it hears; False if it stays. To be called before the root's pulse beats."""
     rivals = [frame for frame in heard if type(frame) is Member and len(frame.path) == 1]
     senior = senior_of(agent, membership, rivals) if rivals else None
@@ -25,7 +23,7 @@ def yields(agent: Agent, membership: Membership, heard: Sequence[PaperFrame]) ->
     return True
 
 
-def senior_of(agent: Agent, membership: Membership, rivals: Sequence[Member]) -> Member | None:
+def senior_of(agent: Agent, membership: Membership, rivals: list[Member]) -> Member | None:
     """The root heard to which this one, a root too, yields; None if it stays.
 
     With latency in the air two roots of about the same age each seem the senior to themselves. When

@@ -5,15 +5,13 @@ current location exceeds an event density threshold", |E_i^(x,y)| >= rho (delta 
 the root of a new tree without followers. Our reading: not where it hears a member of a tree, which it may join.
 """
 
-from collections.abc import Sequence
-
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.frames import Member
 from deltaswarm_agent.controllers.paper.states import Cause
 from deltaswarm_wire.messages import Event
 
 
-def founds(agent: Agent, sensed: Sequence[Event], members: Sequence[Member]) -> bool:
+def founds(agent: Agent, sensed: tuple[Event, ...], members: list[Member]) -> bool:
     """Make a free agent a root, if it senses enough events and hears no member of a tree."""
     threshold = agent.delta
     if threshold is None or len(sensed) < threshold or members or agent.now < agent.founds_from:

@@ -3,10 +3,10 @@
 An agent changes its state only through this table, and the diagram in `STATES.md` is drawn from it.
 """
 
-from enum import Enum
+from enum import StrEnum
 
 
-class State(Enum):
+class State(StrEnum):
     """What an agent is doing. The first three are the paper's free agents."""
 
     WALKING = "walking"
@@ -24,7 +24,7 @@ WALKING, GOING, ATTENDING, ROOT, MEMBER, ORPHAN, RELOCATING = State
 FREE = frozenset({State.WALKING, State.GOING, State.ATTENDING})
 
 
-class Cause(Enum):
+class Cause(StrEnum):
     """Why an agent changes its state: the rule of the paper, or of `TREES.md`, behind it."""
 
     EVENT_SENSED = "event sensed"
