@@ -24,6 +24,7 @@ from deltaswarm_wire.codec import (
     number,
     pack,
     text,
+    tuple_of,
     unpack,
     version,
 )
@@ -156,10 +157,9 @@ def _rows(raw: Any, name: str) -> tuple[Any, ...]:
     if not _fits(flat, codes * count) or name == "answers":
         for at, value in enumerate(flat):
             integer(value, *bounds[at % width], field)
-    return tuple([_new(kind, row) for row in zip(*[iter(flat)] * width, strict=True)])
+    return tuple([tuple_of(kind, row) for row in zip(*[iter(flat)] * width, strict=True)])
 
 
-_new: Any = tuple.__new__  # a NamedTuple's own constructor costs several times as much
 _ONLY_INT = {int}
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act, is_ours
 from deltaswarm_agent.core.commands import CommandRelay, Verify
-from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
+from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError, tuple_of
 from deltaswarm_wire.commands import BASE_ID, Command, forms_of
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Frame, Heard, Pose, TreeStatus, encode_act
@@ -37,7 +37,9 @@ def act_of(decision: Decision, step: int) -> Act:
     """Convert a valid decision to an act: what `checked_act` returns, without its checks."""
     (vx_mps, vy_mps), observed, _, _, role, level, parent, root, until = decision[:9]
     held = step + 1 if until is None else min(until, step + MAX_POSES)
-    return Act(step, vx_mps, vy_mps, observed, TreeStatus(role, level, parent, root, decision.delta), held)
+    status = tuple_of(TreeStatus, (role, level, parent, root, decision.delta))
+    act: Act = tuple_of(Act, (step, vx_mps, vy_mps, observed, status, held))
+    return act
 
 
 class StepOutput(NamedTuple):
@@ -137,7 +139,7 @@ class AgentCore(Saved):
                 commands = tuple(
                     [command for command in new if command.target.covers(self.agent, (x_m, y_m), self._root)]
                 )
-        percept = Percept(step, time_s, (x_m, y_m), poses, events, frames, commands)
+        percept: Percept = tuple_of(Percept, (step, time_s, (x_m, y_m), poses, events, frames, commands))
         try:
             controller: Any = self.controller  # whatever it returns is checked, or is ours
             decision = controller.step(percept)
@@ -187,7 +189,8 @@ class AgentCore(Saved):
             else:
                 keep_report(report_bytes, report)
             self._sequence += 1
-        return StepOutput(act, encode_act(act), counter, radio, report, report_bytes)
+        output: StepOutput = tuple_of(StepOutput, (act, encode_act(act), counter, radio, report, report_bytes))
+        return output
 
     def _rows(self, rows: Any, most: int, name: str) -> tuple[Any, ...]:
         if not isinstance(rows, tuple | list):

@@ -49,6 +49,9 @@ class Obstacles(Saved):
                 length = math.hypot(ex, ey)
                 self._edges.append(_Edge(ax, ay, ex, ey, turn * ey / length, -turn * ex / length))
 
+    def __bool__(self) -> bool:
+        return bool(self._edges)
+
     def first_crossing(self, x_m: float, y_m: float, dx_m: float, dy_m: float) -> Crossing | None:
         """Find where the straight path from a position by (dx_m, dy_m) first enters an obstacle.
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DEAD, Body, Sample, StepRecord, Truth
+from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
@@ -144,7 +145,9 @@ class WorldCore(Saved):
         if len(sensed) > MAX_SENSED:
             self.events_cut += len(sensed) - MAX_SENSED
             sensed = sensed[:MAX_SENSED]
-        return Frame(self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard))
+        fields = (self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard))
+        frame: Frame = tuple_of(Frame, fields)
+        return frame
 
     def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
         """Return what these agents sense, with faults applied; an agent without a frame senses nothing."""

@@ -11,10 +11,11 @@ from deltaswarm_agent.controllers.paper.frames import Attending, Leaving, Member
 from deltaswarm_agent.controllers.paper.settings import ALL
 from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, ORPHAN, RELOCATING, ROOT, WALKING
 from deltaswarm_agent.controllers.paper.walk import towards
+from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.messages import FREE, NOBODY, Event
 from deltaswarm_wire.operator_messages import ReportedMember
 
-_member: Callable[[tuple[int, ...]], ReportedMember] = partial(tuple.__new__, ReportedMember)
+_member: Callable[[tuple[int, ...]], ReportedMember] = partial(tuple_of, ReportedMember)
 
 _ROLES = {type(None): FREE, Attending: "attending", Leaving: "leaving"}
 
@@ -26,19 +27,11 @@ def decision_of(agent: Agent, sensed: tuple[Event, ...]) -> Decision:
     if agent.finds is not None:
         learning.begin(agent, agent.finds, bool(observed))
     frame = _frame(agent, len(sensed))
-    role, level, parent, root = _place(agent, frame)
-    decision = Decision(
-        velocity,
-        observed,
-        None if frame is None else encode(frame),
-        _report(agent, frame),
-        role,
-        level,
-        parent,
-        root,
-        agent.now + 1 if frame is not None else until,
-        delta=agent.delta or 0,
-    )
+    payload = None if frame is None else encode(frame)
+    until = agent.now + 1 if frame is not None else until
+    place = _place(agent, frame)
+    fields = (velocity, observed, payload, _report(agent, frame), *place, until, (), (), (), agent.delta or 0)
+    decision: Decision = tuple_of(Decision, fields)
     if agent.done or agent.refused or agent.superseded:
         outcomes = agent.done, agent.refused, agent.superseded
         done, refused, superseded = map(tuple, outcomes)
@@ -91,7 +84,7 @@ def _frame(agent: Agent, score: int) -> PaperFrame | None:
     if membership is not None:
         table = membership.table()
         agent.rows_cut += membership.rows_cut
-        return Member(
+        fields = (
             *head,
             agent.state is ORPHAN,
             membership.path,
@@ -103,6 +96,8 @@ def _frame(agent: Agent, score: int) -> PaperFrame | None:
             agent.order,
             averages,
         )
+        member: Member = tuple_of(Member, fields)
+        return member
     if agent.leave_frames_left > 0:
         agent.leave_frames_left -= 1
         return Leaving(*head)

@@ -23,6 +23,7 @@ from deltaswarm_wire.codec import (
     integer,
     pack,
     shown,
+    tuple_of,
     unpack,
 )
 
@@ -148,11 +149,10 @@ _BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-M
 _ONLY_INT = {int}
 
 _flat = chain.from_iterable
-_new: Any = tuple.__new__  # a NamedTuple's own constructors cost several times as much
-_descendant: Callable[[tuple[int, ...]], Descendant] = partial(_new, Descendant)
-sighting: Callable[[tuple[int, int, int, int]], Sighting] = partial(_new, Sighting)
+_descendant: Callable[[tuple[int, ...]], Descendant] = partial(tuple_of, Descendant)
+sighting: Callable[[tuple[int, int, int, int]], Sighting] = partial(tuple_of, Sighting)
 """A sighting of its four fields."""
-_gone: Callable[[tuple[int, ...]], Gone] = partial(_new, Gone)
+_gone: Callable[[tuple[int, ...]], Gone] = partial(tuple_of, Gone)
 
 _KEPT = 8
 """Frames kept of each sender that this process encodes for."""

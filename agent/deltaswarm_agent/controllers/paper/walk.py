@@ -59,6 +59,8 @@ class Walk(Saved):
         vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0])
         vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1])
         to_x_m, to_y_m = x_m + vx_mps * self._step_s, y_m + vy_mps * self._step_s
+        if not self._obstacles:
+            return vx_mps, vy_mps
         mirrored = self._obstacles.reflect(x_m, y_m, Stride(to_x_m, to_y_m, self._vx, self._vy))
         if mirrored is None:
             return vx_mps, vy_mps
