@@ -81,6 +81,25 @@ def decode_sample(data: bytes) -> Sample:
     return Sample(counter, raw[2], commands)
 
 
+_KEPT = 256
+_kept: dict[bytes, Sample] = {}
+"""The newest samples by their bytes: in one process a frame with many receivers is decoded once, or not at all."""
+
+
+def keep_sample(data: bytes, sample: Sample) -> Sample:
+    """Keep a sample that `decode_sample` would make of these bytes, and return it."""
+    _kept[data] = sample
+    if len(_kept) > _KEPT:
+        del _kept[next(iter(_kept))]
+    return sample
+
+
+def opened(data: bytes) -> Sample:
+    """Return what `decode_sample` returns. Raises WireError."""
+    sample = _kept.get(data)
+    return keep_sample(data, decode_sample(data)) if sample is None else sample
+
+
 def _commands(raw: object) -> tuple[bytes, ...]:
     commands = arrays(raw, MAX_COMMANDS, "radio.commands")
     for command in commands:

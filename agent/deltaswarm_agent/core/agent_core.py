@@ -1,14 +1,13 @@
 """An agent around its controller: decodes, numbers and encodes messages, and checks what the controller returns."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act, is_ours
 from deltaswarm_agent.core.commands import CommandRelay, Verify
 from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError, tuple_of
 from deltaswarm_wire.commands import BASE_ID, Command, forms_of
-from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
+from deltaswarm_wire.envelope import Sample, encode_sample, keep_sample, opened
 from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Frame, Heard, Pose, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import (
     MAX_MEMBERS,
@@ -27,10 +26,6 @@ ENVELOPE_BYTES = 16
 
 FORGET_SENDER_S = 20.0
 """After this silence a sender may restart its counter."""
-
-
-_opened = lru_cache(maxsize=256)(decode_sample)
-"""Caches a frame with many receivers in one process."""
 
 
 def act_of(decision: Decision, step: int) -> Act:
@@ -74,7 +69,7 @@ class Receiver(Saved):
         known = self._newest
         for sender, data in heard:
             try:
-                counter, payload, commands = _opened(data)
+                counter, payload, commands = opened(data)
             except WireError:
                 self.rejected += 1
                 continue
@@ -167,7 +162,9 @@ class AgentCore(Saved):
             if wake is not None and wake < act.until:
                 act = act._replace(until=wake)
         if payload is not None or items:
-            radio = encode_sample(Sample(counter, payload, items))
+            sample = Sample(counter, payload, items)
+            radio = encode_sample(sample)
+            keep_sample(radio, sample)
             self._counter += 1
         reported = decision.report
         if reported is not None:
