@@ -50,6 +50,7 @@ def wait_for_word(running: Boards, agent: int, text: str) -> None:
     wait_until(lambda: f"the body is not well: {text}" in running.said(agent), f"agent {agent} says {text!r}")
 
 
+@pytest.mark.slow  # how long walkers need to come back is chance, and real time
 def test_five_robots_form_a_tree_and_report_what_goes_wrong(tmp_path: Path) -> None:
     """Each is driven to within range of the root; then one loses its odometry, one jumps, one has a twin."""
     router = free_port()

@@ -2,12 +2,13 @@
 
 import os
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.processes.test_endings import IMPATIENT, ends_by_itself, pid_of
-from tests.support.swarms import UNHURRIED, is_running, parent_of, running, wait_until
+from tests.support.swarms import COMMAND, UNHURRIED, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -49,3 +50,15 @@ def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
     [why] = swarm.manifest()["why"]
     assert why.startswith("agent 3 was killed by SIGKILL in step ")
     assert swarm.summary()["agents_lost"] == [3]
+
+
+def test_a_long_path_for_temporary_files_is_no_obstacle(tmp_path: Path) -> None:
+    """As batch systems set it: the path of the fork server's socket has at most 107 bytes."""
+    temporary = tmp_path / ("t" * 100)
+    temporary.mkdir()
+    command = [*COMMAND, "run", "smoke", "--set", "run.duration_s=5", "--record", "off", "--out", str(tmp_path / "run")]
+    done = subprocess.run(
+        command, env={**os.environ, "TMPDIR": str(temporary)}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert not list(temporary.iterdir())

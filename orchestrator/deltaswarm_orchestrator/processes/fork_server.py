@@ -1,16 +1,23 @@
 """The fork server that starts all parts, kept clean of this program's own arguments and folder."""
 
+import multiprocessing
 import os
 import select
+import shutil
 import signal
 import sys
+import tempfile
 import types
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import util
 
 from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 
 DEAD_WITHIN_MS = 5000
+
+MAX_FOLDER = 70
+"""Longest path of a folder for temporary files in which the fork server's socket has room: its path has 107 bytes."""
 
 PRIVATE_NAMES = ("_forkserver_pid", "_forkserver_alive_fd", "_forkserver_address")
 """Attributes of Python's fork server by which no process outlives a run."""
@@ -43,6 +50,14 @@ def kill_fork_server() -> None:
             poll.register(handle := os.pidfd_open(pid), select.POLLIN)
             poll.poll(DEAD_WITHIN_MS)
             os.close(handle)
+
+
+def shorten_socket_paths() -> None:
+    """Let Python put its sockets below /tmp, if the folder for temporary files has too long a path (`TMPDIR`)."""
+    config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+    if len(os.fsencode(tempfile.gettempdir())) > MAX_FOLDER and "tempdir" not in config:
+        config["tempdir"] = folder = tempfile.mkdtemp(prefix="pymp-", dir="/tmp")
+        util.Finalize(None, shutil.rmtree, args=(folder, True), exitpriority=-100)
 
 
 @contextmanager

@@ -17,7 +17,12 @@ from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.kernel import end_orphans
 from deltaswarm_orchestrator.processes import entry_point
 from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
-from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
+from deltaswarm_orchestrator.processes.fork_server import (
+    bare_main_module,
+    kill_fork_server,
+    safe_path,
+    shorten_socket_paths,
+)
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
@@ -82,6 +87,7 @@ class Starter:
         self._timeout_s = timeout_s
         self._was_stopped = was_stopped
         self._context = multiprocessing.get_context("forkserver")
+        shorten_socket_paths()
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
 
     def end(self, *, at_once: bool = False) -> None:
