@@ -5,9 +5,11 @@ must hold, and what was got.
 """
 
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import Any, TypeVar
 
 import msgpack
+
+T = TypeVar("T")
 
 PROTOCOL_VERSION = 3
 
@@ -70,6 +72,14 @@ def unpack(data: bytes, limit_bytes: int = MAX_SAMPLE_BYTES) -> Any:
         return msgpack.unpackb(data)
     except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException) as error:
         raise WireError("sample", "be MessagePack", str(error) or type(error).__name__) from None
+
+
+def keep(kept: dict[bytes, T], data: bytes, value: T, most: int) -> T:
+    """Keep a value by its encoding among the newest `most`, so that one process need not decode it; return it."""
+    kept[data] = value
+    if len(kept) > most:
+        del kept[next(iter(kept))]
+    return value
 
 
 def shown(value: Any) -> str:

@@ -15,6 +15,7 @@ from deltaswarm_wire.codec import (
     array,
     arrays,
     integer,
+    keep,
     number,
     pack,
     unpack,
@@ -88,10 +89,7 @@ _kept: dict[bytes, Sample] = {}
 
 def keep_sample(data: bytes, sample: Sample) -> Sample:
     """Keep a sample that `decode_sample` would make of these bytes, and return it."""
-    _kept[data] = sample
-    if len(_kept) > _KEPT:
-        del _kept[next(iter(_kept))]
-    return sample
+    return keep(_kept, data, sample, _KEPT)
 
 
 def opened(data: bytes) -> Sample:

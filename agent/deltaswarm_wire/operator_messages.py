@@ -21,6 +21,7 @@ from deltaswarm_wire.codec import (
     boolean,
     fields,
     integer,
+    keep,
     number,
     pack,
     text,
@@ -113,10 +114,7 @@ _kept_reports: dict[bytes, Report] = {}
 
 def keep_report(data: bytes, report: Report) -> Report:
     """Keep a report that `decode_report` would make of these bytes, and return it."""
-    _kept_reports[data] = report
-    if len(_kept_reports) > _KEPT:
-        del _kept_reports[next(iter(_kept_reports))]
-    return report
+    return keep(_kept_reports, data, report, _KEPT)
 
 
 def decode_report(data: bytes) -> Report:

@@ -49,11 +49,7 @@ class Boards:
         elif protocol_of(self.listen) not in WITH_PORT or is_any(self._host):
             allowed = "must be this machine's address, to which boards connect"
             problems.append(Problem("--listen", repr(self.listen), allowed))
-        problems += [
-            Problem(f"fault.{number}.kind", repr(fault.kind), "must not signal processes, some of which are on boards")
-            for number, fault in enumerate(scenario.fault)
-            if fault.kind in TO_PROCESSES
-        ]
+        problems += signal_problems(scenario, "some of which are on boards")
         if problems:
             raise SettingsError(problems)
 
@@ -130,6 +126,15 @@ def authority_folder(boards: Path) -> Path:
     """
     folder = boards.resolve()
     return folder.with_name(f"{folder.name}.authority")
+
+
+def signal_problems(scenario: Scenario, why: str) -> list[Problem]:
+    """Return a problem for each fault that signals processes of agents; `why` that is not possible."""
+    return [
+        Problem(f"fault.{number}.kind", repr(fault.kind), f"must not signal processes, {why}")
+        for number, fault in enumerate(scenario.fault)
+        if fault.kind in TO_PROCESSES
+    ]
 
 
 def is_any(host: str) -> bool:

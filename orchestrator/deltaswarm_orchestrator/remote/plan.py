@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.boards.files import is_any
-from deltaswarm_scenario.fault import TO_PROCESSES
+from deltaswarm_orchestrator.boards.files import is_any, signal_problems
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.access import TLS
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -67,11 +66,7 @@ class Remote:
         problems = []
         if self.listen and (problem := listen_problem(self.listen)):
             problems.append(Problem("--listen", repr(self.listen), problem))
-        problems += [
-            Problem(f"fault.{number}.kind", repr(fault.kind), "must not signal processes, which are on other machines")
-            for number, fault in enumerate(scenario.fault)
-            if fault.kind in TO_PROCESSES
-        ]
+        problems += signal_problems(scenario, "which are on other machines")
         if problems:
             raise SettingsError(problems)
 

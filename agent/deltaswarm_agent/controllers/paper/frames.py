@@ -21,6 +21,7 @@ from deltaswarm_wire.codec import (
     arrays,
     boolean,
     integer,
+    keep,
     pack,
     shown,
     tuple_of,
@@ -173,10 +174,7 @@ def encode(frame: PaperFrame) -> bytes:
         items = (_KIND_OF[type(frame)], *frame[1:])
         items = items[:-1] if items[-1] is None else items
     payload = pack(items, MAX_RADIO_BYTES)
-    kept = _encoded.setdefault(sender, {})
-    kept[payload] = frame
-    if len(kept) > _KEPT:
-        del kept[next(iter(kept))]
+    keep(_encoded.setdefault(sender, {}), payload, frame, _KEPT)
     return payload
 
 
