@@ -1,4 +1,4 @@
-"""Atomic writing of files, safe against loss of power."""
+"""Writing of files: atomic and safe against loss of power, or secret."""
 
 import os
 from pathlib import Path
@@ -13,6 +13,16 @@ def write_whole(file: Path, data: bytes) -> None:
         os.fsync(stream.fileno())
     part.replace(file)
     sync_folder(file.parent)
+
+
+def write_secret(file: Path, data: bytes) -> None:
+    """Write a new file that only its owner can read, from the first byte on.
+
+    Raises:
+        OSError: the file exists, or cannot be written.
+    """
+    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+        stream.write(data)
 
 
 def sync_folder(folder: Path) -> None:

@@ -4,13 +4,13 @@ In open air any board could forge a relayed command, so a board believes only wh
 run's name is signed too: what was commanded in one run means nothing in another.
 """
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltaswarm_wire.arguments import secret_problem
 from deltaswarm_wire.commands import Signed
+from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import Keys
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ def make_key(file: Path) -> str:
         raise SigningError(NEEDS) from None
     key = Ed25519PrivateKey.generate()
     pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
-    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
-        stream.write(pem)
+    write_secret(file, pem)
     return key.public_key().public_bytes_raw().hex()
 
 

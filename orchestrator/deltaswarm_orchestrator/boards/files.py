@@ -1,7 +1,6 @@
 """Hardware in the loop: write the files of a run's boards into one folder, and say how to start the boards."""
 
 import ipaddress
-import os
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port, protocol_of
+from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.session import Tls
 
@@ -83,7 +83,7 @@ class Boards:
         for name in ("ca.pem", *revoked, *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
             shutil.copyfile(authority / name, self.folder / name)
         for name in (f"{user_name(AGENT, agent)}.key" for agent in self.agents):
-            _write_secret(self.folder / name, (authority / name).read_text(encoding="utf-8"))
+            _replace_secret(self.folder / name, (authority / name).read_bytes())
 
     @property
     def tls(self) -> Tls | None:
@@ -110,7 +110,7 @@ class Boards:
                 air["tls"] = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
             else:
                 air["credentials_file"] = f"{name}.password"
-                _write_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n")
+                _replace_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n".encode())
             settings = checked.plain(scenario.for_agent(agent))
             table = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}, "agent": settings}
             files.append(self.folder / f"{agent}.toml")
@@ -145,13 +145,6 @@ def is_any(host: str) -> bool:
         return not host
 
 
-def _write_secret(file: Path, text: str) -> None:
-    """Write a file that only its owner can read, from the first byte on."""
-    file.unlink(missing_ok=True)
-    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
-        stream.write(text)
-
-
 def commands(files: Sequence[Path]) -> str:
     """Describe how to start the boards, for people."""
     lines = [f"    deltaswarm-agent board {file.name}" for file in files]
@@ -159,3 +152,8 @@ def commands(files: Sequence[Path]) -> str:
     if (authority := authority_folder(where)).exists():
         lines.append(f"the authority's private key stays on this machine: {authority / 'ca.key'}")
     return "\n".join([f"waits for {len(files)} boards; on each, with its files of {where} beside it:", *lines])
+
+
+def _replace_secret(file: Path, data: bytes) -> None:
+    file.unlink(missing_ok=True)
+    write_secret(file, data)

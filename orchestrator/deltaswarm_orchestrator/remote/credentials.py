@@ -3,13 +3,13 @@
 The authority's key is never written. World and agents trust this authority alone.
 """
 
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from deltaswarm_orchestrator.boards.certificates import LOCAL_HOSTS, Authority, check_host, pem_of
 from deltaswarm_wire.access import user_name
+from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.session import Tls
 
@@ -55,6 +55,5 @@ class Credentials:
         ca = folder / "ca.pem"
         files = {ca: self.ca, folder / f"{WORLD}.pem": certificate, folder / f"{WORLD}.key": key}
         for file, content in files.items():
-            with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
-                stream.write(content)
+            write_secret(file, content)
         return Tls(*map(str, files))

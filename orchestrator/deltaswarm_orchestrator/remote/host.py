@@ -19,6 +19,7 @@ from deltaswarm_orchestrator.remote import host_process
 from deltaswarm_orchestrator.remote.host_job import HostJob, News
 from deltaswarm_wire.access import TLS
 from deltaswarm_wire.endpoints import protocol_of
+from deltaswarm_wire.files import write_secret
 
 END_WITHIN_S = 12.0
 """Time that the process of a host may take to end its agents [s]."""
@@ -103,9 +104,7 @@ def _write(folder: Path, job: HostJob) -> None:
     for agent, files in job.agents.items():
         contents = (files.settings.encode(), files.certificate, files.key)
         for ending, content in zip(host_process.ENDINGS.values(), contents, strict=True):
-            file = os.open(folder / f"{agent}.{ending}", os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(file, "wb") as stream:
-                stream.write(content)
+            write_secret(folder / f"{agent}.{ending}", content)
     if protocol_of(job.connect) != TLS:
         raise ValueError(f"agents on other machines must connect over {TLS}/ (got {job.connect})")
     options = {"--run": job.run, "--connect": job.connect, "--zenoh": list(job.zenoh)}
