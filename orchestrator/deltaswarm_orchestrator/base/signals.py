@@ -63,7 +63,12 @@ class Stop:
 
 
 def _heeded() -> list[signal.Signals]:
-    """Return the stop signals, except those that are ignored, such as SIGHUP after `nohup`."""
+    """Return the stop signals, except those that are ignored, such as SIGHUP after `nohup`.
+
+    None outside the main thread: a program that calls a command there handles its own signals.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return []
     return [number for number in STOP_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
@@ -115,11 +120,6 @@ def heed_signals_again() -> None:
 
 
 def raise_on_signals(raising: Container[signal.Signals] = (signal.SIGINT,)) -> None:
-    """Let some signals raise KeyboardInterrupt, by default Ctrl-C as in any Python program; the others end the process.
-
-    Outside the main thread this does nothing: a program that calls a command there handles its own signals.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        return
+    """Let some signals raise KeyboardInterrupt, by default Ctrl-C as in any Python program; the others end it."""
     for number in _heeded():
         signal.signal(number, signal.default_int_handler if number in raising else signal.SIG_DFL)

@@ -15,6 +15,7 @@ from distributed.deploy.spec import close_clusters
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.dask_client import CONNECT_WITHIN_S, client_of, silence_dask
 from deltaswarm_orchestrator.base.exits import FAILED, notice
+from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.job import Result, Task
 
@@ -63,18 +64,23 @@ class DaskEngine:
     def _client(self, stack: ExitStack) -> Client:
         """Connect a client, to a new local cluster if no scheduler is given; the stack closes both."""
         try:
-            address = self._scheduler or stack.enter_context(
-                LocalCluster(
-                    n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-                )
-            )
-            return stack.enter_context(client_of(address, CONNECT_WITHIN_S))
+            return stack.enter_context(client_of(self._scheduler or self._local(stack), CONNECT_WITHIN_S))
         except (OSError, ValueError, AssertionError, RuntimeError) as error:
             # AssertionError: Dask's thread was not up within 10 s; RuntimeError: a worker of a local cluster died.
             problem = str(error)
         if self._scheduler:
             raise EngineError(f"no Dask scheduler could be reached at {self._scheduler}: {problem}")
         raise EngineError(f"no Dask cluster could be started on this machine: {problem}", FAILED)
+
+    def _local(self, stack: ExitStack) -> LocalCluster:
+        """Start a cluster on this machine, which the stack closes."""
+        with starting_processes():
+            cluster: LocalCluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+                )
+            )
+        return cluster
 
 
 def _key(code: str, task: Task) -> str:

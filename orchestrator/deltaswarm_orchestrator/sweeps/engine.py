@@ -14,6 +14,7 @@ from typing import Protocol
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
+from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.sweeps.job import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, how_ended, work
 
 ATTEMPTS = 2
@@ -59,8 +60,9 @@ class LocalEngine:
             while waiting or busy:
                 idle = [worker for worker in busy.values() if worker.task is None]
                 while waiting and (idle or len(busy) < self._workers):
-                    worker = idle.pop() if idle else _Worker(self._context)
-                    busy[worker.connection] = worker
+                    with starting_processes():
+                        worker = idle.pop() if idle else _Worker(self._context)
+                        busy[worker.connection] = worker
                     worker.assign(*waiting.popleft())
                 if not waiting:
                     for worker in [worker for worker in busy.values() if worker.task is None]:
@@ -125,7 +127,7 @@ class _Worker:
 def _serve(connection: Connection, parent: int) -> None:
     """Do runs in a worker process until there are no more."""
     signal_at_parents_death(signal.SIGKILL, parent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the parent
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the parent; a run's processes unblock it
     while True:
         try:
             task = connection.recv()

@@ -56,6 +56,28 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
         all_gone(running.mark)
 
 
+def has_handler(pid: int) -> bool:
+    """Whether a process catches or ignores Ctrl-C, as soon as Python runs in it."""
+    with contextlib.suppress(OSError):
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        masks = [int(line.split()[1], 16) for line in lines if line.startswith(("SigIgn", "SigCgt"))]
+        return any(mask & 1 << (signal.SIGINT - 1) for mask in masks)
+    return False
+
+
+@pytest.mark.parametrize("engine", ["local", "dask"])
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_terminals_ctrl_c_while_workers_start(tmp_path: Path, engine: str, workers: int) -> None:
+    """It reaches all processes at once, also those that have just begun: one line, no traceback of any."""
+    file = written(tmp_path, duration_s=1e7)
+    with sweeping(file, tmp_path / "out", "--engine", engine, "-j", str(workers)) as running:
+        wait_until(lambda: sum(map(has_handler, marked(running.mark))) == 1 + workers, "the workers' processes")
+        os.killpg(running.process.pid, signal.SIGINT)
+        code, _, errors = running.finish()
+        assert (code, len(errors.splitlines())) == (130, 1), errors
+        all_gone(running.mark)
+
+
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     """On one machine at once, each gives what it gives alone; on one folder, the second is refused."""
     file = written(tmp_path, repeats=3)
