@@ -133,6 +133,10 @@ def test_a_whole_session(tmp_path: Path) -> None:
     runs = pd.read_csv(tmp_path / "data" / "runs.tsv", sep="\t")
     probes = pd.read_csv(tmp_path / "data" / "probes.tsv", sep="\t")
     assert sorted(runs.condition) == ["A", "B", "training"]
+    set_by = dict(zip(runs.condition, runs["set"], strict=True))
+    assert [set_by[label].partition(";")[0] for label in "AB"] == ["control.delta=2", "control.delta=3"]
+    assert set(runs.scenario) == {"smoke"}
+    assert list(pd.read_csv(tmp_path / "data" / "participants.tsv", sep="	").language) == ["de"]
     assert list(runs.answers_missing) == [0, 0, 0]
     assert list(runs[runs.position > 0].tlx_raw) == [40.0, 40.0]
     given = {(probe, item, value) for probe, item, value in zip(probes.probe, probes.item, probes.value, strict=True)}

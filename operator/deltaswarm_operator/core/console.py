@@ -15,7 +15,7 @@ from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.mirror import Mirror
-from deltaswarm_operator.core.picture import Item, Picture, item_row
+from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.downlink import FIRST_STEP
@@ -342,11 +342,6 @@ def _target_columns(target: Target) -> dict[str, Any]:
     if target.kind in (AGENT, TREE):
         return {"target": target.kind, "agent": int(target.numbers[0])}
     return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}
-
-
-def item_rows(items: Sequence[Item]) -> list[list[Any]]:
-    """Return items in the page's format."""
-    return [item_row(item) for item in items]
 
 
 def compact(**message: Any) -> bytes:

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 from typing import Any
 
-from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact, item_rows
+from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact
+from deltaswarm_operator.core.picture import item_rows
 from deltaswarm_operator.core.probes import FORM
 from deltaswarm_scenario.operator_settings import ISA, TLX
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON

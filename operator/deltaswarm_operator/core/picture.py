@@ -253,6 +253,6 @@ def item_of(row: Sequence[Any]) -> Item:
     return Item(number, time_s, agent, role, followers, tuple(events), is_new)
 
 
-def item_row(item: Item) -> list[Any]:
-    """Return an item in the page's format."""
-    return [*item[:5], list(item.events), int(item.is_new)]
+def item_rows(items: Sequence[Item]) -> list[list[Any]]:
+    """Return items in the page's format."""
+    return [[*item[:5], list(item.events), int(item.is_new)] for item in items]

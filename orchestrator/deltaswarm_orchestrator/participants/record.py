@@ -34,7 +34,12 @@ class Attempt(NamedTuple):
 
 def record_of(folder: Path, participant: int, planned: Sequence[PlannedRun]) -> dict[str, Any]:
     """Return the record as the run folders are now. Raises CommandError: a summary cannot be read."""
-    return {"participant": participant, "runs": [_run(run, attempts_at(folder, run)) for run in planned]}
+    language = planned[0].scenario.operator.page.language.tag
+    return {
+        "participant": participant,
+        "language": language,
+        "runs": [_run(run, attempts_at(folder, run)) for run in planned],
+    }
 
 
 def _run(run: PlannedRun, attempts: Sequence[Attempt]) -> dict[str, Any]:
@@ -49,7 +54,14 @@ def _run(run: PlannedRun, attempts: Sequence[Attempt]) -> dict[str, Any]:
         }
         for attempt in attempts
     ]
-    row = {"place": run.position, "condition": run.label, "stream": run.stream, "attempts": rows}
+    row = {
+        "place": run.position,
+        "condition": run.label,
+        "scenario": run.scenario.name,
+        "set": list(run.set),
+        "stream": run.stream,
+        "attempts": rows,
+    }
     return row | ({"outcome": outcome_of(run, attempts)} if criterion else {})
 
 

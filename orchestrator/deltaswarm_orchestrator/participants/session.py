@@ -127,6 +127,8 @@ class PlannedRun:
     """The stream of arrivals; None: one of its own."""
     seeds: tuple[int, int]
     """The session's seed, and the number from which the run's seed is derived."""
+    set: tuple[str, ...] = ()
+    """The condition's own scenario keys."""
     once: tuple[str, ...] = ()
     """Names of forms that are not filled in again, once the run is complete."""
     criterion: CriterionSettings | None = None
@@ -182,7 +184,7 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
         folder = f"{place}-{label.replace(' ', '-')}"
-        run = PlannedRun(label, folder, scenario, place, stream, (settings.seed, number))
+        run = PlannedRun(label, folder, scenario, place, stream, (settings.seed, number), condition.set)
         if place == 0:
             run = replace(
                 run,

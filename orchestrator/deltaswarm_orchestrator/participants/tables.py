@@ -49,7 +49,13 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
         for number, attempt in enumerate(run["attempts"], 1):
             place = folder / attempt["folder"]
-            own = {"attempt": number, "stream": run.get("stream"), "training_value": attempt.get("training_value")}
+            own = {
+                "attempt": number,
+                "scenario": run.get("scenario"),
+                "set": "; ".join(run.get("set", ())),
+                "stream": run.get("stream"),
+                "training_value": attempt.get("training_value"),
+            }
             summary = summary_of(place) | own
             values = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
@@ -59,6 +65,7 @@ def _participant(record: Row) -> Row:
     complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
     return {
         "participant": record["participant"],
+        "language": record.get("language", ""),
         "runs": len(record["runs"]),
         "complete": sum(map(bool, complete.values())),
         "answers_missing": sum(one.get("answers_missing") or 0 for attempts in complete.values() for one in attempts),

@@ -28,6 +28,10 @@ KEYS = {
 
 PARTICIPANT = {
     "participant": KEYS["participant"],
+    "language": (
+        TEXT,
+        Column("", "tag of the page's language when the session last went on; empty: the page's own English"),
+    ),
     "runs": (WHOLE, Column("", "runs that were planned")),
     "complete": (WHOLE, Column("", "runs that are complete")),
     "answers_missing": (WHOLE, Column("", "questions without an answer, in all complete runs")),
@@ -40,6 +44,8 @@ PARTICIPANT = {
 
 RUN_ITSELF = {
     "attempt": Variable(WHOLE, Column("", "number of the attempt at the run, from 1"), "attempt"),
+    "scenario": Variable(TEXT, Column("", "name of the condition's scenario"), "scenario"),
+    "set": Variable(TEXT, Column("", "scenario keys that the condition sets, divided by semicolons"), "set"),
     "complete": Variable(WHOLE, Column("", "1: it reached its last step"), "complete"),
     "valid": Variable(WHOLE, Column("", "1: nothing was lost on the fabric"), "valid"),
     "stream": Variable(WHOLE, Column("", "stream of arrivals, from 0; empty: one of its own"), "stream"),

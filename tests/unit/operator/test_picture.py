@@ -7,7 +7,7 @@ from random import Random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.picture import EVENT_MEMORY_S, LEFT, Picture, item_row
+from deltaswarm_operator.core.picture import EVENT_MEMORY_S, LEFT, Picture, item_rows
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, ReportedMember
 
@@ -184,4 +184,4 @@ def test_the_inbox_has_what_is_new_of_each_sender() -> None:
     assert picture.read([0, 0, 99, -1]) == [0]
     assert picture.read([0]) == []
     assert picture.unread == {1, 2}
-    assert item_row(first[0])[:3] == [0, 1.0, 0]
+    assert item_rows(first)[0][:3] == [0, 1.0, 0]
