@@ -3,12 +3,14 @@
 import os
 import signal
 import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from tests.processes.test_endings import IMPATIENT, ends_by_itself, pid_of
-from tests.support.swarms import COMMAND, UNHURRIED, is_running, parent_of, running, wait_until
+from tests.support.swarms import COMMAND, UNHURRIED, heeds, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -26,6 +28,28 @@ def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_pat
     assert code == 130
     assert swarm.manifest()["exit_reason"] == "stopped by SIGINT"
     wait_until(lambda: not any(map(is_running, (*pids.values(), fork_server))), "the end of all")
+
+
+def fork_servers_of(pid: int) -> Iterator[int]:
+    """The process's fork server, if it has one."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if (
+                parent_of(int(folder.name)) == pid
+                and b"multiprocessing.forkserver" in (folder / "cmdline").read_bytes()
+            ):
+                yield int(folder.name)
+
+
+def test_a_terminals_ctrl_c_spares_a_fork_server_that_starts(tmp_path: Path) -> None:
+    """It reaches that process, too, which would print a traceback and make the run fail for another reason."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        wait_until(lambda: any(map(heeds, fork_servers_of(swarm.process.pid))), "the fork server's Python")
+        swarm.interrupt()
+        code, errors = ends_by_itself(swarm)
+    assert code == 130
+    assert len(errors.splitlines()) == 1, errors
+    assert "stopped by SIGINT" in errors
 
 
 def test_a_fork_server_killed_as_it_starts_is_replaced(tmp_path: Path) -> None:

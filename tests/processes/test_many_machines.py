@@ -6,12 +6,14 @@ import re
 import signal
 import socket
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import tomli_w
+from distributed import Client
 
 import deltaswarm_wire
 from deltaswarm_orchestrator.remote import dask_cluster as dask_cluster_module
@@ -20,7 +22,7 @@ from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
-from tests.support.swarms import BOUND_S, RunningSwarm, run, running, told, wait_until
+from tests.support.swarms import BOUND_S, PATIENCE_S, RunningSwarm, run, running, told, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -104,6 +106,25 @@ def test_agents_on_workers_end_with_the_command(number: signal.Signals, cluster:
         assert "exits after step" in swarm.log("agent", 5)
 
 
+def test_a_busy_worker_can_be_given_up(cluster: Cluster, tmp_path: Path) -> None:
+    """By Ctrl-C, while its agents wait to be started; those of the other worker end, and nothing is left of them."""
+    with Client(cluster.address) as client:
+        busy = next(address for address, name in names_of(client).items() if name == "w0")
+        sleeping = client.submit(time.sleep, PATIENCE_S, workers=[busy])
+        with on(cluster, tmp_path / "run", *LONG) as swarm:
+            wait_until(cluster.agents, "the agents of the other worker")
+            swarm.interrupt()
+            code, _, errors = swarm.finish(BOUND_S)
+        assert (code, "Traceback" in errors) == (130, False), errors
+        sleeping.cancel()
+    nothing_is_left(cluster, tmp_path)
+
+
+def names_of(client: Client) -> dict[str, str]:
+    """The names of workers by their addresses."""
+    return {address: worker["name"] for address, worker in client.scheduler_info()["workers"].items()}
+
+
 def test_without_its_scheduler_a_run_ends(cluster: Cluster, tmp_path: Path) -> None:
     """In one line; Dask's workers end without it, and so do their agents."""
     with on(cluster, tmp_path / "run", *LONG, "--record", "off") as swarm:
@@ -127,6 +148,8 @@ def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Pa
             2,
             True,
         )
+        unencrypted = told(*on_dask, "tls://127.0.0.1:9")
+        assert (unencrypted.returncode, len(unencrypted.stderr.splitlines())) == (2, 1), unencrypted.stderr
         empty = told(*on_dask, cluster.address)
         assert (empty.returncode, "must have at least one worker" in empty.stderr) == (2, True)
         cluster.add_worker()

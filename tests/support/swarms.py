@@ -136,6 +136,16 @@ class RunningSwarm:
         return dict(json.loads((self.out / "manifest.json").read_text()))
 
 
+def heeds(pid: int, number: signal.Signals = signal.SIGINT) -> bool:
+    """Whether a process catches or ignores a signal: as soon as Python runs in it, it does so with Ctrl-C."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return False
+    masks = [int(line.split()[1], 16) for line in lines if line.startswith(("SigIgn", "SigCgt"))]
+    return any(mask & 1 << (number - 1) for mask in masks)
+
+
 def running(
     out: Path, *arguments: str, scenario: str = "smoke", inside: Sequence[str] = ()
 ) -> AbstractContextManager[RunningSwarm]:

@@ -1,4 +1,4 @@
-"""Start processes through a library that does not expect Ctrl-C meanwhile."""
+"""Start processes while a terminal's Ctrl-C may come, which reaches all of its processes at once."""
 
 import signal
 from collections.abc import Iterator
@@ -9,20 +9,27 @@ from deltaswarm_orchestrator.base.signals import stoppable
 
 
 @contextmanager
-def starting_processes() -> Iterator[None]:
-    """Hold stop signals back: half-started processes would end with a traceback each.
+def spared_by_ctrl_c() -> Iterator[None]:
+    """Let no SIGINT reach the processes and threads that this thread starts here: this process ends them."""
+    ensure_running()  # it unblocks SIGINT when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    A terminal's Ctrl-C never reaches the processes that are started here: it is for this one, which ends them.
+
+@contextmanager
+def starting_processes() -> Iterator[None]:
+    """Hold stop signals back, too: if they ended half-started processes, each of these would print a traceback.
 
     Raises:
-        KeyboardInterrupt: at the end if a signal came; at once if two did.
+        KeyboardInterrupt: at the end if a signal came, whatever else went wrong; at once if two did.
     """
-    ensure_running()  # it unblocks SIGINT when it starts
     with stoppable() as stop:
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            yield
+            with spared_by_ctrl_c():
+                yield
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    if stop.by is not None:
-        raise KeyboardInterrupt
+            if stop.by is not None:
+                raise KeyboardInterrupt

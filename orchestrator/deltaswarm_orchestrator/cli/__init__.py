@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.base.exits import (
     show_notices,
 )
 from deltaswarm_orchestrator.base.output import Output, OutputError, standard_output
-from deltaswarm_orchestrator.base.signals import raise_on_signals
+from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.command_line import Parser
@@ -97,7 +97,7 @@ def _run(argv: list[str], output: Output | None) -> int:
         return int(importlib.import_module(f"deltaswarm_{command}.__main__").main(argv[1:]))
     arguments = parser(command).parse_args(argv)
     if command not in ("run", "session"):  # these two handle signals themselves
-        raise_on_signals()
+        raise_on_signals(STOP_SIGNALS)
     show_notices(not getattr(arguments, "quiet", False))
     if output and command in MAKE_FILES and not getattr(arguments, "dry_run", False):
         output.is_needed = False

@@ -56,8 +56,8 @@ NEEDS = {
 
 EXCLUDES = {
     "in_process": (("station", "researcher", "boards", "checkpoint", "listen", "zenoh"), "there is one process"),
-    "boards": (("checkpoint",), "it saves processes of this machine"),
-    "engine": (("in_process", "boards", "checkpoint"), "the agents are processes on the workers of a cluster"),
+    "checkpoint": (("boards", "engine"), "it saves processes of this machine"),
+    "engine": (("in_process", "boards"), "the agents are processes on the workers of a cluster"),
     "resume": (
         (
             *("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "engine", "checkpoint"),
@@ -255,7 +255,8 @@ def _problem(arguments: argparse.Namespace) -> str | None:
             return f"{_shown(name)} must be given without {', '.join(refused)}: {why}"
     for name, needed in NEEDS.items():
         if name in given and needed not in given:
-            return f"{_shown(name)} must be given with {_shown(needed)}, without which it has no effect"
+            lacks = "there are no workers" if name == "engine" else "it has no effect"
+            return f"{_shown(name)} must be given with {_shown(needed)}, without which {lacks}"
     for name, kind in (("live_port", FOXGLOVE), ("live_connect", ROS2)):
         if name in given and arguments.live != kind:
             return f"{_shown(name)} must be given with --live {kind}, without which it has no effect"

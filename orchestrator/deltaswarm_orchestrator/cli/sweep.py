@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
-from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, check_dask, show, whole
 
 if TYPE_CHECKING:
@@ -94,7 +93,6 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)
-    raise_on_signals(STOP_SIGNALS)  # so that tables are written and the sweep can be resumed
     try:
         with (
             room_in(folder),

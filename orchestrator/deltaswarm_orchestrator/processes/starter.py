@@ -15,6 +15,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.kernel import end_orphans
+from deltaswarm_orchestrator.base.starting import spared_by_ctrl_c
 from deltaswarm_orchestrator.processes import entry_point
 from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 from deltaswarm_orchestrator.processes.fork_server import (
@@ -144,7 +145,7 @@ class Starter:
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
-        with bare_main_module(), safe_path(), self._start_deadline():
+        with bare_main_module(), safe_path(), self._start_deadline(), spared_by_ctrl_c():
             self._context.set_forkserver_preload([*PRELOADED, *([self._controller] if self._controller else [])])
             try:
                 process.start()

@@ -74,6 +74,7 @@ class RemoteAgents:
             for number, host in enumerate(placement.blocks)
         }
         self._live: set[Host] = set()
+        """Hosts that have started their agents, which have not all ended."""
 
     def _log(self, agent: int) -> Path:
         return self._logs / f"{AGENT}-{agent}.log"
@@ -118,23 +119,24 @@ class RemoteAgents:
             timeout_s = scenario.run.start_timeout_s
             ca = self.placement.credentials.ca
             host.start(HostJob(run, endpoint, scenario.control.mode, timeout_s, ca, agents, tuple(zenoh)))
-        self._live = set(self.placement.blocks)
         deadline = time.monotonic() + scenario.run.start_timeout_s
-        for host in self.placement.blocks:
-            while not self._is_started(host):
-                if was_stopped():
-                    raise StoppedError
-                if time.monotonic() > deadline:
-                    raise LaunchError(
-                        f"the Dask worker {host.worker} did not start its agents within "
-                        f"{scenario.run.start_timeout_s:g} s; is it busy with other tasks?"
-                    )
-                time.sleep(POLL_S)
+        while waiting := [host for host in self.placement.blocks if host not in self._live]:
+            if was_stopped():
+                raise StoppedError
+            if time.monotonic() > deadline:
+                raise LaunchError(
+                    f"the Dask worker {waiting[0].worker} did not start its agents within "
+                    f"{scenario.run.start_timeout_s:g} s; is it busy with other tasks?"
+                )
+            time.sleep(POLL_S)
+            self._live.update([host for host in waiting if self._is_started(host)])
 
     def _is_started(self, host: Host) -> bool:
         try:
             return host.is_started()
         except HostLostError as error:
+            if problem := self.placement.cluster.problem:
+                raise LaunchError(f"the Dask scheduler was lost before all agents had started: {problem}") from None
             raise LaunchError(f"the Dask worker {host.worker} could not start its agents: {error}") from None
 
     def look(self) -> None:

@@ -5,6 +5,7 @@ import os
 import socket
 import sys
 import time
+from asyncio import CancelledError
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
@@ -67,13 +68,15 @@ class DaskHost:
         Raises:
             HostLostError: it failed, or the worker was lost.
         """
-        if self.worker.address not in self._client.nthreads():
+        try:
+            is_there = self.worker.address in self._client.nthreads()
+            if is_there and not self._future.done():
+                return False
+            self._actor = self._future.result() if is_there else None
+        except (Exception, CancelledError) as error:  # the actor's own, or whatever Dask's code raises
+            raise HostLostError(f"{type(error).__name__}: {error}") from None
+        if not is_there:
             raise HostLostError("it has left the cluster")
-        if not self._future.done():
-            return False
-        if (error := self._future.exception()) is not None:
-            raise HostLostError(f"{type(error).__name__}: {error}")
-        self._actor = self._future.result()
         return True
 
     def news(self) -> News | None:
@@ -118,7 +121,7 @@ class DaskCluster:
     def __init__(self, client: Client, scheduler: str) -> None:
         self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
         self._scheduler = scheduler
-        if not client.nthreads():
+        if not self._told(client.nthreads):
             raise ClusterError(
                 f"the Dask scheduler at {scheduler} must have at least one worker; start some: dask worker {scheduler}"
             )
@@ -129,10 +132,10 @@ class DaskCluster:
 
     def _check_packages(self) -> None:
         """Check by Dask's own means that scheduler and workers have this deltaswarm and this Python."""
-        found = self._client.get_versions(packages=PACKAGES)
-        machines = {Worker(address, address): _packages(has) for address, has in found["workers"].items()}
-        machines[Worker("the scheduler", self._client.scheduler.address)] = _packages(found["scheduler"])
-        check_installed(_packages(found["client"]), machines)
+        found = self._told(self._client.get_versions, packages=PACKAGES)
+        machines = {Worker(address, address): packages_of(has) for address, has in found["workers"].items()}
+        machines[Worker("the scheduler", self._client.scheduler.address)] = packages_of(found["scheduler"])
+        check_installed(packages_of(found["client"]), machines)
 
     def _ask(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
         """Call a function on each worker; return its results by address.
@@ -140,13 +143,14 @@ class DaskCluster:
         Raises:
             ClusterError: it failed somewhere, or a worker was lost meanwhile.
         """
+        hint = "; is this machine's deltaswarm, from the same sources, installed on all of them?"
+        return dict(self._told(self._client.run, function, *arguments, hint=hint))
+
+    def _told(self, call: Callable[..., Any], *arguments: object, hint: str = "", **more: object) -> Any:
         try:
-            return dict(self._client.run(function, *arguments))
-        except Exception as error:  # whatever a worker or Dask's own code raised
-            hint = "is this machine's deltaswarm, from the same sources, installed on all of them?"
-            raise ClusterError(
-                f"the workers of {self._scheduler} could not be asked ({error}); {hint}", FAILED
-            ) from None
+            return call(*arguments, **more)
+        except (Exception, CancelledError) as error:  # whatever a worker or Dask's own code raised
+            raise ClusterError(f"the workers of {self._scheduler} could not be asked ({error}){hint}", FAILED) from None
 
     @property
     def problem(self) -> str:
@@ -175,7 +179,7 @@ class DaskCluster:
         except OSError as error:
             raise ClusterError(
                 "--listen must be an address of this machine with a free port "
-                f"(got {TLS}/{host}:{port}: {error.strerror or error})"
+                f"(got {TLS}/{host}:{port}: {os.strerror(error.errno) if error.errno else error})"
             ) from None
         endpoint = f"{TLS}/{host}:{port}"
         check_reached(endpoint, {worker: problems[worker.address] for worker in self.workers})
@@ -212,7 +216,7 @@ def connected(remote: Remote) -> Iterator[DaskCluster]:
         yield DaskCluster(client, remote.scheduler)
 
 
-def _packages(has: Mapping[str, Any]) -> Installed:
+def packages_of(has: Mapping[str, Any]) -> Installed:
     """Read what Dask tells of a machine. Its newer versions ask for distributions, older ones for modules."""
     deltaswarm = next((found for name in PACKAGES if (found := has["packages"].get(name))), NOTHING)
     return Installed(deltaswarm, ".".join(has["host"]["python"].split(".")[:2]))

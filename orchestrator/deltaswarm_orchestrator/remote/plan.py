@@ -39,9 +39,10 @@ class Installed(NamedTuple):
     """Digest of all sources of deltaswarm, which tells different code of one version number apart."""
 
     def __str__(self) -> str:
+        deltaswarm = "no deltaswarm" if self.deltaswarm == NOTHING else f"deltaswarm {self.deltaswarm}"
         code = "" if self.code == NOTHING else f" (code {self.code})"
         zenoh = "" if self.zenoh == NOTHING else f", eclipse-zenoh {self.zenoh}"
-        return f"deltaswarm {self.deltaswarm}{code}, Python {self.python}{zenoh}"
+        return f"{deltaswarm}{code}, Python {self.python}{zenoh}"
 
 
 class ClusterError(CommandError):

@@ -77,7 +77,7 @@ def _line(family: dict[str, Any], repeats: int) -> str:
 def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None], str | None]:
     """Return what each contrast and metric could show, by a pilot's runs, and a line about what is missing for it."""
     if not file.is_file():
-        return {}, f"no {file}: with a pilot (--pilot FOLDER) the smallest effects that could be shown are told too"
+        return {}, f"no {file}: with a pilot (--pilot FOLDER) also the smallest effects that could be shown are told"
     try:
         from deltaswarm_orchestrator.studies.contrasts import smallest_effects  # needs pandas and SciPy
     except ModuleNotFoundError as error:

@@ -3,10 +3,12 @@
 import atexit
 import functools
 import logging
+import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from dataclasses import replace
+from typing import Any
 
 import dask
 from distributed import Client, LocalCluster, as_completed
@@ -16,6 +18,8 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.dask_client import CONNECT_WITHIN_S, client_of, silence_dask
 from deltaswarm_orchestrator.base.exits import FAILED, notice
 from deltaswarm_orchestrator.base.starting import starting_processes
+from deltaswarm_orchestrator.remote.dask_cluster import PACKAGES, packages_of
+from deltaswarm_orchestrator.remote.plan import NOTHING
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.job import Result, Task
 
@@ -42,9 +46,9 @@ class DaskEngine:
         """
         silence_dask()
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
-            client = self._client(stack)
-            if self._scheduler and not client.nthreads():
-                notice(f"deltaswarm: the Dask scheduler at {self._scheduler} has no workers yet; waiting for them")
+            client = self._client(stack, len(tasks))
+            if self._scheduler:
+                _check_workers(client, self._scheduler)
             code = provenance.code_digest()
             futures = {
                 client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(code, task)): task
@@ -61,10 +65,10 @@ class DaskEngine:
                 yield Done(task, result, reason)
                 future.release()
 
-    def _client(self, stack: ExitStack) -> Client:
+    def _client(self, stack: ExitStack, tasks: int) -> Client:
         """Connect a client, to a new local cluster if no scheduler is given; the stack closes both."""
         try:
-            return stack.enter_context(client_of(self._scheduler or self._local(stack), CONNECT_WITHIN_S))
+            return stack.enter_context(client_of(self._scheduler or self._local(stack, tasks), CONNECT_WITHIN_S))
         except (OSError, ValueError, AssertionError, RuntimeError) as error:
             # AssertionError: Dask's thread was not up within 10 s; RuntimeError: a worker of a local cluster died.
             problem = str(error)
@@ -72,15 +76,35 @@ class DaskEngine:
             raise EngineError(f"no Dask scheduler could be reached at {self._scheduler}: {problem}")
         raise EngineError(f"no Dask cluster could be started on this machine: {problem}", FAILED)
 
-    def _local(self, stack: ExitStack) -> LocalCluster:
-        """Start a cluster on this machine, which the stack closes."""
+    def _local(self, stack: ExitStack, tasks: int) -> LocalCluster:
+        """Start a cluster on this machine, which the stack closes, with no more workers than tasks."""
+        scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="deltaswarm-dask-"))
         with starting_processes():
             cluster: LocalCluster = stack.enter_context(
                 LocalCluster(
-                    n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+                    n_workers=max(1, min(self._workers, tasks)),
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else its HTTP server takes port 8787
+                    local_directory=scratch,
+                    silence_logs=logging.CRITICAL,
                 )
             )
         return cluster
+
+
+def _check_workers(client: Client, scheduler: str) -> None:
+    """Say that there are no workers yet, or refuse those that would crash for want of deltaswarm.
+
+    Raises:
+        EngineError: workers lack deltaswarm.
+    """
+    found: Any = client.get_versions(packages=PACKAGES)  # typed for coroutines too
+    if not found["workers"]:
+        notice(f"deltaswarm: the Dask scheduler at {scheduler} has no workers yet; waiting for them")
+    lacking = [address for address, has in found["workers"].items() if packages_of(has).deltaswarm == NOTHING]
+    if lacking:
+        raise EngineError(f"all workers of {scheduler} must have deltaswarm (not installed at {', '.join(lacking)})")
 
 
 def _key(code: str, task: Task) -> str:

@@ -42,13 +42,10 @@ class SweepFolder:
         """
         with ExitStack() as stack:
             try:
-                if self.path.exists() and not self._is_ours():
-                    raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
+                self.check(name)
                 self.path.mkdir(parents=True, exist_ok=True)
                 stack.callback(FolderLock(self.path).release)
-                manifest = self.manifest()
-                if manifest is not None and manifest.get("name") != name:
-                    raise SweepFolderError(f"{self.path} holds the sweep {manifest.get('name')!r}, not {name!r}")
+                self.check(name)  # another sweep may have begun meanwhile
                 self.runs.mkdir(exist_ok=True)
                 shutil.rmtree(self.scratch, ignore_errors=True)
                 self.scratch.mkdir(exist_ok=True)  # an orphaned run may still be writing there
@@ -58,6 +55,21 @@ class SweepFolder:
             except OSError as error:
                 raise SweepFolderError(f"{self.path} cannot be used: {error.strerror}") from None
             yield
+
+    def check(self, name: str) -> None:
+        """Check that the folder can hold the sweep of this name, or does not exist.
+
+        Raises:
+            SweepFolderError: it holds something else, or another sweep, or it cannot be read.
+        """
+        try:
+            if self.path.exists() and not self._is_ours():
+                raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
+        except OSError as error:
+            raise SweepFolderError(f"{self.path} cannot be used: {error.strerror}") from None
+        manifest = self.manifest()
+        if manifest is not None and manifest.get("name") != name:
+            raise SweepFolderError(f"{self.path} holds the sweep {manifest.get('name')!r}, not {name!r}")
 
     def _is_ours(self) -> bool:
         """Return whether the folder is a sweep's or empty.

@@ -120,6 +120,7 @@ def check_folder(sweep: Sweep, path: Path, means: str) -> None:
         SweepFolderError: the folder holds something else, or only runs of other sweeps.
     """
     folder = SweepFolder(path)
+    folder.check(sweep.name)
     before = folder.manifest() or {}
     _refuse_to_replace(sweep, folder, before, _manifest(sweep, means, before, does_runs=False))
 

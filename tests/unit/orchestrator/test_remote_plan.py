@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.remote.agents import RemoteAgents
 from deltaswarm_orchestrator.remote.credentials import Credentials
 from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob, HostLostError, News
@@ -125,14 +126,18 @@ class Said:
         self.pending: list[News | Exception] = []
         self.calls: list[str] = []
         self.job: HostJob | None = None
+        self.is_busy = False
+        self.failure: HostLostError | None = None
 
     def start(self, job: HostJob) -> None:
         """Keep the job."""
         self.job = job
 
     def is_started(self) -> bool:
-        """At once."""
-        return True
+        """At once, unless a test has it otherwise."""
+        if self.failure:
+            raise self.failure
+        return not self.is_busy
 
     def news(self) -> News | None:
         """The next of what is pending."""
@@ -164,13 +169,18 @@ def hosts() -> list[Said]:
 
 
 @pytest.fixture
-def agents(hosts: list[Said], tmp_path: Path) -> RemoteAgents:
-    """Six agents on two hosts, started."""
+def to_start(hosts: list[Said], tmp_path: Path) -> RemoteAgents:
+    """Six agents on two hosts."""
     blocks = {hosts[0]: (0, 1, 2), hosts[1]: (3, 4, 5)}
     placement = Placement(Well(), blocks, "tls/127.0.0.1:0", Credentials.create("127.0.0.1"))
-    made = RemoteAgents(load_scenario("smoke"), placement, tmp_path)
-    made.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
-    return made
+    return RemoteAgents(load_scenario("smoke", ["run.start_timeout_s=1"]), placement, tmp_path)
+
+
+@pytest.fixture
+def agents(to_start: RemoteAgents) -> RemoteAgents:
+    """Started."""
+    to_start.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
+    return to_start
 
 
 def ended(agents: RemoteAgents) -> dict[str, int]:
@@ -184,6 +194,31 @@ def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, host
     assert len({files.key for job in jobs for files in job.agents.values()}) == 6
     assert len({files.settings for job in jobs for files in job.agents.values()}) == 6, "seeds differ"
     assert all(b"PRIVATE KEY" in files.key for job in jobs for files in job.agents.values())
+
+
+@pytest.mark.parametrize("is_impatient", [True, False])
+def test_only_hosts_that_have_started_are_asked_to_stop(
+    is_impatient: bool, to_start: RemoteAgents, hosts: list[Said]
+) -> None:
+    """If the start is given up, by the user or after its time: a busy host is let go."""
+    hosts[0].is_busy = True
+    with pytest.raises(StoppedError if is_impatient else LaunchError, match=None if is_impatient else "busy"):
+        to_start.start("run-1", "tls/127.0.0.1:7447", [], iter([False, is_impatient, *[False] * 999]).__next__)
+    to_start.end()
+    assert [host.calls for host in hosts] == [["close"], ["stop", "close"]]
+
+
+@pytest.mark.parametrize(("problem", "named"), [("", f"worker {W1}"), ("no connection", "scheduler was lost")])
+def test_what_is_lost_while_agents_start_is_named(
+    problem: str, named: str, to_start: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One worker, or the scheduler; the agents that have started end."""
+    monkeypatch.setattr(to_start.placement.cluster, "problem", problem)
+    hosts[1].failure = HostLostError("it has left the cluster")
+    with pytest.raises(LaunchError, match=named):
+        to_start.start("run-1", "tls/127.0.0.1:7447", [], lambda: None)
+    to_start.end(at_once=True)
+    assert [host.calls for host in hosts] == [["close"], ["close"]]
 
 
 def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said], tmp_path: Path) -> None:

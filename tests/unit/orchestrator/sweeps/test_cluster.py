@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -192,17 +192,57 @@ def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signa
         all_gone(running.mark)
 
 
+class Having:
+    """A client of workers that have these versions of deltaswarm, or None."""
+
+    def __init__(self, versions: list[str | None]) -> None:
+        self._versions = versions
+
+    def get_versions(self, packages: object) -> dict[str, Any]:
+        """What Dask tells of them."""
+        python = {"python": "3.11.7.final.0"}
+        return {
+            "workers": {
+                f"tcp://there:{port}": {"host": python, "packages": {"deltaswarm": found}}
+                for port, found in enumerate(self._versions)
+            }
+        }
+
+
+def test_workers_without_deltaswarm_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They would end at the first run, with nobody told."""
+    engine = DaskEngine("tcp://there:8786", 1)
+    monkeypatch.setattr(engine, "_client", lambda *_: Having(["0.1", None]))
+    with pytest.raises(EngineError, match=r"must have deltaswarm .*tcp://there:1"):
+        list(engine.run([]))
+
+
+@pytest.mark.parametrize(("workers", "started"), [(1, 1), (2, 2), (1000, 2)])
+def test_a_local_cluster_has_no_more_workers_than_runs(
+    workers: int, started: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many are asked for."""
+
+    def looked_at(**options: Any) -> None:
+        assert options["n_workers"] == started
+        raise RuntimeError("seen")
+
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.LocalCluster", looked_at)
+    with pytest.raises(EngineError, match="seen"):
+        list(DaskEngine(None, workers).run(tasks_of(made({"axes": {"control.delta": [2, 3]}, "repeats": 1}))))
+
+
 @pytest.mark.parametrize(
     ("scheduler", "workers", "is_told"),
-    [("tcp://there:8786", {}, True), ("tcp://there:8786", {"one": 1}, False), (None, {}, False)],
+    [("tcp://there:8786", [], True), ("tcp://there:8786", ["0.1"], False), (None, [], False)],
 )
 def test_a_scheduler_without_workers_is_told(
-    scheduler: str | None, workers: dict[str, int], is_told: bool, monkeypatch: pytest.MonkeyPatch
+    scheduler: str | None, workers: list[str | None], is_told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that nobody waits for what nobody does; a local cluster starts its own."""
     told = list[str]()
     engine = DaskEngine(scheduler, 1)
-    monkeypatch.setattr(engine, "_client", lambda _: SimpleNamespace(nthreads=lambda: workers))
+    monkeypatch.setattr(engine, "_client", lambda *_: Having(workers))
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.notice", told.append)
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.as_completed", iter)
     assert list(engine.run([])) == []

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from tests.support.swarms import wait_until
+from tests.support.swarms import heeds, wait_until
 from tests.support.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, written
 
 pytestmark = pytest.mark.processes
@@ -56,26 +56,28 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
         all_gone(running.mark)
 
 
-def has_handler(pid: int) -> bool:
-    """Whether a process catches or ignores Ctrl-C, as soon as Python runs in it."""
-    with contextlib.suppress(OSError):
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-        masks = [int(line.split()[1], 16) for line in lines if line.startswith(("SigIgn", "SigCgt"))]
-        return any(mask & 1 << (signal.SIGINT - 1) for mask in masks)
-    return False
-
-
 @pytest.mark.parametrize("engine", ["local", "dask"])
 @pytest.mark.parametrize("workers", [1, 3])
 def test_a_terminals_ctrl_c_while_workers_start(tmp_path: Path, engine: str, workers: int) -> None:
     """It reaches all processes at once, also those that have just begun: one line, no traceback of any."""
     file = written(tmp_path, duration_s=1e7)
     with sweeping(file, tmp_path / "out", "--engine", engine, "-j", str(workers)) as running:
-        wait_until(lambda: sum(map(has_handler, marked(running.mark))) == 1 + workers, "the workers' processes")
+        wait_until(lambda: sum(map(heeds, marked(running.mark))) == 1 + workers, "the workers' processes")
         os.killpg(running.process.pid, signal.SIGINT)
         code, _, errors = running.finish()
         assert (code, len(errors.splitlines())) == (130, 1), errors
         all_gone(running.mark)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_sweep_in_order_before_its_first_run_too(tmp_path: Path, number: signal.Signals) -> None:
+    """From when it handles signals on, to when its workers start: exit code 130 and one line."""
+    for _ in range(3):
+        with sweeping(written(tmp_path, duration_s=1e7), tmp_path / "out", "-j", "1") as running:
+            wait_until(lambda: heeds(running.process.pid, number), "Python")
+            running.process.send_signal(number)
+            code, _, errors = running.finish()
+            assert (code, len(errors.splitlines())) == (130, 1), errors
 
 
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:

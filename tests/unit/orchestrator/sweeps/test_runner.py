@@ -20,7 +20,7 @@ from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
-from deltaswarm_orchestrator.sweeps.runner import SweepResult, run_sweep
+from deltaswarm_orchestrator.sweeps.runner import SweepResult, check_folder, run_sweep
 from tests.support.sweeping import made
 
 Printed = pytest.CaptureFixture[str]
@@ -314,6 +314,8 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path, content: str) -> 
         (out / content).write_text('{"name": "mine", "seed": 1}')
     with pytest.raises(SweepFolderError, match="holds no sweep"):
         conducted(planned(), out, Here())
+    with pytest.raises(SweepFolderError, match="holds no sweep"):  # as `--dry-run` does
+        check_folder(planned(), out, IN_PROCESS)
     assert [file.name for file in tmp_path.rglob("*")] == (["out"] if content == "a file" else ["out", content])
 
 
