@@ -60,7 +60,10 @@ def test_growth_needs_two_sizes(sizes: tuple[int, ...]) -> None:
         scale.measure(sizes, 30, 1)
 
 
-@pytest.mark.parametrize("option", ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0"])
+@pytest.mark.parametrize(
+    "option",
+    ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0", "run --steps=1.5", "run --agents="],
+)
 def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     """With exit code 2, the option and what was given."""
     with pytest.raises(SystemExit) as ended:
@@ -68,7 +71,7 @@ def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureF
     name, _, value = option.split()[1].partition("=")
     error = capsys.readouterr().err
     assert ended.value.code == 2
-    assert name in error
+    assert f"{name}: must be an integer of at least 1 (got " in error
     assert repr(value.rpartition(",")[2]) in error
 
 
