@@ -1,12 +1,17 @@
 """How speed scales: scenarios of one density at any size, and each measurement in a process of its own."""
 
 import itertools
+import json
 import math
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.bench import scale, speed
+from deltaswarm_orchestrator.bench import coverage, scale, speed
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.report.plots import style
+from tests.support.complaints import Printed
 
 
 @pytest.mark.parametrize(("agents", "tiles"), [(1, 1), (25, 1), (30, 1), (50, 2), (100, 4), (200, 8), (400, 16)])
@@ -82,3 +87,36 @@ def test_a_measurement_takes_only_options_that_it_uses(command: str, capsys: pyt
         main(["bench", *command.split()])
     assert ended.value.code == 2
     assert command.split()[1].partition("=")[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["missing/x", "file/x", "", "/", "folder/taken", "x" * 300, "nul\0"])
+def test_a_figure_that_cannot_be_written_is_refused_before_the_measurement(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """In one line; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "folder" / "taken.svg").mkdir(parents=True)
+    monkeypatch.setattr(scale, "measure", lambda *_: pytest.fail("measured"))
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["bench", "scale", f"--plot={name}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("deltaswarm: --plot must be ")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_results_are_printed_even_if_their_figure_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """As on a disk that has become full meanwhile: one line about it, and the whole result."""
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device", "x.png")
+
+    result = {"rounds": 1, "step_s": 1.0, "rows": [{"range_m": None, "loss": 0.0, "share_known": [0.0, 1.0]}]}
+    monkeypatch.setattr(coverage, "measure", lambda *_: result)
+    monkeypatch.setattr(style, "save", full)
+    assert main(["bench", "coverage", f"--plot={tmp_path / 'x'}", "--json"]) == 1
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == result
+    assert printed.err == "deltaswarm: x.png could not be written: No space left on device\n"
