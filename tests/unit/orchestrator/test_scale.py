@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.bench import coverage, scale, speed
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.report.plots import style
@@ -44,6 +45,28 @@ def test_growth_is_measured_between_sizes() -> None:
         assert 10 < row["peak_memory_mb"] < 1000
     small, large = (row["steps_per_s"] for row in found["sizes"])
     assert found["step_time_exponent"] == pytest.approx(math.log(small / large) / math.log(20 / 5))
+
+
+def test_a_cost_per_asked_agent_needs_one_that_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two agents that meet no event are never asked: null in JSON, a dash in the table."""
+    monkeypatch.setattr(scale, "WARM_UP_STEPS", 0)
+    row = scale._measure_size(2, 5, seed=1)
+    assert row["share_asked"] == 0
+    assert [name for name, value in row.items() if value is None] == [
+        f"{part}us_per_asked_agent" for part in ("", "world_", "agents_")
+    ]
+    assert "-" in named({"sizes": [row]}).splitlines()[-1].split()
+
+
+def test_a_median_is_of_the_rounds_in_which_it_was_measured() -> None:
+    """None only if there is no such round."""
+    rows = [{"a": 1.0, "b": None, "c": None}, {"a": 2.0, "b": 5.0, "c": None}]
+    assert scale.median_of(rows) == {"a": 1.5, "b": 5.0, "c": None}
+
+
+def test_the_memory_of_a_process_that_has_ended_is_not_zero() -> None:
+    """It is unknown."""
+    assert speed._pss_mb(2**22 + 1) is None  # beyond the largest process id
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0, 1.3])
