@@ -1,19 +1,18 @@
 """Measure what a step costs in one process, and how the cost grows with the swarm, at the paper's density."""
 
 import itertools
-import multiprocessing
 import statistics
 import time
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
+from deltaswarm_orchestrator.bench.child import child
 from deltaswarm_orchestrator.run.in_process import InProcess, rare_garbage_collections
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings
@@ -117,9 +116,12 @@ def median_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, Any]:
-    context = multiprocessing.get_context("spawn")
-    with safe_path(), bare_main_module(), ProcessPoolExecutor(1, mp_context=context) as pool:
-        return pool.submit(_measure_size, agents, steps, seed).result()
+    with child(_send_size, agents, steps, seed) as connection:
+        return dict(connection.recv())
+
+
+def _send_size(connection: Connection, agents: int, steps: int, seed: int) -> None:
+    connection.send(_measure_size(agents, steps, seed))
 
 
 def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float | None]:

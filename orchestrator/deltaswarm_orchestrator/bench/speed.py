@@ -11,6 +11,7 @@ from statistics import median
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.bench import floors
 from deltaswarm_orchestrator.bench.noise import cpu_ticks, shares, spread, stolen_share
 from deltaswarm_orchestrator.bench.own_traffic import own_traffic_steps_per_s
@@ -111,7 +112,8 @@ def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
         began = time.monotonic()
         measured: dict[str, float | None] = dict.fromkeys(MEASURED)
         with Swarm(scenario, run, folder) as swarm:
-            swarm.start_world("tcp/127.0.0.1:0")
+            with starting_processes():  # the fork server
+                swarm.start_world("tcp/127.0.0.1:0")
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
                 swarm.start_operator(publish_all=False)
                 swarm.start_agents()

@@ -8,7 +8,8 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.disk import room_for
-from deltaswarm_orchestrator.base.exits import OK, CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
 
@@ -113,6 +114,9 @@ def add_bench(command: argparse.ArgumentParser) -> None:
 
 def bench(arguments: argparse.Namespace) -> int:
     """Do the measurements and print the results."""
+    from deltaswarm_orchestrator.processes.starter import LaunchError
+
+    raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
     measurement, plot = MEASUREMENTS[arguments.measurement], getattr(arguments, "plot", None)
     if plot is not None:
         _check_plot(plot)
@@ -125,6 +129,8 @@ def bench(arguments: argparse.Namespace) -> int:
         result = module.measure(*(getattr(arguments, option) for option in measurement.options if option != "plot"))
     except ValueError as error:
         raise CommandError(str(error)) from None
+    except (LaunchError, ConnectionError) as error:
+        raise CommandError(str(error), FAILED) from None
     brief = getattr(module, "brief", lambda everything: everything)
     show(arguments, result, named(brief(result)))
     if plot is not None:
