@@ -4,16 +4,14 @@ Each direction takes half of the round-trip time, whatever is sent; the throughp
 """
 
 import heapq
-import multiprocessing
 import select
 import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
-from typing import Any
 
-from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
+from deltaswarm_orchestrator.bench.child import child
 
 CHUNK = 65536
 
@@ -21,33 +19,18 @@ CHUNK = 65536
 @contextmanager
 def delaying_proxy(to_port: int, rtt_s: float) -> Iterator[int]:
     """Yield the port of a proxy on loopback to another port there; it adds `rtt_s` to the round-trip time [s]."""
-    context = multiprocessing.get_context("spawn")  # the caller has threads
-    server = socket.create_server(("127.0.0.1", 0))
-    lifeline, kept_end = context.Pipe(duplex=False)
-    process = context.Process(target=_serve, args=(server, to_port, rtt_s / 2, lifeline), daemon=True)
-    try:
-        with bare_main_module(), safe_path():
-            process.start()
-        lifeline.close()
+    with socket.create_server(("127.0.0.1", 0)) as server, child(_serve, server, to_port, rtt_s / 2):
         yield server.getsockname()[1]
-    finally:
-        kept_end.close()
-        server.close()
-        process.join()
 
 
-def _serve(server: socket.socket, to_port: int, delay_s: float, lifeline: Connection) -> None:
-    """Pass everything on until the other end of the lifeline is closed."""
+def _serve(_unused: Connection, server: socket.socket, to_port: int, delay_s: float) -> None:
+    """Pass everything on until the process is killed."""
     others: dict[socket.socket, socket.socket] = {}
     held: list[tuple[float, int, socket.socket, bytes]] = []
     count = 0
     while True:
         wait_s = max(0.0, held[0][0] - time.monotonic()) if held else None
-        waited_for: list[Connection | socket.socket] = [lifeline, server, *others]
-        ready: list[Any] = select.select(waited_for, [], [], wait_s)[0]  # exact to 0.1 ms, as epoll is not
-        for end in ready:
-            if end is lifeline:
-                return
+        for end in select.select([server, *others], [], [], wait_s)[0]:  # exact to 0.1 ms, as epoll is not
             if end is server:
                 others |= _pair(server.accept()[0], to_port)
                 continue

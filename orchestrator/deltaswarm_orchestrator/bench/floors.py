@@ -4,11 +4,14 @@ A step is one 200-byte sample to each agent process and one back from each.
 """
 
 import multiprocessing
+import os
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
+from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
 from deltaswarm_orchestrator.processes.starter import PRELOADED, room_for
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
@@ -23,7 +26,7 @@ QUEUE_SAMPLES = 64
 def sockets_steps_per_s(agents: int, steps: int) -> float:
     """Measure what the kernel allows: a pair of Unix sockets per agent process."""
     pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(agents)]
-    with children(_socket_agent, [(far, steps) for _, far in pairs]):
+    with children(_socket_agent, [(far,) for _, far in pairs]):
         links = [near for near, _ in pairs]
         for _, far in pairs:
             far.close()
@@ -41,11 +44,11 @@ def sockets_steps_per_s(agents: int, steps: int) -> float:
     return rate
 
 
-def _socket_agent(link: socket.socket, steps: int) -> None:
-    link.send(b"!")
-    for _ in range(steps):
-        link.recv(4096)
-        link.send(PAYLOAD)
+def _socket_agent(link: socket.socket) -> None:
+    with suppress(OSError):  # the other end is gone
+        link.send(b"!")
+        while link.recv(4096):
+            link.send(PAYLOAD)
 
 
 def zenoh_steps_per_s(agents: int, steps: int) -> float:
@@ -93,17 +96,31 @@ def free_endpoint() -> str:
 
 @contextmanager
 def children(target: Callable[..., None], arguments: Sequence[tuple[object, ...]]) -> Iterator[None]:
-    """Start processes from the same fork server as a run's, and end them with the block."""
+    """Start processes from the same fork server as a run's, and end them with the block, or with this process."""
     context = multiprocessing.get_context("forkserver")
-    started = [context.Process(target=target, args=entry, daemon=True) for entry in arguments]
-    with bare_main_module(), safe_path():
-        context.set_forkserver_preload([*PRELOADED, __name__])
-        for process in started:
-            process.start()
+    processes = [context.Process(target=_work, args=(target, *entry), daemon=True) for entry in arguments]
     try:
+        with starting_processes(), bare_main_module(), safe_path():
+            context.set_forkserver_preload([*PRELOADED, __name__])
+            for process in processes:
+                process.start()
         yield
-    finally:
-        for process in started:
+        for process in processes:
             process.join(5)
-            process.kill()
-            process.join()
+    finally:
+        for process in processes:
+            if process.pid is not None:
+                process.kill()
+                process.join()
+
+
+def _work(target: Callable[..., None], *arguments: object) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    target(*arguments)
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that asked the fork server for it ends, even by kill -9."""
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)

@@ -12,8 +12,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.bench.delaying_proxy import delaying_proxy
-from deltaswarm_orchestrator.bench.speed import bench_scenario
+from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.remote.agents import RemoteAgents
 from deltaswarm_orchestrator.remote.credentials import Credentials
@@ -35,6 +36,9 @@ def measure(agents: int, steps: int, rounds: int, rtts: Sequence[float]) -> dict
     """Measure steps/s with local agents, and at each round-trip time [ms] in turns; return medians.
 
     `steps_per_round_trip` says how many steps one round-trip time lasts for: a step that asks nobody needs none.
+
+    Raises:
+        CommandError: a run is not valid.
     """
     scenario = bench_scenario(agents, steps)
     speeds: defaultdict[float | None, list[float]] = defaultdict(list)
@@ -94,7 +98,8 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
             remote = RemoteAgents(scenario, placement, folder / "logs")
         with ExitStack() as stack:
             swarm = stack.enter_context(Swarm(scenario, run, folder, remote=remote))
-            swarm.start_world(f"tcp/{LOOPBACK}:0")
+            with starting_processes():  # the fork server
+                swarm.start_world(f"tcp/{LOOPBACK}:0")
             observer = stack.enter_context(Observer(run, swarm.recorder_link(), None, wire=False))
             swarm.start_operator(publish_all=False)
             if remote is None or rtt_ms is None:
@@ -107,7 +112,4 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
                 observer.work(0.02)
                 observer.leave_when_done()
                 swarm.ended()  # takes what the host says
-        summary = run_tables.summary(run_tables.read_outcome(folder), scenario)
-        if not summary["valid"]:
-            raise ValueError(f"the measured run must be valid (got {summary['invalid_because']})")
-        return float(summary["steps_per_s"])
+        return speed_of(run_tables.summary(run_tables.read_outcome(folder), scenario))

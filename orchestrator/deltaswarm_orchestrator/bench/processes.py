@@ -13,20 +13,21 @@ def measure(sizes: Sequence[int], steps: int) -> dict[str, Any]:
     Returns:
         `sizes`: a row per size with start-up time [s], steps per second, the median and the largest agent's memory and
         the world's [MB, proportional share], the orchestrator's open files, and the share of CPU time stolen meanwhile.
+        None is what a short run left no time to measure.
 
     Raises:
-        RuntimeError: a run is not valid.
+        CommandError: a run is not valid.
     """
     return {"steps": steps, "sizes": [_measure_size(agents, steps) for agents in sorted(sizes)]}
 
 
-def _measure_size(agents: int, steps: int) -> dict[str, float]:
+def _measure_size(agents: int, steps: int) -> dict[str, float | None]:
     before = cpu_ticks()
     row = swarm_of_processes(bench_scenario(agents, steps))
     return {
         "agents": agents,
         "startup_s": row["startup_s"],
-        "startup_ms_per_agent": 1e3 * row["startup_s"] / agents,
+        "startup_ms_per_agent": row["startup_s"] and 1e3 * row["startup_s"] / agents,
         "steps_per_s": row["swarm"],
         "agent_steps_per_s": agents * row["swarm"],
         "median_agent_pss_mb": row["median_pss_mb"],

@@ -1,19 +1,18 @@
 """Measure what a step costs in one process, and how the cost grows with the swarm, at the paper's density."""
 
 import itertools
-import multiprocessing
 import statistics
 import time
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
+from deltaswarm_orchestrator.bench.child import child
 from deltaswarm_orchestrator.run.in_process import InProcess, rare_garbage_collections
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings
@@ -109,30 +108,39 @@ def draw(result: dict[str, Any]) -> "Figure":
     return scale(result["sizes"])
 
 
-def median_of(rows: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """Return the median of each metric over some rows."""
+def median_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the median of each metric over the rows in which it is not None; None if there is no such row."""
     columns = {name: [row[name] for row in rows] for rows in [list(rows)] for name in rows[0]}
-    return {name: statistics.median(values) for name, values in columns.items()}
+    known = {name: [value for value in values if value is not None] for name, values in columns.items()}
+    return {name: statistics.median(values) if values else None for name, values in known.items()}
 
 
-def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, float]:
-    context = multiprocessing.get_context("spawn")
-    with safe_path(), bare_main_module(), ProcessPoolExecutor(1, mp_context=context) as pool:
-        return pool.submit(_measure_size, agents, steps, seed).result()
+def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, Any]:
+    with child(_send_size, agents, steps, seed) as connection:
+        return dict(connection.recv())
 
 
-def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float]:
-    """Measure speed, CPU times [us], shares of agents asked and in trees, and the process's peak memory [MB]."""
+def _send_size(connection: Connection, agents: int, steps: int, seed: int) -> None:
+    connection.send(_measure_size(agents, steps, seed))
+
+
+def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float | None]:
+    """Measure speed, CPU times [us], shares of agents asked and in trees, and the process's peak memory [MB].
+
+    Costs per asked agent are None if no agent was asked.
+    """
     (costs,) = in_turns({"": scale_scenario(agents, WARM_UP_STEPS + steps, seed)}, steps).values()
+    asked = costs["agents_asked"]
     return {
         "steps_per_s": 1e6 / costs["step_us"],
         "us_per_agent": costs["step_us"] / agents,
         "world_us_per_agent": costs["world_us"] / agents,
         "agents_us_per_agent": costs["agents_us"] / agents,
-        "us_per_asked_agent": costs["step_us"] / costs["agents_asked"],
-        "world_us_per_asked_agent": costs["world_us"] / costs["agents_asked"],
-        "agents_us_per_asked_agent": costs["agents_us"] / costs["agents_asked"],
-        "share_asked": costs["agents_asked"] / agents,
+        **{
+            f"{part}us_per_asked_agent": costs[f"{cost}_us"] / asked if asked else None
+            for part, cost in (("", "step"), ("world_", "world"), ("agents_", "agents"))
+        },
+        "share_asked": asked / agents,
         "share_in_trees": costs["agents_in_trees"] / agents,
         # Not by `getrusage`, whose value starts at the parent process's.
         "peak_memory_mb": memory_mb("/proc/self/status", "VmHWM"),

@@ -4,11 +4,14 @@ import os
 import secrets
 import tempfile
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.bench import floors
 from deltaswarm_orchestrator.bench.noise import cpu_ticks, shares, spread, stolen_share
 from deltaswarm_orchestrator.bench.own_traffic import own_traffic_steps_per_s
@@ -24,6 +27,9 @@ from deltaswarm_wire.keys import AGENT, WORLD
 ROUNDS = 3
 AGENTS_PER_M2 = 0.0025
 """The paper's density, kept for any size of swarm (Experimental Setup)."""
+
+MEASURED = ("startup_s", "pss_mb", "median_pss_mb", "world_pss_mb", "open_files")
+"""What is measured while a run is under way."""
 
 
 def bench_scenario(agents: int, steps: int) -> Scenario:
@@ -46,6 +52,9 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
 
     `own_traffic` is the floor that sends the very samples of the measured scenario. A ratio is None if its floor varied
     too much over the rounds; `no_ratio_because` then says so.
+
+    Raises:
+        CommandError: a run is not valid.
     """
     scenario = bench_scenario(agents, steps)
     traffic = traffic_of(scenario)
@@ -81,59 +90,74 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
             "agents": middle["agents_us"],
         },
         "startup_s": middle["startup_s"],
-        "agent_pss_mb": max(row["pss_mb"] for row in rounds),
+        "agent_pss_mb": max((row["pss_mb"] for row in rounds if row["pss_mb"] is not None), default=None),
     }
 
 
-def swarm_of_processes(scenario: Scenario) -> dict[str, float]:
+def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
     """Measure one run with real processes.
 
     Returns:
         `swarm`: steps per second; `startup_s`: time until the first step. Halfway, `pss_mb` and `median_pss_mb`: the
-        largest and the median agent's memory [MB]; `world_pss_mb`: the world's; `open_files`: the orchestrator's.
+        largest and the median agent's memory [MB]; `world_pss_mb`: the world's; `open_files`: the orchestrator's. None
+        is what a short run left no time to measure.
 
     Raises:
-        RuntimeError: the run is not valid.
+        CommandError: the run is not valid.
     """
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
         (folder / "scenario.toml").write_text(to_toml(scenario), encoding="utf-8")
         run = f"bench-{secrets.token_hex(4)}"
         began = time.monotonic()
-        measured: dict[str, float] = {}
+        measured: dict[str, float | None] = dict.fromkeys(MEASURED)
         with Swarm(scenario, run, folder) as swarm:
-            swarm.start_world("tcp/127.0.0.1:0")
+            with starting_processes():  # the fork server
+                swarm.start_world("tcp/127.0.0.1:0")
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
                 swarm.start_operator(publish_all=False)
                 swarm.start_agents()
                 while swarm.part(WORLD).exit_code is None:
                     observer.work(0.02)
                     phase = observer.status.phase if observer.status else "waiting"
-                    if phase != "waiting":
-                        measured.setdefault("startup_s", time.monotonic() - began)
+                    if phase != "waiting" and measured["startup_s"] is None:
+                        measured["startup_s"] = time.monotonic() - began
                     is_half_way = observer.status is not None and 2 * observer.status.step >= scenario.run.steps
-                    if is_half_way and "pss_mb" not in measured:  # while all are running and share memory
-                        measured |= _resources(swarm)
+                    if (is_half_way or phase == "ended") and measured["open_files"] is None:
+                        measured |= _resources(swarm)  # while all are running and share memory
                     observer.leave_when_done()
         summary = run_tables.summary(run_tables.read_outcome(folder), scenario)
-        if not summary["valid"]:
-            raise RuntimeError(f"the measured run is not valid: {summary['invalid_because']}")
-        return {"swarm": summary["steps_per_s"], **measured}
+        return {"swarm": speed_of(summary), **measured}
 
 
-def _resources(swarm: Swarm) -> dict[str, float]:
-    agents = [_pss_mb(part.pid) for part in swarm.parts if part.role == AGENT]
+def speed_of(summary: Mapping[str, Any]) -> float:
+    """Return the steps per second of a run, from its summary.
+
+    Raises:
+        CommandError: the run is not valid.
+    """
+    if not summary.get("valid"):
+        why = summary.get("invalid_because", "it has no summary")
+        raise CommandError(f"the measured run is not valid: {why}", FAILED)
+    return float(summary["steps_per_s"])
+
+
+def _resources(swarm: Swarm) -> dict[str, float | None]:
+    agents = [mb for part in swarm.parts if part.role == AGENT and (mb := _pss_mb(part.pid)) is not None]
     return {
-        "pss_mb": max(agents),
-        "median_pss_mb": median(agents),
+        "pss_mb": max(agents, default=None),
+        "median_pss_mb": median(agents) if agents else None,
         "world_pss_mb": _pss_mb(swarm.part(WORLD).pid),
         "open_files": len(os.listdir("/proc/self/fd")),
     }
 
 
-def _pss_mb(pid: int) -> float:
-    """Return the proportional set size [MB] of a process: memory, with shared pages divided among their users."""
+def _pss_mb(pid: int) -> float | None:
+    """Return the proportional set size [MB] of a process: memory, with shared pages divided among their users.
+
+    None if it has ended.
+    """
     try:
         return memory_mb(f"/proc/{pid}/smaps_rollup", "Pss")
     except OSError:
-        return 0.0
+        return None

@@ -1,6 +1,7 @@
 """Measure the cost of the operator's station in a run of processes: steps/s without it, with it, with pages open."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -17,9 +19,11 @@ from websockets.client import ClientProtocol
 from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
 from websockets.uri import parse_uri
 
-from deltaswarm_orchestrator.bench.speed import bench_scenario
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
 from deltaswarm_orchestrator.processes.station import address
 from deltaswarm_orchestrator.scenarios.load import to_toml
+from deltaswarm_orchestrator.sweeps import dies_with_parent
 
 ARMS = {"none": None, "station": 0, "one_page": 1, "three_pages": 3}
 """Number of pages open at the station; None: there is no station."""
@@ -31,6 +35,9 @@ def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
     """Measure steps/s as fast as possible and the share lost against the same round's `none`; return medians.
 
     A page is a connection that receives data and draws nothing, so the browser's own cost is not measured.
+
+    Raises:
+        CommandError: a run is not valid, or its station does not come.
     """
     speeds: defaultdict[str, list[float]] = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
@@ -53,19 +60,24 @@ def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
 
 
 def _steps_per_s(scenario: Path, out: Path, pages: int | None) -> float:
-    command = [sys.executable, "-P", "-m", "deltaswarm_orchestrator", "run", str(scenario), "--out", str(out), "--json"]
+    command = [sys.executable, "-P", "-m", dies_with_parent.__name__, str(os.getpid())]
+    command += ["run", str(scenario), "--out", str(out), "--json"]
     if pages is not None:
         command += ["--station", "--speed", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
-        if pages:
-            url = _address(out.with_name(f"{out.name}.part"), run)
-            for _ in range(pages):
-                threading.Thread(target=_look_on, args=(url,), daemon=True).start()
-        printed, _ = run.communicate()
-    summary = json.loads(printed or "{}")
-    if not summary.get("valid"):
-        raise ValueError(f"the measured run must be valid (got {summary.get('invalid_because', 'no summary')})")
-    return float(summary["steps_per_s"])
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
+    ) as run:
+        try:
+            if pages:
+                url = _address(out.with_name(f"{out.name}.part"), run)
+                for _ in range(pages):
+                    threading.Thread(target=_look_on, args=(url,), daemon=True).start()
+            printed, _ = run.communicate()
+        except BaseException:
+            run.terminate()
+            run.wait()  # it writes into a folder that is about to be removed
+            raise
+    return speed_of(json.loads(printed or "{}"))
 
 
 def _address(folder: Path, run: subprocess.Popen[str]) -> str:
@@ -77,7 +89,7 @@ def _address(folder: Path, run: subprocess.Popen[str]) -> str:
         except ValueError:
             pass  # only partly written
         time.sleep(0.02)
-    raise ValueError(f"the station must be there within {PATIENCE_S:.0f} s (got no address)")
+    raise CommandError(f"the station was not there within {PATIENCE_S:.0f} s", FAILED)
 
 
 def _look_on(url: str) -> None:
@@ -85,7 +97,7 @@ def _look_on(url: str) -> None:
     live = parse_uri(f"ws://{page.netloc}{page.path}live")
     protocol = ClientProtocol(live, origin=f"http://{page.netloc}", extensions=[ClientPerMessageDeflateFactory()])  # type: ignore[arg-type]
     protocol.send_request(protocol.connect())
-    with socket.create_connection((page.hostname, page.port)) as link:
+    with suppress(OSError), socket.create_connection((page.hostname, page.port)) as link:  # the run may be over
         link.sendall(b"".join(protocol.data_to_send()))
         while link.recv(1 << 18):
             pass

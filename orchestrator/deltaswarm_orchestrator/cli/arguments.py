@@ -70,16 +70,16 @@ def show(arguments: argparse.Namespace, result: Any, text: str) -> None:
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return a parser of a whole number within limits, for `type=`."""
-    return _within(int, least, most)
+    return _within(int, "an integer", least, most)
 
 
 def number(least: float, most: float | None = None) -> Callable[[str], float]:
     """Return a parser of a number within limits, for `type=`."""
-    return _within(float, least, most)
+    return _within(float, "a number", least, most)
 
 
-def _within(kind: Callable[[str], N], least: N, most: N | None) -> Callable[[str], N]:
-    limits = f"at least {least}" if most is None else f"from {least} to {most}"
+def _within(kind: Callable[[str], N], noun: str, least: N, most: N | None) -> Callable[[str], N]:
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
 
     def parsed(text: str) -> N:
         try:
@@ -87,7 +87,7 @@ def _within(kind: Callable[[str], N], least: N, most: N | None) -> Callable[[str
         except ValueError:
             value = None
         if value is None or not (least <= value and (most is None or value <= most)):
-            raise argparse.ArgumentTypeError(f"must be {limits} (got {text!r})")
+            raise argparse.ArgumentTypeError(f"must be {noun} {limits} (got {text!r})")
         return value
 
     return parsed

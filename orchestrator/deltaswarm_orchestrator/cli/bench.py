@@ -7,7 +7,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.base.exits import OK, CommandError
+from deltaswarm_orchestrator.base.disk import room_for
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
 
@@ -112,7 +114,12 @@ def add_bench(command: argparse.ArgumentParser) -> None:
 
 def bench(arguments: argparse.Namespace) -> int:
     """Do the measurements and print the results."""
-    measurement = MEASUREMENTS[arguments.measurement]
+    from deltaswarm_orchestrator.processes.starter import LaunchError
+
+    raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
+    measurement, plot = MEASUREMENTS[arguments.measurement], getattr(arguments, "plot", None)
+    if plot is not None:
+        _check_plot(plot)
     if measurement.needs_processes:
         from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
 
@@ -122,10 +129,34 @@ def bench(arguments: argparse.Namespace) -> int:
         result = module.measure(*(getattr(arguments, option) for option in measurement.options if option != "plot"))
     except ValueError as error:
         raise CommandError(str(error)) from None
-    if "plot" in measurement.options and arguments.plot:
-        from deltaswarm_orchestrator.report.plots.style import save
-
-        save(module.draw(result), arguments.plot)
+    except (LaunchError, ConnectionError) as error:
+        raise CommandError(str(error), FAILED) from None
     brief = getattr(module, "brief", lambda everything: everything)
     show(arguments, result, named(brief(result)))
+    if plot is not None:
+        from deltaswarm_orchestrator.report.plots.style import save
+
+        with room_for(plot):
+            save(module.draw(result), plot)
     return OK
+
+
+def _check_plot(path: Path) -> None:
+    """Check before the measurement that its figure can be written afterwards.
+
+    Raises:
+        CommandError: it cannot.
+    """
+    from deltaswarm_orchestrator.report.plots.style import files_of
+
+    try:
+        for file in files_of(path):
+            is_new = not file.exists()
+            file.open("ab").close()
+            if is_new:
+                file.unlink()
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise CommandError(
+            f"--plot must be a name with which files can be written (got {str(path)!r}; {why})"
+        ) from None

@@ -1,12 +1,18 @@
 """How speed scales: scenarios of one density at any size, and each measurement in a process of its own."""
 
 import itertools
+import json
 import math
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.bench import scale, speed
+from deltaswarm_orchestrator.base.text import named
+from deltaswarm_orchestrator.bench import coverage, scale, speed
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.report.plots import style
+from tests.support.complaints import Printed
 
 
 @pytest.mark.parametrize(("agents", "tiles"), [(1, 1), (25, 1), (30, 1), (50, 2), (100, 4), (200, 8), (400, 16)])
@@ -41,6 +47,28 @@ def test_growth_is_measured_between_sizes() -> None:
     assert found["step_time_exponent"] == pytest.approx(math.log(small / large) / math.log(20 / 5))
 
 
+def test_a_cost_per_asked_agent_needs_one_that_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two agents that meet no event are never asked: null in JSON, a dash in the table."""
+    monkeypatch.setattr(scale, "WARM_UP_STEPS", 0)
+    row = scale._measure_size(2, 5, seed=1)
+    assert row["share_asked"] == 0
+    assert [name for name, value in row.items() if value is None] == [
+        f"{part}us_per_asked_agent" for part in ("", "world_", "agents_")
+    ]
+    assert "-" in named({"sizes": [row]}).splitlines()[-1].split()
+
+
+def test_a_median_is_of_the_rounds_in_which_it_was_measured() -> None:
+    """None only if there is no such round."""
+    rows = [{"a": 1.0, "b": None, "c": None}, {"a": 2.0, "b": 5.0, "c": None}]
+    assert scale.median_of(rows) == {"a": 1.5, "b": 5.0, "c": None}
+
+
+def test_the_memory_of_a_process_that_has_ended_is_not_zero() -> None:
+    """It is unknown."""
+    assert speed._pss_mb(2**22 + 1) is None  # beyond the largest process id
+
+
 @pytest.mark.parametrize("power", [0.0, 1.0, 1.3])
 def test_the_exponent_is_the_power_of_the_size(power: float) -> None:
     """Whatever the cost of one agent."""
@@ -60,7 +88,10 @@ def test_growth_needs_two_sizes(sizes: tuple[int, ...]) -> None:
         scale.measure(sizes, 30, 1)
 
 
-@pytest.mark.parametrize("option", ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0"])
+@pytest.mark.parametrize(
+    "option",
+    ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0", "run --steps=1.5", "run --agents="],
+)
 def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     """With exit code 2, the option and what was given."""
     with pytest.raises(SystemExit) as ended:
@@ -68,7 +99,7 @@ def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureF
     name, _, value = option.split()[1].partition("=")
     error = capsys.readouterr().err
     assert ended.value.code == 2
-    assert name in error
+    assert f"{name}: must be an integer of at least 1 (got " in error
     assert repr(value.rpartition(",")[2]) in error
 
 
@@ -79,3 +110,36 @@ def test_a_measurement_takes_only_options_that_it_uses(command: str, capsys: pyt
         main(["bench", *command.split()])
     assert ended.value.code == 2
     assert command.split()[1].partition("=")[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["missing/x", "file/x", "", "/", "folder/taken", "x" * 300, "nul\0"])
+def test_a_figure_that_cannot_be_written_is_refused_before_the_measurement(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """In one line; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "folder" / "taken.svg").mkdir(parents=True)
+    monkeypatch.setattr(scale, "measure", lambda *_: pytest.fail("measured"))
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["bench", "scale", f"--plot={name}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("deltaswarm: --plot must be ")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_results_are_printed_even_if_their_figure_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """As on a disk that has become full meanwhile: one line about it, and the whole result."""
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device", "x.png")
+
+    result = {"rounds": 1, "step_s": 1.0, "rows": [{"range_m": None, "loss": 0.0, "share_known": [0.0, 1.0]}]}
+    monkeypatch.setattr(coverage, "measure", lambda *_: result)
+    monkeypatch.setattr(style, "save", full)
+    assert main(["bench", "coverage", f"--plot={tmp_path / 'x'}", "--json"]) == 1
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == result
+    assert printed.err == "deltaswarm: x.png could not be written: No space left on device\n"

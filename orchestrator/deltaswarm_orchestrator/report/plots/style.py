@@ -155,9 +155,18 @@ def save(figure: Figure, path: Path) -> list[Path]:
     return save_as(partial(rendered, figure), path)
 
 
+def files_of(path: Path) -> list[Path]:
+    """Return the files of a figure: `<path>.png`, `<path>.svg` and `<path>.pdf`.
+
+    Raises:
+        ValueError: the path has no last part.
+    """
+    return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
+
+
 def save_as(as_kind: Callable[[str], bytes], path: Path) -> list[Path]:
     """Write the same files for a figure that is rendered elsewhere: `as_kind` returns it as `png`, `svg` or `pdf`."""
-    files = [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
+    files = files_of(path)
     for file, kind in zip(files, METADATA, strict=True):
         file.write_bytes(as_kind(kind))
     return files

@@ -1,0 +1,115 @@
+"""`deltaswarm bench` as a process: whatever ends it, one line at most is said, and nothing stays behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
+from tests.support.sweeping import MARK, all_gone, marked
+
+pytestmark = pytest.mark.processes
+
+FLOOR = "from deltaswarm_orchestrator.bench import floors; floors.{}(2, 10**9)"
+
+
+@contextmanager
+def marked_command(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A command and its mark, with its temporary files in a folder; nothing is left of it, whatever the test does."""
+    mark = uuid.uuid4().hex
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, MARK: mark, "TMPDIR": str(folder)},
+    )
+    try:
+        yield process, mark
+    finally:
+        for pid in marked(mark):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
+def count_is(mark: str, process: subprocess.Popen[str], count: int) -> None:
+    """Wait until so many processes carry a mark."""
+    wait_until(lambda: len(marked(mark)) >= count or process.poll() is not None, f"{count} processes")
+    assert process.poll() is None, process.communicate()
+
+
+def check_interrupted(process: subprocess.Popen[str], mark: str, folder: Path) -> None:
+    """The one line, the exit code, and nothing left."""
+    printed, errors = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, printed, errors) == (130, "", "deltaswarm: interrupted\n")
+    all_gone(mark)
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("measurement", "processes"),
+    [("processes --sizes 3 --steps 100000", 7), ("station --agents 3 --steps 100000", 8)],
+)
+def test_a_signal_ends_a_measured_run(tmp_path: Path, measurement: str, processes: int, number: signal.Signals) -> None:
+    """To the command alone; its parts and its folder go as well."""
+    with marked_command(tmp_path, *COMMAND, "bench", *measurement.split()) as (process, mark):
+        count_is(mark, process, processes)
+        process.send_signal(number)
+        check_interrupted(process, mark, tmp_path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_terminals_signal_while_a_measuring_process_starts(tmp_path: Path, number: signal.Signals) -> None:
+    """It reaches the whole group, also a process that is importing its modules."""
+    with marked_command(tmp_path, *COMMAND, "bench", "scale") as (process, mark):
+        count_is(mark, process, 2)
+        (child,) = set(marked(mark)) - {process.pid}
+        wait_until(lambda: "numpy" in Path(f"/proc/{child}/maps").read_text(), "the process's imports")
+        os.killpg(process.pid, number)
+        check_interrupted(process, mark, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "processes"),
+    [
+        ((*COMMAND, "bench", "scale"), 2),
+        ((*COMMAND, "bench", "station", "--agents", "3", "--steps", "100000"), 8),
+        ((sys.executable, "-c", FLOOR.format("sockets_steps_per_s")), 4),
+        ((sys.executable, "-c", FLOOR.format("zenoh_steps_per_s")), 4),
+    ],
+    ids=["scale", "station", "sockets", "zenoh"],
+)
+def test_nothing_outlives_a_killed_measurement(tmp_path: Path, arguments: tuple[str, ...], processes: int) -> None:
+    """By kill -9, after which it can do nothing itself."""
+    with marked_command(tmp_path, *arguments) as (process, mark):
+        count_is(mark, process, processes)
+        process.kill()
+        all_gone(mark)
+        assert "Traceback" not in process.communicate()[1]
+
+
+def test_a_measuring_process_that_was_killed_is_one_line(tmp_path: Path) -> None:
+    """As the kernel does when memory is short."""
+    with marked_command(tmp_path, *COMMAND, "bench", "scale") as (process, mark):
+        count_is(mark, process, 2)
+        (child,) = set(marked(mark)) - {process.pid}
+        os.kill(child, signal.SIGKILL)
+        printed, errors = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, printed) == (1, "")
+    assert errors == "deltaswarm: a process of the measurement ended with exit code -9\n"
+
+
+def test_a_run_too_short_to_be_watched_has_no_traceback(tmp_path: Path) -> None:
+    """A single step of a single agent: what was not measured is null."""
+    done = subprocess.run(
+        [*COMMAND, "bench", "processes", "--sizes", "1", "--steps", "1"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
