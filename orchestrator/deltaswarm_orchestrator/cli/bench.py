@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.disk import room_for
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
-from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
 
@@ -116,7 +115,6 @@ def bench(arguments: argparse.Namespace) -> int:
     """Do the measurements and print the results."""
     from deltaswarm_orchestrator.processes.starter import LaunchError
 
-    raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
     measurement, plot = MEASUREMENTS[arguments.measurement], getattr(arguments, "plot", None)
     if plot is not None:
         _check_plot(plot)
