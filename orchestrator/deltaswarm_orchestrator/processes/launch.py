@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.boards.files import Boards
 from deltaswarm_orchestrator.processes.elsewhere import AgentsElsewhere
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import Part, RunPart, wait_for
-from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError, Starter, room_for
+from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LEASE, LaunchError, Starter, room_for
 from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import write_json
@@ -62,7 +62,7 @@ class Swarm:
         """All endpoints on which the router listens."""
         scenario, logs = self.scenario, self.folder / "logs"
         if any(fault.kind == FREEZE for fault in scenario.fault):
-            self.zenoh = [("transport/link/tx/lease", str(FROZEN_LEASE_MS)), *self.zenoh]
+            self.zenoh = [(LEASE, str(FROZEN_LEASE_MS)), *self.zenoh]
         self.zenoh = [*room_for(scenario.agents.count), *self.zenoh]
         self._pages: set[Station] = set()
         self._restarts = Counter(self.resumed.restarts if self.resumed else {})

@@ -59,6 +59,11 @@ PYTHON_S = 8.0
 HANDSHAKE_MS = 60_000
 """Time in which a client must have joined the router; Zenoh's 10 s are too short when a thousand do so at once."""
 
+LEASE, ZENOH_LEASE_MS = "transport/link/tx/lease", 10_000
+"""Zenoh's setting for the silence after which a link is lost, and its default."""
+
+LEASE_MS_PER_AGENT = 60
+
 OTHER_SESSIONS = 64
 """Room for sessions besides the agents': operator, recorder, and processes replaced before the router notices."""
 
@@ -206,10 +211,13 @@ class Starter:
 def room_for(agents: int) -> list[tuple[str, str]]:
     """Return Zenoh settings for router and clients that let all agents join at once.
 
-    Zenoh's defaults are 1,000 sessions and 100 handshakes at a time.
+    Zenoh's defaults are 1,000 sessions, 100 handshakes at a time, and links that are lost after 10 s of silence, in
+    which a process may get no turn while very many others start.
     """
     sessions = str(agents + OTHER_SESSIONS)
     rooms = [(f"transport/unicast/{name}", sessions) for name in ("max_sessions", "accept_pending")]
+    if agents * LEASE_MS_PER_AGENT > ZENOH_LEASE_MS:
+        rooms.append((LEASE, str(agents * LEASE_MS_PER_AGENT)))
     return rooms + [(f"transport/unicast/{side}_timeout", str(HANDSHAKE_MS)) for side in ("open", "accept")]
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from deltaswarm_orchestrator.bench import processes
 from deltaswarm_orchestrator.cli import parser
-from deltaswarm_orchestrator.processes.starter import OTHER_SESSIONS, STARTED, room_for
+from deltaswarm_orchestrator.processes.starter import LEASE, OTHER_SESSIONS, STARTED, room_for
 
 
 def test_a_thousand_agents_and_more_may_join_at_once() -> None:
@@ -12,6 +12,8 @@ def test_a_thousand_agents_and_more_may_join_at_once() -> None:
     settings = dict(room_for(1500))
     for name in ("max_sessions", "accept_pending"):
         assert settings[f"transport/unicast/{name}"] == str(1500 + OTHER_SESSIONS)
+    assert int(settings[LEASE]) == 90_000  # a link may be silent while the others start
+    assert LEASE not in dict(room_for(100))
 
 
 def test_defaults_are_the_measurements_own() -> None:
