@@ -3,7 +3,6 @@
 import atexit
 import functools
 import logging
-import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack
@@ -46,7 +45,7 @@ class DaskEngine:
         """
         silence_dask()
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
-            client = self._client(stack, len(tasks))
+            client = self._client(stack, tasks)
             if self._scheduler:
                 _check_workers(client, self._scheduler)
             code = provenance.code_digest()
@@ -65,7 +64,7 @@ class DaskEngine:
                 yield Done(task, result, reason)
                 future.release()
 
-    def _client(self, stack: ExitStack, tasks: int) -> Client:
+    def _client(self, stack: ExitStack, tasks: Sequence[Task]) -> Client:
         """Connect a client, to a new local cluster if no scheduler is given; the stack closes both."""
         try:
             return stack.enter_context(client_of(self._scheduler or self._local(stack, tasks), CONNECT_WITHIN_S))
@@ -76,17 +75,16 @@ class DaskEngine:
             raise EngineError(f"no Dask scheduler could be reached at {self._scheduler}: {problem}")
         raise EngineError(f"no Dask cluster could be started on this machine: {problem}", FAILED)
 
-    def _local(self, stack: ExitStack, tasks: int) -> LocalCluster:
+    def _local(self, stack: ExitStack, tasks: Sequence[Task]) -> LocalCluster:
         """Start a cluster on this machine, which the stack closes, with no more workers than tasks."""
-        scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="deltaswarm-dask-"))
-        with starting_processes():
+        scratch = next((task.scratch for task in tasks), None)  # removed by the sweep, or by the next one after kill -9
+        with starting_processes(), dask.config.set({"temporary-directory": scratch}):
             cluster: LocalCluster = stack.enter_context(
                 LocalCluster(
-                    n_workers=max(1, min(self._workers, tasks)),
+                    n_workers=max(1, min(self._workers, len(tasks))),
                     threads_per_worker=1,
                     dashboard_address=None,
                     scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else its HTTP server takes port 8787
-                    local_directory=scratch,
                     silence_logs=logging.CRITICAL,
                 )
             )

@@ -179,9 +179,13 @@ def test_without_dask_the_line_says_how_to_install_it(
 
 @pytest.mark.processes
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signals) -> None:
-    """Whether the sweep is interrupted or killed in mid-run."""
+def test_nothing_is_left_of_a_local_cluster(
+    tmp_path: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether the sweep is interrupted or killed in mid-run: no process, and no file outside its own folder."""
     file = written(tmp_path, duration_s=1e7)
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     with sweeping(file, tmp_path / "out", "--engine", "dask", "-j", "2") as running:
         wait_until(lambda: len(marked(running.mark)) >= 3, "the workers")
         running.process.send_signal(number)
@@ -190,6 +194,7 @@ def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signa
         if number == signal.SIGINT:  # workers whose sweep was killed may complain of it
             assert "Traceback" not in errors
         all_gone(running.mark)
+    assert not list((tmp_path / "temporary").glob("*dask*"))
 
 
 class Having:
