@@ -48,9 +48,10 @@ PRIVATE = ("tls://", "tcp://127.")
 class DaskHost:
     """A worker that hosts agents by an actor, which Dask neither moves nor starts again."""
 
-    def __init__(self, client: Client, worker: Worker) -> None:
+    def __init__(self, client: Client, worker: Worker, is_there: Callable[[Worker], bool]) -> None:
         self.worker = worker
         self._client = client
+        self._is_there = is_there
         self._future: Any = None
         self._actor: Any = None
         self._call: Any = None
@@ -69,7 +70,7 @@ class DaskHost:
             HostLostError: it failed, or the worker was lost.
         """
         try:
-            is_there = self.worker.address in self._client.nthreads()
+            is_there = self._is_there(self.worker)
             if is_there and not self._future.done():
                 return False
             self._actor = self._future.result() if is_there else None
@@ -121,6 +122,8 @@ class DaskCluster:
     def __init__(self, client: Client, scheduler: str) -> None:
         self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
         self._scheduler = scheduler
+        self._present: frozenset[str] = frozenset()
+        self._asked_at = -POLL_S
         if not self._told(client.nthreads):
             raise ClusterError(
                 f"the Dask scheduler at {scheduler} must have at least one worker; start some: dask worker {scheduler}"
@@ -164,7 +167,13 @@ class DaskCluster:
 
     def hosts(self) -> Sequence[DaskHost]:
         """Return a host for each worker, in order."""
-        return [DaskHost(self._client, worker) for worker in self.workers]
+        return [DaskHost(self._client, worker, self._has) for worker in self.workers]
+
+    def _has(self, worker: Worker) -> bool:
+        """Whether the worker is in the cluster; the scheduler is asked every `POLL_S`, for all workers at once."""
+        if (now := time.monotonic()) - self._asked_at >= POLL_S:
+            self._present, self._asked_at = frozenset(self._client.nthreads()), now
+        return worker.address in self._present
 
     def endpoint(self, listen: str) -> str:
         """Return where the world is to listen: as asked, or at this machine's address towards the scheduler.
