@@ -8,7 +8,6 @@ from datetime import datetime
 from pathlib import Path
 
 import pandas as pd
-import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
@@ -106,7 +105,6 @@ class Participant:
         wait_until(lambda: not self.at("form").is_displayed() or self.at("form-title").text != title, "it is taken")
 
 
-@pytest.mark.timeout(600)
 def test_a_whole_session(tmp_path: Path) -> None:
     """Consent, forms, training, two conditions with ISA, SAGAT and NASA-TLX; read by pandas in three lines.
 

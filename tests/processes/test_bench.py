@@ -4,39 +4,17 @@ import os
 import signal
 import subprocess
 import sys
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
-from tests.support.sweeping import MARK, all_gone, marked
+from tests.support.sweeping import all_gone, marked, marked_command
 
 pytestmark = pytest.mark.processes
 
 FLOOR = "from deltaswarm_orchestrator.bench import floors; floors.{}(2, 10**9)"
-
-
-@contextmanager
-def marked_command(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A command and its mark, with its temporary files in a folder; nothing is left of it, whatever the test does."""
-    mark = uuid.uuid4().hex
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env={**os.environ, MARK: mark, "TMPDIR": str(folder)},
-    )
-    try:
-        yield process, mark
-    finally:
-        for pid in marked(mark):
-            os.kill(pid, signal.SIGKILL)
-        process.communicate()
 
 
 def measuring_process(mark: str) -> int:
@@ -71,7 +49,7 @@ def check_interrupted(process: subprocess.Popen[str], mark: str, folder: Path) -
 )
 def test_a_signal_ends_a_measured_run(tmp_path: Path, measurement: str, processes: int, number: signal.Signals) -> None:
     """To the command alone; its parts and its folder go as well."""
-    with marked_command(tmp_path, *COMMAND, "bench", *measurement.split()) as (process, mark):
+    with marked_command(*COMMAND, "bench", *measurement.split(), TMPDIR=str(tmp_path)) as (process, mark):
         count_is(mark, process, processes)
         process.send_signal(number)
         check_interrupted(process, mark, tmp_path)
@@ -80,7 +58,7 @@ def test_a_signal_ends_a_measured_run(tmp_path: Path, measurement: str, processe
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_terminals_signal_while_a_measuring_process_starts(tmp_path: Path, number: signal.Signals) -> None:
     """It reaches the whole group, also a process that is importing its modules."""
-    with marked_command(tmp_path, *COMMAND, "bench", "scale") as (process, mark):
+    with marked_command(*COMMAND, "bench", "scale", TMPDIR=str(tmp_path)) as (process, mark):
         child = measuring_process(mark)
         wait_until(lambda: "numpy" in Path(f"/proc/{child}/maps").read_text(), "the process's imports")
         os.killpg(process.pid, number)
@@ -99,7 +77,7 @@ def test_a_terminals_signal_while_a_measuring_process_starts(tmp_path: Path, num
 )
 def test_nothing_outlives_a_killed_measurement(tmp_path: Path, arguments: tuple[str, ...], processes: int) -> None:
     """By kill -9, after which it can do nothing itself, not even for what has half started and complains."""
-    with marked_command(tmp_path, *arguments) as (process, mark):
+    with marked_command(*arguments, TMPDIR=str(tmp_path)) as (process, mark):
         count_is(mark, process, processes)
         process.kill()
         all_gone(mark)
@@ -107,7 +85,7 @@ def test_nothing_outlives_a_killed_measurement(tmp_path: Path, arguments: tuple[
 
 def test_a_measuring_process_that_was_killed_is_one_line(tmp_path: Path) -> None:
     """As the kernel does when memory is short."""
-    with marked_command(tmp_path, *COMMAND, "bench", "scale") as (process, mark):
+    with marked_command(*COMMAND, "bench", "scale", TMPDIR=str(tmp_path)) as (process, mark):
         os.kill(measuring_process(mark), signal.SIGKILL)
         printed, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, printed) == (1, "")

@@ -66,7 +66,7 @@ def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
     number: signal.Signals, tmp_path: Path
 ) -> None:
     """An agent that is killed later is called killed; the others, the operator too, end in order with the world."""
-    with running(tmp_path / "run", "--set", "run.duration_s=100", *UNHURRIED) as swarm:
+    with running(tmp_path / "run", "--set", "run.duration_s=300", *UNHURRIED) as swarm:
         pids = swarm.wait_until_under_way()
         os.kill(parent_of(pids["world"]), number)
         swarm.signal("agent 3", signal.SIGKILL)

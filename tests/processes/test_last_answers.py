@@ -51,7 +51,7 @@ def test_a_station_that_is_killed_while_its_person_answers_comes_back(tmp_path: 
 def test_an_operator_that_stops_before_the_end_is_named(tmp_path: Path) -> None:
     """Not the world, which does all steps and then waits for the operator to take them."""
     waiting = ("run.start_timeout_s=12", "run.step_timeout_s=1", "run.duration_s=60")
-    paced = ("run.clock=realtime", "run.real_time_factor=20")
+    paced = ("run.clock=realtime", "run.real_time_factor=10")
     sets = [word for one in (*waiting, *paced) for word in ("--set", one)]
     with running(tmp_path / "run", *sets) as swarm:
         swarm.wait_until_under_way()

@@ -22,7 +22,8 @@ from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
-from tests.support.swarms import BOUND_S, PATIENCE_S, RunningSwarm, run, running, told, wait_until
+from tests.support.pages import ROOT
+from tests.support.swarms import BOUND_S, PATIENCE_S, UNHURRIED, RunningSwarm, run, running, told, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -35,9 +36,10 @@ LONG = ("--set", "run.duration_s=1000000")
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """Two workers whose temporary files are in a folder of their own."""
     (tmp_path / "temporary").mkdir()
+    path = f"{ROOT}:{os.environ.get('PYTHONPATH', '')}"  # for `UNHURRIED`
     with dask_cluster(tmp_path / "cluster") as made:
         for _ in range(2):
-            made.add_worker(TMPDIR=str(tmp_path / "temporary"))
+            made.add_worker(TMPDIR=str(tmp_path / "temporary"), PYTHONPATH=path)
         yield made
 
 
@@ -65,7 +67,7 @@ def test_a_run_on_a_cluster_has_the_digest_of_one_process(cluster: Cluster, tmp_
 
 def test_a_killed_worker_costs_its_agents_alone(cluster: Cluster, tmp_path: Path) -> None:
     """The others do all steps, the line names worker and agents, and an agent that is killed has a line of its own."""
-    with on(cluster, tmp_path / "run", "--set", "run.duration_s=1500", "--record", "off") as swarm:
+    with on(cluster, tmp_path / "run", "--set", "run.duration_s=300", *UNHURRIED, "--record", "off") as swarm:
         swarm.wait_for_steps(20)
         secrets = list((tmp_path / "temporary").glob("*/*.key"))
         assert sorted(key.name for key in secrets) == [f"{agent}.key" for agent in range(6)]
@@ -77,7 +79,7 @@ def test_a_killed_worker_costs_its_agents_alone(cluster: Cluster, tmp_path: Path
         swarm.end_well()
     nothing_is_left(cluster, tmp_path)
     summary = swarm.summary()
-    assert (summary["complete"], summary["steps"], sorted(summary["agents_lost"])) == (True, 1500, [0, 1, 2, 4])
+    assert (summary["complete"], summary["steps"], sorted(summary["agents_lost"])) == (True, 300, [0, 1, 2, 4])
     killed, lost = sorted(summary["why"])
     assert re.fullmatch(r"the Dask worker w0 at tcp://\S+ was lost after step \d+ with agents 0-2", lost)
     assert re.fullmatch(r"agent 4 was killed by SIGKILL in step \d+", killed)

@@ -17,7 +17,7 @@ from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, Pe
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload
-from tests.support.swarms import run, running, wait_until
+from tests.support.swarms import UNHURRIED, run, running, wait_until
 
 READER = ("operator.person.policy=none",)
 COMMANDER = (
@@ -115,7 +115,7 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
 @pytest.mark.processes
 def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) -> None:
     """What it had read, what it was doing and what it would have drawn: nothing is lost, and no digest moves."""
-    with running(tmp_path / "run", "--record", "off", *flags(COMMANDER)) as swarm:
+    with running(tmp_path / "run", "--record", "off", *flags(COMMANDER), *UNHURRIED) as swarm:
         operator = wait_until(lambda: swarm.pids.get("operator"), "the operator")
         for steps in (30, 50):
             swarm.wait_for_steps(steps)

@@ -29,6 +29,7 @@ from tests.support.swarms import (
     UNHURRIED,
     RunningSwarm,
     is_running,
+    kill,
     running,
     told,
     under_way,
@@ -82,9 +83,7 @@ def kill_all(swarm: RunningSwarm) -> None:
     """As when the power goes."""
     pids = swarm.pids
     os.killpg(swarm.process.pid, signal.SIGKILL)
-    for pid in pids.values():
-        if is_running(pid):
-            os.kill(pid, signal.SIGKILL)
+    kill(pids.values())
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
     swarm.process.communicate()
 

@@ -23,7 +23,7 @@ from deltaswarm_orchestrator.recording.reader import RecordingError
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support import persons, swarms
 from tests.support.persons import CONSENT, Person
-from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, RunningSwarm, is_running, running, wait_until
+from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, UNHURRIED, RunningSwarm, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -142,7 +142,7 @@ def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path)
     """Also of 40 at once, of which some wait for a later turn: the digest is that of a run in one process."""
     burst = ",".join(f'{{at_s=60, name="set delta", arguments={{delta={1 + n % 4}}}}}' for n in range(40))
     given = sets(f"{SCRIPT[:-1]},{burst}]", "run.duration_s=200")
-    with running(tmp_path / "run", *given) as swarm:
+    with running(tmp_path / "run", *given, *UNHURRIED) as swarm:
         swarm.wait_until_under_way()
         swarm.wait_for_steps(30)
         swarm.signal("operator", signal.SIGKILL)

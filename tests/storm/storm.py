@@ -13,7 +13,7 @@ from random import Random
 from typing import NamedTuple
 
 from deltaswarm_wire import checkpoint
-from tests.support.swarms import COMMAND, UNHURRIED, is_running, parent_of
+from tests.support.swarms import COMMAND, UNHURRIED, is_running, kill, parent_of
 from tests.support.sweeping import MARK, marked
 
 AGENTS = 6
@@ -138,8 +138,7 @@ def play(folder: Path, rng: Random) -> Seen:
     seen.wall_s = time.monotonic() - began
     seen.left = _left(mark, temporary)
     process.kill()
-    for pid in marked(mark, trackers=True):
-        os.kill(pid, signal.SIGKILL)
+    kill(marked(mark, trackers=True))
     return seen
 
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import uuid
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import wait_until
+from tests.support.swarms import kill, wait_until
 from tests.support.sweeping import MARK, marked
 
 pytest.importorskip("distributed")
@@ -76,8 +75,7 @@ class Cluster:
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
-        for pid in marked(self.mark):
-            os.kill(pid, signal.SIGKILL)
+        kill(marked(self.mark))
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,13 @@ def stat(pid: int) -> list[str]:
         OSError: there is no such process.
     """
     return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+
+
+def kill(pids: Iterable[int]) -> None:
+    """End processes at once, of which some may just have ended."""
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
 
 
 def is_running(pid: int) -> bool:
@@ -168,9 +175,7 @@ def under_way(out: Path, *command: str) -> Iterator[RunningSwarm]:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        for pid in pids.values():
-            if is_running(pid):
-                os.kill(pid, signal.SIGKILL)
+        kill(pids.values())
 
 
 def told(*arguments: str, inside: Sequence[str] = (), **options: Any) -> subprocess.CompletedProcess[str]:

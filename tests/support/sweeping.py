@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import uuid
@@ -17,7 +16,7 @@ from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Task
 from deltaswarm_orchestrator.sweeps.load import make_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_wire.checked import SettingsError
-from tests.support.swarms import COMMAND, PATIENCE_S, is_running, wait_until
+from tests.support.swarms import COMMAND, PATIENCE_S, is_running, kill, wait_until
 
 MARK = "DELTASWARM_TEST_MARK"
 """Processes inherit it whatever they do to their sessions and groups: by it a test finds all that it caused."""
@@ -101,22 +100,26 @@ class RunningSweep:
 @contextmanager
 def sweeping(file: Path | str, out: Path, *arguments: str) -> Iterator[RunningSweep]:
     """A sweep by the command line, with nothing left of it afterwards, whatever the test does."""
+    with marked_command(*COMMAND, "sweep", str(file), "--out", str(out), *arguments) as (process, mark):
+        yield RunningSweep(process, out, mark)
+
+
+@contextmanager
+def marked_command(*command: str, **variables: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A command with more environment variables, and its mark; nothing is left of it, whatever the test does."""
     mark = uuid.uuid4().hex
     process = subprocess.Popen(
-        [*COMMAND, "sweep", str(file), "--out", str(out), *arguments],
+        command,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, MARK: mark},
+        env={**os.environ, **variables, MARK: mark},
     )
     try:
-        yield RunningSweep(process, out, mark)
+        yield process, mark
     finally:
-        if process.poll() is None:
-            process.kill()
-        for pid in marked(mark):  # before the pipes are read to their end, which an orphan would hold open
-            os.kill(pid, signal.SIGKILL)
+        kill(marked(mark))  # before the pipes are read to their end, which an orphan would hold open
         process.communicate()
 
 

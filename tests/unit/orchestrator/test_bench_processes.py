@@ -25,7 +25,6 @@ def test_defaults_are_the_measurements_own() -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.timeout(120)
 def test_each_size_has_a_row() -> None:
     """Smallest first, whatever the order; no process is left on Python's list."""
     rows = processes.measure((6, 3), 20)["sizes"]

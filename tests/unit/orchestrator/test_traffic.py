@@ -31,7 +31,6 @@ def test_the_traffic_is_that_of_the_run() -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.timeout(60)
 def test_a_replay_exchanges_all_samples_and_ends() -> None:
     """Every kind of sample, a step without any, and an agent that is not asked in each step."""
     first = (SentSample(REPORT, 90), SentSample(RADIO, 300, 40))

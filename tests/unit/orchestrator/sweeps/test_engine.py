@@ -18,7 +18,7 @@ import pytest
 from deltaswarm_orchestrator.sweeps import engine as engines
 from deltaswarm_orchestrator.sweeps.engine import Done, LocalEngine, attempt
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, DisturbedError, Result, RunError, Task, work
-from tests.support.swarms import wait_until
+from tests.support.swarms import kill, wait_until
 from tests.support.sweeping import MARK, all_gone, made, marked, sweeping, tasks_of, written
 
 ENDLESS = {"run.duration_s": 1e7}
@@ -31,8 +31,7 @@ def mark(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     found = uuid.uuid4().hex
     monkeypatch.setenv(MARK, found)
     yield found
-    for pid in marked(found):
-        os.kill(pid, signal.SIGKILL)
+    kill(marked(found))
 
 
 def kept(result: Result | None) -> dict[str, Any]:
