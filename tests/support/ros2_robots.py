@@ -282,6 +282,7 @@ class Fleet:
         self.clock = Clock(kind.sim_time)
         self._port, self._kind = port, kind
         self._is_over = threading.Event()
+        self._moving = threading.Lock()
         self._router = session("router", f"tcp/127.0.0.1:{port}")
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -294,8 +295,9 @@ class Fleet:
 
     def remove(self, robot: Robot) -> None:
         """Switch a robot off."""
-        self.robots.remove(robot)
-        robot.close()
+        with self._moving:  # not while it publishes
+            self.robots.remove(robot)
+            robot.close()
 
     @contextmanager
     def commanding(self, name: str, node: str) -> Iterator[Callable[[float], None]]:
@@ -330,8 +332,9 @@ class Fleet:
                 key = f"{self._kind.domain}/clock/{dds_name(CLOCK)}/{STORE.hash_rihs01(CLOCK)}"
                 data = bag_encoded(CLOCK, {"clock": self.clock.stamp()})
                 self._router.put(key, data, attachment=attached(ticks, bytes(15) + b"\1"))
-            for robot in list(self.robots):
-                robot.go(0.0 if self.clock.is_paused else now_s - last_s)
+            with self._moving:
+                for robot in list(self.robots):
+                    robot.go(0.0 if self.clock.is_paused else now_s - last_s)
             last_s = now_s
 
     def close(self) -> None:
