@@ -20,6 +20,9 @@ WORKER, SCHEDULER = "worker", "scheduler"
 """Roles of the parts that stand for machines and for what leads to them."""
 
 POLL_S = 0.05
+DOUBT_S = 1.0
+"""A host that seems lost is so if it still does after this time [s]: it may have lost the scheduler, as all others."""
+
 STOP_WITHIN_S = END_WITHIN_S + 5.0
 """Maximum wait for all hosts to have ended their agents [s]."""
 
@@ -75,6 +78,8 @@ class RemoteAgents:
         }
         self._live: set[Host] = set()
         """Hosts that have started their agents, which have not all ended."""
+        self._missed_at: dict[Host, float] = {}
+        """When a host first seemed to be lost."""
 
     def _log(self, agent: int) -> Path:
         return self._logs / f"{AGENT}-{agent}.log"
@@ -150,7 +155,9 @@ class RemoteAgents:
             try:
                 news = host.news()
             except HostLostError as error:
-                self._lose(host, f": {error}" if str(error) else "")
+                now = time.monotonic()
+                if now - self._missed_at.setdefault(host, now) >= DOUBT_S:
+                    self._lose(host, f": {error}" if str(error) else "")
                 continue
             if news is not None:
                 self._take(host, news)

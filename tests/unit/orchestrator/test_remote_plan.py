@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
+from deltaswarm_orchestrator.remote import agents as remote_agents
 from deltaswarm_orchestrator.remote.agents import RemoteAgents
 from deltaswarm_orchestrator.remote.credentials import Credentials
 from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob, HostLostError, News
@@ -177,6 +178,12 @@ def to_start(hosts: list[Said], tmp_path: Path) -> RemoteAgents:
 
 
 @pytest.fixture
+def without_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A host is lost as soon as it seems to be."""
+    monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
+
+
+@pytest.fixture
 def agents(to_start: RemoteAgents) -> RemoteAgents:
     """Started."""
     to_start.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
@@ -230,6 +237,7 @@ def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said],
     assert ended(agents) == {"agent 0": 0, "agent 1": -9}
 
 
+@pytest.mark.usefixtures("without_doubt")
 def test_a_lost_host_has_one_line_for_all_that_ran_there(agents: RemoteAgents, hosts: list[Said]) -> None:
     """Agents that had ended before have their own; nobody asks a lost host to stop."""
     hosts[0].pending += [News(ended={1: 1}), HostLostError("no answer for 30 s")]
@@ -243,10 +251,14 @@ def test_a_lost_host_has_one_line_for_all_that_ran_there(agents: RemoteAgents, h
     assert (hosts[0].calls, hosts[1].calls) == (["close"], ["stop", "close"])
 
 
+@pytest.mark.parametrize("shown", [[], [HostLostError("cancelled")]])
 def test_a_lost_scheduler_takes_all_with_it(
-    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+    shown: list[News | Exception], agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In one line, not one for each worker."""
+    """In one line, not one for each worker, also if it shows at a worker first."""
+    hosts[0].pending += shown
+    agents.look()
+    assert not ended(agents)
     monkeypatch.setattr(agents.placement.cluster, "problem", "no connection")
     agents.look()
     [line] = [part.how_it_ended() for part in agents.parts if part.exit_code is not None and not part.ends_as_planned]
