@@ -143,7 +143,7 @@ def test_no_stopped_process_outlives_a_killed_orchestrator(tmp_path: Path) -> No
 def test_a_researchers_page_that_is_killed_costs_nothing_else(tmp_path: Path) -> None:
     """It has a name of its own, beside the station's."""
     pages = ("--researcher", "--station", "--speed", "0")
-    with running(tmp_path / "run", "--set", "run.duration_s=60", *pages, *UNHURRIED) as swarm:
+    with running(tmp_path / "run", "--set", "run.duration_s=200", *pages, *UNHURRIED) as swarm:
         swarm.wait_until_under_way(SMOKE_PROCESSES + 2)
         swarm.signal("station 1", signal.SIGKILL)
         swarm.end_well()

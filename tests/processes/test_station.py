@@ -182,7 +182,7 @@ def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> N
 
 def test_a_station_that_is_killed_in_a_pause_comes_back_at_its_address(tmp_path: Path) -> None:
     """The pause lasts until the person, whose page connects again, ends it; the run ends valid."""
-    with at_the_station(tmp_path / "run", "--speed", "0", *sets(CONSENT)) as (swarm, person):
+    with at_the_station(tmp_path / "run", "--speed", "0", *sets(CONSENT), *UNHURRIED) as (swarm, person):
         person.begin()
         swarm.wait_until_under_way(ALL)
         person.pause()
@@ -219,7 +219,7 @@ def test_a_station_that_is_killed_before_the_first_step_comes_back(
 
 def test_a_stopped_station_costs_the_run_nothing(tmp_path: Path) -> None:
     """It ends in time, with all steps and nothing lost."""
-    with at_the_station(tmp_path / "run", *sets(CONSENT)) as (swarm, person):
+    with at_the_station(tmp_path / "run", *sets(CONSENT), *UNHURRIED) as (swarm, person):
         person.begin()
         wait_until(lambda: len(swarm.pids) == ALL, "all processes")
         swarm.signal("station", signal.SIGSTOP)
@@ -232,7 +232,7 @@ def test_a_run_that_is_paused_ends_soon_after_ctrl_c(tmp_path: Path) -> None:
     """Also while the session's sheet is open, and where NASA-TLX would be asked at the end."""
     for name, consents in (("paused", True), ("sheet", False)):
         given = sets(CONSENT, "operator.probes.tlx=true")
-        with at_the_station(tmp_path / name, *given) as (swarm, person):
+        with at_the_station(tmp_path / name, *given, *UNHURRIED) as (swarm, person):
             wait_until(lambda swarm=swarm: len(swarm.pids) == ALL, "all processes")  # type: ignore[misc]
             if consents:
                 person.begin()

@@ -213,7 +213,7 @@ def test_giving_up_ends_the_swarms_of_real_processes_too(tmp_path: Path, mark: s
 @pytest.mark.processes
 def test_a_swarm_that_lost_an_agent_is_run_again(tmp_path: Path, mark: str) -> None:
     """It is a valid run, but of another swarm: it may not stand in the table."""
-    paced = {"run.duration_s": 200.0, "run.clock": "realtime", "run.real_time_factor": 100.0}
+    paced = {"run.duration_s": 400.0, "run.clock": "realtime", "run.real_time_factor": 100.0}
     (job,) = made(ONE, scenario=paced).jobs()
 
     def agents() -> list[int]:
