@@ -4,11 +4,13 @@ import csv
 import json
 import subprocess
 import time
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
 import pandas as pd
 from selenium import webdriver
+from selenium.common.exceptions import NoSuchElementException, StaleElementReferenceException
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 
@@ -73,7 +75,14 @@ class Participant:
         return self.driver.find_element(By.ID, name)
 
     def work(self) -> bool:
-        """Do what is to be done now; True once the session is over."""
+        """Do what is to be done now, unless the page loads again meanwhile; True once the session is over."""
+        with suppress(NoSuchElementException, StaleElementReferenceException):
+            self.do_next()
+            return self.at("ended").text.startswith("Vielen Dank")
+        return False
+
+    def do_next(self) -> None:
+        """Answer what is asked now."""
         if self.at("sheet").is_displayed():
             if (agree := self.at("sheet-agree")).is_displayed() and not agree.is_selected():
                 agree.click()
@@ -90,7 +99,6 @@ class Participant:
             self.driver.execute_script("document.querySelector('#isa [data-answer=\"3\"]').click()")
             wait_until(lambda: not self.at("isa").is_displayed(), "ISA is taken")
             self.isa.append((before, time.time()))
-        return self.at("ended").text.startswith("Vielen Dank")
 
     def fill(self) -> None:
         """Fill in the form, which has one question."""

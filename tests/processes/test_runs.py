@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import COMMAND, is_running, run, running, wait_until
+from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, run, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -44,7 +44,7 @@ def test_every_mode_has_the_same_digest_with_and_without_processes(tmp_path: Pat
 
 def test_a_run_is_valid_and_leaves_no_process(tmp_path: Path) -> None:
     """All parts have ended when the command returns, and no message was lost on the way."""
-    with running(tmp_path / "run") as swarm:
+    with running(tmp_path / "run", *UNHURRIED) as swarm:
         pids = wait_until(lambda: swarm.pids, "process ids")
         code, printed, _ = swarm.finish()
         assert code == 0
@@ -139,7 +139,7 @@ def test_what_a_shell_passes_on_changes_nothing(before: str, tmp_path: Path) -> 
         command = [sys.executable, "-c", f"{BLOCK}; os.execv({COMMAND[0]!r}, {command})"]
     else:
         command = ["bash", "-c", f"{before}; {shlex.join(command)}"]
-    assert subprocess.run(command, capture_output=True, timeout=60).returncode == 0
+    assert subprocess.run(command, capture_output=True, timeout=PATIENCE_S).returncode == 0
     outside = json.loads((tmp_path / "outside" / "summary.json").read_text())
     assert (outside["valid"], outside["why"], outside["operator_restarts"]) == (True, [], 0)
     assert outside["digest"] == inside["digest"]
