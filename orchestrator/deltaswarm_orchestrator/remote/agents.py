@@ -21,7 +21,7 @@ WORKER, SCHEDULER = "worker", "scheduler"
 
 POLL_S = 0.05
 DOUBT_S = 1.0
-"""A host that seems lost is so if it still does after this time [s]: it may have lost the scheduler, as all others."""
+"""Time for which a host must have seemed lost to count as lost [s]: until then the scheduler may prove to be lost."""
 
 STOP_WITHIN_S = END_WITHIN_S + 5.0
 """Maximum wait for all hosts to have ended their agents [s]."""
@@ -79,7 +79,7 @@ class RemoteAgents:
         self._live: set[Host] = set()
         """Hosts that have started their agents, which have not all ended."""
         self._missed_at: dict[Host, float] = {}
-        """When a host first seemed to be lost."""
+        """Since when a host has seemed lost."""
 
     def _log(self, agent: int) -> Path:
         return self._logs / f"{AGENT}-{agent}.log"
@@ -159,6 +159,7 @@ class RemoteAgents:
                 if now - self._missed_at.setdefault(host, now) >= DOUBT_S:
                     self._lose(host, f": {error}" if str(error) else "")
                 continue
+            self._missed_at.pop(host, None)
             if news is not None:
                 self._take(host, news)
 

@@ -6,7 +6,7 @@ import socket
 import sys
 import time
 from asyncio import CancelledError
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from typing import Any
@@ -122,7 +122,7 @@ class DaskCluster:
     def __init__(self, client: Client, scheduler: str) -> None:
         self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
         self._scheduler = scheduler
-        self._present: frozenset[str] = frozenset()
+        self._present: Container[str] = ()
         self._asked_at = -POLL_S
         if not self._told(client.nthreads):
             raise ClusterError(
@@ -172,7 +172,7 @@ class DaskCluster:
     def _has(self, worker: Worker) -> bool:
         """Whether the worker is in the cluster; the scheduler is asked every `POLL_S`, for all workers at once."""
         if (now := time.monotonic()) - self._asked_at >= POLL_S:
-            self._present, self._asked_at = frozenset(self._client.nthreads()), now
+            self._present, self._asked_at = self._client.nthreads(), now
         return worker.address in self._present
 
     def endpoint(self, listen: str) -> str:

@@ -1,6 +1,7 @@
 """What is decided about a run over many machines before anything starts."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -178,12 +179,6 @@ def to_start(hosts: list[Said], tmp_path: Path) -> RemoteAgents:
 
 
 @pytest.fixture
-def without_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A host is lost as soon as it seems to be."""
-    monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
-
-
-@pytest.fixture
 def agents(to_start: RemoteAgents) -> RemoteAgents:
     """Started."""
     to_start.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
@@ -237,9 +232,11 @@ def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said],
     assert ended(agents) == {"agent 0": 0, "agent 1": -9}
 
 
-@pytest.mark.usefixtures("without_doubt")
-def test_a_lost_host_has_one_line_for_all_that_ran_there(agents: RemoteAgents, hosts: list[Said]) -> None:
+def test_a_lost_host_has_one_line_for_all_that_ran_there(
+    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Agents that had ended before have their own; nobody asks a lost host to stop."""
+    monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
     hosts[0].pending += [News(ended={1: 1}), HostLostError("no answer for 30 s")]
     agents.look()
     agents.look()
@@ -249,6 +246,17 @@ def test_a_lost_host_has_one_line_for_all_that_ran_there(agents: RemoteAgents, h
     assert line == f"the Dask worker {W0} was lost after step 7 with agents 0, 2: no answer for 30 s"
     agents.end(at_once=False)
     assert (hosts[0].calls, hosts[1].calls) == (["close"], ["stop", "close"])
+
+
+def test_a_host_that_seemed_lost_and_answers_is_well(
+    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next time it seems lost, its time begins anew."""
+    for now_s, said in ((0.0, HostLostError("late")), (60.0, News()), (120.0, HostLostError("late"))):
+        monkeypatch.setattr(remote_agents, "time", SimpleNamespace(monotonic=lambda now_s=now_s: now_s))
+        hosts[0].pending.append(said)
+        agents.look()
+    assert not ended(agents)
 
 
 @pytest.mark.parametrize("shown", [[], [HostLostError("cancelled")]])
