@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_agent`: one agent in a world or, with `board FILE`, on a board with its own body."""
+"""`python -m deltaswarm_agent`: one agent in a world."""
 
 import argparse
 import logging
@@ -18,9 +18,6 @@ from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import AgentSettings
 
-BOARD = "board"
-"""The first argument of an agent on a board."""
-
 
 def parser() -> argparse.ArgumentParser:
     """The command line of one agent."""
@@ -28,7 +25,7 @@ def parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog=name,
         description="Run one agent in a world.",
-        epilog=f"On a board with its own body: {name} board FILE; see its --help.",
+        epilog=f"On a board with its own body: {name} board FILE (package deltaswarm_board); see its --help.",
     )
     parser.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE_ID - 1}")
     parser.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
@@ -47,11 +44,6 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one agent. Exit code: 0 after a complete run, 2 for bad arguments, else 1."""
-    argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == [BOARD]:
-        from deltaswarm_agent.board.__main__ import main as board_main  # not needed in a world
-
-        return board_main(argv[1:])
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:

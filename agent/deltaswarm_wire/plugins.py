@@ -1,97 +1,130 @@
-"""Plug-ins: classes found by name, and their options checked by their own `Settings`.
+"""Every point at which deltaswarm can be extended, and how what is added there is found by its name.
 
-A name is that of a shipped class, of an entry point, or `module:Class`.
+What comes with deltaswarm enters by the same door: a name is that of something shipped, of an entry point, or
+`module:Class`, and its options are checked by its own `Settings`.
 """
 
 import importlib
 from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 
 PAPER = "deltaswarm_agent.controllers.paper.controller:PaperController"
 
-CONTROLLERS = {
-    "decentralised": PAPER,
-    "hierarchical": PAPER,
-    "hybrid": PAPER,
-    "adaptive": "deltaswarm_agent.controllers.paper.adaptive:AdaptiveController",
-    "central": "deltaswarm_agent.controllers.central.controller:CentralController",
-    "potential": "deltaswarm_agent.controllers.potential:PotentialController",
-}
-"""The shipped controllers, by the short names that `control.mode` takes. A new one is a line here."""
-
-BODIES = {
-    "kinematic": "deltaswarm_agent.bodies.kinematic:KinematicBody",
-    "mavlink": "deltaswarm_agent.bodies.mavlink:MavlinkBody",
-    "ros2": "deltaswarm_agent.bodies.ros2.body:Ros2Body",
-}
-"""The shipped bodies, by the short names that `body.kind` takes on a board. A new one is a line here."""
-
 MAX_DESCRIBED = 400
 """Characters of a foreign error's text."""
 
-CONTROLLER_GROUP = "deltaswarm.controllers"
-"""The group of entry points in which an installed package names its controllers."""
 
-BODY_GROUP = "deltaswarm.bodies"
-"""The same for bodies."""
+class ExtensionPoint(NamedTuple):
+    """One kind of thing that other packages can add."""
+
+    group: str
+    """The group of entry points in which an installed package names what it adds."""
+    what: str
+    """One such thing, for messages."""
+    protocol: str
+    """Where its protocol is described, as `module:name`."""
+    shipped: Mapping[str, str]
+    """`module:Class` by name, of what comes with deltaswarm's core; found without a search through all packages."""
+    needed: tuple[str, ...] = ("Settings",)
+    """The attributes that the class must have."""
+
+    def names(self) -> dict[str, str]:
+        """Return `module:Class` by name: what is shipped, and what installed packages add."""
+        from importlib.metadata import entry_points  # costs a board 2 MB; most need no entry point
+
+        return {**self.shipped, **{point.name: point.value for point in entry_points(group=self.group)}}
 
 
-def find_class(
-    name: str,
-    *,
-    what: str,
-    path: str,
-    shipped: Mapping[str, str],
-    group: str,
-    needed: Collection[str],
-    others: Collection[str] = (),
-) -> type[Any]:
-    """Find the class that `name` refers to.
+CONTROLLERS = ExtensionPoint(
+    "deltaswarm.controllers",
+    "controller",
+    "deltaswarm_agent.controller:Controller",
+    {
+        "decentralised": PAPER,
+        "hierarchical": PAPER,
+        "hybrid": PAPER,
+        "adaptive": "deltaswarm_agent.controllers.paper.adaptive:AdaptiveController",
+        "central": "deltaswarm_agent.controllers.central.controller:CentralController",
+        "potential": "deltaswarm_agent.controllers.potential:PotentialController",
+    },
+    ("Settings", "step"),
+)
+"""What `control.mode` takes. A new controller of the core is a line here."""
+
+BODIES = ExtensionPoint(
+    "deltaswarm.bodies",
+    "body",
+    "deltaswarm_agent.body:Body",
+    {},
+    ("Settings", "REAL_TIME", "sense", "move", "close"),
+)
+"""What `body.kind` takes on a board; all bodies come with extension packages."""
+
+COMMANDS = ExtensionPoint("deltaswarm.commands", "command", "deltaswarm_orchestrator.cli:AddArguments", {}, ())
+"""Commands of `deltaswarm`; those of the core are listed in `deltaswarm_orchestrator.cli`."""
+
+PARTS = ExtensionPoint(
+    "deltaswarm.parts",
+    "part",
+    "deltaswarm_agent.__main__:main",
+    {part: f"deltaswarm_{part}.__main__:main" for part in ("agent", "world", "operator")},
+    (),
+)
+"""Commands that start one part by hand; each is a function that reads the arguments after its name."""
+
+ENGINES = ExtensionPoint(
+    "deltaswarm.engines", "engine", "deltaswarm_orchestrator.processes.elsewhere:RunEngine", {}, ()
+)
+"""What `--engine` takes besides `local`: where the agents of a run, or the runs of a sweep, are."""
+
+OBSERVERS = ExtensionPoint(
+    "deltaswarm.observers", "observer", "deltaswarm_orchestrator.live.observers:NamedObserver", {}, ()
+)
+"""What `--live` takes besides `foxglove`: who is shown a run under way."""
+
+POINTS = (CONTROLLERS, BODIES, COMMANDS, PARTS, ENGINES, OBSERVERS)
+"""Every extension point; docs/EXTENDING.md tells how each is used."""
+
+
+def find(point: ExtensionPoint, name: str, path: str, others: Collection[str] = ()) -> Any:
+    """Find what `name` refers to: the name of something shipped, of an entry point, or `module:Class`.
 
     Args:
-        name: a key of `shipped`, an entry point of `group`, or `module:Class`.
-        what: the role of the class, for messages, such as "controller".
+        point: the extension point.
+        name: the name.
         path: the settings key that holds the name, for messages.
-        shipped: `module:Class` by short name, found without a search through all installed packages.
-        group: the group of entry points.
-        needed: the attributes that the class must have; `Settings` must be a dataclass.
         others: names with a meaning elsewhere, for messages.
 
     Raises:
-        SettingsError: there is no such class, it cannot be imported, or it lacks something.
+        SettingsError: there is no such thing, it cannot be imported, or it lacks something.
     """
-    target = name if ":" in name else shipped.get(name) or _entry_point(name, what, path, shipped, group, others)
+    target = name if ":" in name else point.shipped.get(name) or _entry_point(point, name, path, others)
     module, _, attribute = target.partition(":")
     try:
-        attribute_value: Any = getattr(importlib.import_module(module), attribute)
+        found: Any = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a plug-in may raise anything; a script ends by SystemExit
-        must = f"must name a class that can be imported: {described(error)}"
+        must = f"must name a {point.what} that can be imported: {described(error)}"
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             must += "; PYTHONPATH must name the folder of the module"
         raise SettingsError([Problem(path, repr(name), must)]) from None
-    missing = [attribute for attribute in needed if not hasattr(attribute_value, attribute)]
+    missing = [attribute for attribute in point.needed if not hasattr(found, attribute)]
     if missing:
-        raise SettingsError([Problem(path, repr(name), f"must be a {what} with {', '.join(missing)}")])
-    if not (isinstance(attribute_value.Settings, type) and is_dataclass(attribute_value.Settings)):
-        raise SettingsError([Problem(path, repr(name), f"must be a {what} whose Settings is a dataclass")])
-    cls: type[Any] = attribute_value
-    return cls
+        raise SettingsError([Problem(path, repr(name), f"must be a {point.what} with {', '.join(missing)}")])
+    if "Settings" in point.needed and not (isinstance(found.Settings, type) and is_dataclass(found.Settings)):
+        raise SettingsError([Problem(path, repr(name), f"must be a {point.what} whose Settings is a dataclass")])
+    return found
 
 
-def _entry_point(
-    name: str, what: str, path: str, shipped: Mapping[str, str], group: str, others: Collection[str]
-) -> str:
-    from importlib.metadata import entry_points  # costs a board 2 MB; most need no entry point
-
-    installed = {point.name: point.value for point in entry_points(group=group)}
+def _entry_point(point: ExtensionPoint, name: str, path: str, others: Collection[str]) -> str:
+    installed = point.names()
     if name not in installed:
-        known = sorted({*shipped, *installed, *others})
+        known = sorted({*installed, *others})
         hint = checked.did_you_mean(name, known).rstrip()
-        allowed = f"must be a known {what}: one of {', '.join(known)}, or module:Class"
+        allowed = f"must be a known {point.what}: one of {', '.join(known)}, or module:Class"
         raise SettingsError([Problem(path, repr(name) + (hint and f"; {hint}"), allowed)])
     return installed[name]
 
@@ -100,16 +133,10 @@ def find_controller(mode: str, path: str = "control.mode") -> type[Any]:
     """Find the controller class that `control.mode` names.
 
     Raises:
-        SettingsError: as `find_class`.
+        SettingsError: as `find`.
     """
-    return find_class(
-        mode,
-        what="controller",
-        path=path,
-        shipped=CONTROLLERS,
-        group=CONTROLLER_GROUP,
-        needed=("Settings", "step"),
-    )
+    cls: type[Any] = find(CONTROLLERS, mode, path)
+    return cls
 
 
 def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path: str = "control") -> Any:

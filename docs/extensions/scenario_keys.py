@@ -67,8 +67,8 @@ def _is_below(key: str, section: str, itself: bool = False) -> bool:
 def _controller_tables(prefix: str) -> Iterator[str]:
     """Yield a table of each shipped controller's options; of one that shares options with hybrid, what differs."""
     known = set(_reference_rows(find_controller("hybrid").Settings(), prefix).values())
-    for target in dict.fromkeys(CONTROLLERS.values()):
-        modes = [mode for mode, other in CONTROLLERS.items() if other == target]
+    for target in dict.fromkeys(CONTROLLERS.shipped.values()):
+        modes = [mode for mode, other in CONTROLLERS.shipped.items() if other == target]
         rows = _reference_rows(find_controller(modes[0]).Settings(), prefix).values()
         differing = [row for row in rows if row not in known]
         is_like_hybrid = "hybrid" not in modes and len(differing) < len(rows)

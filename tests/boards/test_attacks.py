@@ -12,9 +12,9 @@ import pytest
 import tomli_w
 
 from deltaswarm_agent.__main__ import main
-from deltaswarm_agent.board.settings import MAX_FILE_BYTES
+from deltaswarm_board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
-from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_orchestrator.processes import certificates
 from tests.support.boards import tls_arguments, tls_table
 from tests.support.complaints import Printed
 
@@ -141,7 +141,7 @@ def test_no_module_beside_the_file_is_loaded(tmp_path: Path) -> None:
     for table in ({"body": {"kind": "mine:Body"}}, {"agent": {"control": {"mode": "mine:Controller"}}}):
         file = tmp_path / "3.toml"
         file.write_text(tomli_w.dumps({"id": 3, "air": AIR, **table}))
-        command = [sys.executable, "-P", "-m", "deltaswarm_agent", "board", str(file), "--check"]
+        command = [sys.executable, "-P", "-m", "deltaswarm_board", str(file), "--check"]
         for path, is_loaded in (("", False), (str(tmp_path), True)):
             environment = {**os.environ, "PYTHONPATH": path}
             done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

@@ -12,8 +12,8 @@ import pytest
 
 from deltaswarm_operator.core.presence import INSISTS, RECENT
 from deltaswarm_operator.core.process_tracker import RESTART_S
-from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.boards.certificates import Authority
+from deltaswarm_orchestrator.processes import certificates
+from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.envelope import Sample, Sent, encode_sample, encode_sent
 from deltaswarm_wire.keys import RADIO, REPORT, Keys

@@ -9,8 +9,8 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
-from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.processes import certificates
 from tests.support.complaints import Printed
 
 NAMES = {"ca", "world", "operator", "recorder", "agent-20", "agent-21", "agent-7"}

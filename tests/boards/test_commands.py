@@ -12,8 +12,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from deltaswarm_agent.__main__ import main as agent_main
-from deltaswarm_agent.board.inbox import RadioInbox
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
+from deltaswarm_board.inbox import RadioInbox
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base
 from deltaswarm_wire.commands import BASE_ID, Command, Relayed, Signed, Target, encode_command, encode_relayed

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_agent.board.settings import read_settings
-from deltaswarm_agent.bodies.loading import find_body, options_of
-from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_board.bodies.loading import find_body, options_of
+from deltaswarm_board.settings import read_settings
+from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from tests.support.swarms import PATIENCE_S, wait_until
 
@@ -216,7 +216,7 @@ def run_with_boards(command: str, place: Path, environment: dict[str, str]) -> N
         wait_until(lambda: "[agent.control]" in files[-1].read_text(), "whole files")
         parts = [swarm]
         for file in files:
-            board = subprocess.Popen([sys.executable, "-P", "-m", "deltaswarm_agent", "board", str(file)])
+            board = subprocess.Popen([sys.executable, "-P", "-m", "deltaswarm_board", str(file)])
             stack.enter_context(board)
             stack.callback(board.kill)
             parts.append(board)

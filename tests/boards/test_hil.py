@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.boards.files import Boards, authority_folder, commands
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.processes import certificates
+from deltaswarm_orchestrator.processes.boards import Boards, authority_folder, commands
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.support.cable import cable

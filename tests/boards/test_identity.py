@@ -10,10 +10,10 @@ import tomli_w
 import zenoh
 
 from deltaswarm_agent.__main__ import main
-from deltaswarm_agent.board.settings import AirSettings, BoardSettings
+from deltaswarm_board.settings import AirSettings, BoardSettings
 from deltaswarm_operator.__main__ import _open_air_config, open_air_parser
-from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.boards.certificates import Authority
+from deltaswarm_orchestrator.processes import certificates
+from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_wire.access import air_rules
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.commands import BASE_ID

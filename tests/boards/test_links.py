@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.board.driver import Driver
-from deltaswarm_agent.board.inbox import RadioInbox
-from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame, Relocating
 from deltaswarm_agent.controllers.paper.states import State
+from deltaswarm_board.bodies.kinematic import KinematicBody, KinematicSettings
+from deltaswarm_board.driver import Driver
+from deltaswarm_board.inbox import RadioInbox
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.settings import AgentSettings

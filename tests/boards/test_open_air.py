@@ -14,7 +14,7 @@ import msgpack
 import pytest
 from mcap.reader import make_reader
 
-from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_wire.envelope import Sample, encode_sample
 from tests.support.boards import tls_table
 from tests.support.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening

@@ -11,9 +11,9 @@ from zipfile import ZipFile
 
 import pytest
 
-from deltaswarm_agent.board.driver import MAX_FAILURES, Driver
-from deltaswarm_agent.bodies.loading import find_body
 from deltaswarm_agent.body import Body, Sensed
+from deltaswarm_board.bodies.loading import find_body
+from deltaswarm_board.driver import MAX_FAILURES, Driver
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.messages import MAX_SENSED, Event
 from tests.support.cores import Core, agent_settings

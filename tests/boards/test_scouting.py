@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from deltaswarm_agent.board.settings import AirSettings
-from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_board.settings import AirSettings
+from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.session import MAX_AIR_BYTES, RouterLink, air_pairs, configured
 from tests.support.fields import EVENT_AT, board_table, boards, endpoint, free_port

@@ -11,12 +11,12 @@ import tomli_w
 from mcap.reader import make_reader
 
 from deltaswarm_agent.__main__ import main
-from deltaswarm_agent.board.__main__ import world_config
-from deltaswarm_agent.board.notify import Notifier
-from deltaswarm_agent.board.recording import FrameRecorder
-from deltaswarm_agent.board.settings import BoardSettings, read_settings
-from deltaswarm_agent.bodies.kinematic import KinematicBody
-from deltaswarm_agent.bodies.loading import find_body
+from deltaswarm_board.__main__ import world_config
+from deltaswarm_board.bodies.kinematic import KinematicBody
+from deltaswarm_board.bodies.loading import find_body
+from deltaswarm_board.notify import Notifier
+from deltaswarm_board.recording import FrameRecorder
+from deltaswarm_board.settings import BoardSettings, read_settings
 from deltaswarm_wire.checked import SettingsError, check, load
 from deltaswarm_wire.session import Tls
 from tests.support.complaints import Printed
@@ -246,7 +246,7 @@ def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.Monk
     folder = tmp_path / "rover-1.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: rover\nVersion: 1.0\n")
-    kinematic = "deltaswarm_agent.bodies.kinematic:KinematicBody"
+    kinematic = "deltaswarm_board.bodies.kinematic:KinematicBody"
     (folder / "entry_points.txt").write_text(f"[deltaswarm.bodies]\nrover = {kinematic}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     assert find_body("rover") is KinematicBody

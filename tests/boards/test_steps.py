@@ -7,8 +7,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_agent.board.driver import Driver, SetPoint
-from deltaswarm_agent.board.inbox import (
+from deltaswarm_agent.body import NOWHERE, Sensed
+from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
+from deltaswarm_board.driver import Driver, SetPoint
+from deltaswarm_board.inbox import (
     MAX_BURST,
     MAX_KNOWN,
     MAX_NEIGHBOURS,
@@ -19,9 +21,7 @@ from deltaswarm_agent.board.inbox import (
     Lateness,
     RadioInbox,
 )
-from deltaswarm_agent.board.pace import StepTimer
-from deltaswarm_agent.body import NOWHERE, Sensed
-from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
+from deltaswarm_board.pace import StepTimer
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, Sent, decode_sent, encode_sample, encode_sent
 from tests.support.cores import Core, agent_settings, event

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.processes import certificates
+from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.access import air_rules, user_name, world_rules
 from deltaswarm_wire.arguments import tls_of

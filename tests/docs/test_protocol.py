@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_agent.board import inbox
 from deltaswarm_agent.controllers.paper.controller import REPORTING_ROLES
 from deltaswarm_agent.core import agent_core
 from deltaswarm_agent.io import process
+from deltaswarm_board import inbox
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import access, codec, commands, envelope, keys, messages, operator_messages, session, settings

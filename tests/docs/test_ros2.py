@@ -10,12 +10,10 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.board.settings import read_settings
-from deltaswarm_agent.bodies.loading import find_body, options_of
-from deltaswarm_agent.bodies.ros2.settings import Ros2Settings
-from deltaswarm_orchestrator.live.ros2_publisher import TOPICS as LIVE
-from deltaswarm_wire.ros2.cdr import encode
-from deltaswarm_wire.ros2.definitions import (
+from deltaswarm_board.bodies.loading import find_body, options_of
+from deltaswarm_board.settings import read_settings
+from deltaswarm_ros2.cdr import encode
+from deltaswarm_ros2.definitions import (
     CLOCK,
     ODOMETRY,
     POSE_ARRAY,
@@ -24,7 +22,7 @@ from deltaswarm_wire.ros2.definitions import (
     TWIST_STAMPED,
     type_hash,
 )
-from deltaswarm_wire.ros2.keys import (
+from deltaswarm_ros2.keys import (
     PUBLISHER,
     RMW_ZENOH,
     ROS2DDS,
@@ -35,6 +33,8 @@ from deltaswarm_wire.ros2.keys import (
     node_token,
     topic_key,
 )
+from deltaswarm_ros2.publisher import TOPICS as LIVE
+from deltaswarm_ros2.settings import Ros2Settings
 from tests.support.fields import endpoint, free_port
 from tests.support.pages import ROOT, commands
 from tests.support.ros2_robots import fleet

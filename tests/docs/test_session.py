@@ -10,12 +10,12 @@ from random import Random
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.participants.design import order_of
-from deltaswarm_orchestrator.participants.record import RECORD
-from deltaswarm_orchestrator.participants.session import load_session, plan
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_sessions.design import order_of
+from deltaswarm_sessions.record import RECORD
+from deltaswarm_sessions.session import load_session, plan
 from deltaswarm_wire.checked import load
 from tests.support.pages import ROOT, commands
 

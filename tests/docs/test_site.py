@@ -55,8 +55,8 @@ def test_every_command_and_its_options_are_in_the_reference(site: Path) -> None:
         ("body", ["deltaswarm_agent.body.Body.sense"]),
         ("messages", ["deltaswarm_wire.messages.decode_frame"]),
         ("settings", ["deltaswarm_scenario.scenario.Scenario", "deltaswarm_scenario.radio.RadioSettings"]),
-        ("stats", ["deltaswarm_orchestrator.stats.contrast"]),
-        ("studies", ["deltaswarm_orchestrator.studies.load.load_study"]),
+        ("stats", ["deltaswarm_studies.stats.contrast"]),
+        ("studies", ["deltaswarm_studies.load.load_study"]),
     ],
 )
 def test_the_api_comes_from_docstrings(site: Path, page: str, names: list[str]) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator.studies.evidence import Evidence
-from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
-from deltaswarm_orchestrator.studies.metrics import BUILT_IN
-from deltaswarm_orchestrator.studies.origin import repeat
-from deltaswarm_orchestrator.studies.settings import StudyFile
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.load import COLLECTIONS, load_study
+from deltaswarm_studies.metrics import BUILT_IN
+from deltaswarm_studies.origin import repeat
+from deltaswarm_studies.settings import StudyFile
 from tests.support.pages import ROOT, commands, files, shell
 
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()

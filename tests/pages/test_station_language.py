@@ -9,10 +9,10 @@ import pytest
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from deltaswarm_orchestrator.participants import again
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.page_language import TEXTS, page_texts
 from deltaswarm_scenario.task import GOAL
+from deltaswarm_sessions import again
 from tests.support.page_texts import texts
 from tests.support.station_feed import CONSENT, FORMS, Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page

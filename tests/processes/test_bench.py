@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
+from tests.support.swarms import PATIENCE_S, wait_until
 from tests.support.sweeping import all_gone, marked, marked_command
 
 pytestmark = pytest.mark.processes
 
+BENCHMARKS = (sys.executable, "-m", "benchmarks")
 FLOOR = "from deltaswarm_orchestrator.bench import floors; floors.{}(2, 10**9)"
 
 
@@ -49,7 +50,7 @@ def check_interrupted(process: subprocess.Popen[str], mark: str, folder: Path) -
 )
 def test_a_signal_ends_a_measured_run(tmp_path: Path, measurement: str, processes: int, number: signal.Signals) -> None:
     """To the command alone; its parts and its folder go as well."""
-    with marked_command(*COMMAND, "bench", *measurement.split(), TMPDIR=str(tmp_path)) as (process, mark):
+    with marked_command(*BENCHMARKS, *measurement.split(), TMPDIR=str(tmp_path)) as (process, mark):
         count_is(mark, process, processes)
         process.send_signal(number)
         check_interrupted(process, mark, tmp_path)
@@ -58,7 +59,7 @@ def test_a_signal_ends_a_measured_run(tmp_path: Path, measurement: str, processe
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_terminals_signal_while_a_measuring_process_starts(tmp_path: Path, number: signal.Signals) -> None:
     """It reaches the whole group, also a process that is importing its modules."""
-    with marked_command(*COMMAND, "bench", "scale", TMPDIR=str(tmp_path)) as (process, mark):
+    with marked_command(*BENCHMARKS, "scale", TMPDIR=str(tmp_path)) as (process, mark):
         child = measuring_process(mark)
         wait_until(lambda: "numpy" in Path(f"/proc/{child}/maps").read_text(), "the process's imports")
         os.killpg(process.pid, number)
@@ -68,8 +69,8 @@ def test_a_terminals_signal_while_a_measuring_process_starts(tmp_path: Path, num
 @pytest.mark.parametrize(
     ("arguments", "processes"),
     [
-        ((*COMMAND, "bench", "scale"), 2),
-        ((*COMMAND, "bench", "station", "--agents", "3", "--steps", "100000"), 8),
+        ((*BENCHMARKS, "scale"), 2),
+        ((*BENCHMARKS, "station", "--agents", "3", "--steps", "100000"), 8),
         ((sys.executable, "-c", FLOOR.format("sockets_steps_per_s")), 4),
         ((sys.executable, "-c", FLOOR.format("zenoh_steps_per_s")), 4),
     ],
@@ -85,7 +86,7 @@ def test_nothing_outlives_a_killed_measurement(tmp_path: Path, arguments: tuple[
 
 def test_a_measuring_process_that_was_killed_is_one_line(tmp_path: Path) -> None:
     """As the kernel does when memory is short."""
-    with marked_command(*COMMAND, "bench", "scale", TMPDIR=str(tmp_path)) as (process, mark):
+    with marked_command(*BENCHMARKS, "scale", TMPDIR=str(tmp_path)) as (process, mark):
         os.kill(measuring_process(mark), signal.SIGKILL)
         printed, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, printed) == (1, "")
@@ -95,6 +96,6 @@ def test_a_measuring_process_that_was_killed_is_one_line(tmp_path: Path) -> None
 def test_a_run_too_short_to_be_watched_has_no_traceback(tmp_path: Path) -> None:
     """A single step of a single agent: what was not measured is null."""
     done = subprocess.run(
-        [*COMMAND, "bench", "processes", "--sizes", "1", "--steps", "1"], capture_output=True, text=True, check=False
+        [*BENCHMARKS, "processes", "--sizes", "1", "--steps", "1"], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")

@@ -16,9 +16,9 @@ import tomli_w
 from distributed import Client
 
 import deltaswarm_wire
-from deltaswarm_orchestrator.remote import dask_cluster as dask_cluster_module
-from deltaswarm_orchestrator.remote.host import AgentHost
-from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob
+from deltaswarm_cluster import dask_cluster as dask_cluster_module
+from deltaswarm_cluster.host import AgentHost
+from deltaswarm_cluster.host_job import AgentFiles, HostJob
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left

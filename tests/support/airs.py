@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import tests.support.strategies  # noqa: F401 (hypothesis's profile)
-from deltaswarm_orchestrator.bench.radio_cost import ALL_ON
+from benchmarks.radio_cost import ALL_ON
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_world.core.air.radio import Air, Reception

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml

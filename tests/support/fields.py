@@ -83,7 +83,7 @@ class Boards:
         file.write_text(tomli_w.dumps(table))
         with (self.folder / f"board-{agent}.err").open("a") as errors:
             process = subprocess.Popen(
-                [*inside, sys.executable, "-m", "deltaswarm_agent", "board", str(file), *arguments],
+                [*inside, sys.executable, "-m", "deltaswarm_board", str(file), *arguments],
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
                 text=True,

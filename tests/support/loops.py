@@ -43,7 +43,7 @@ class Loop:
             table = self.settings(agent)
             table["air"] |= air
             file.write_text(tomli_w.dumps(table))
-        command = [*self._inside, sys.executable, "-P", "-m", "deltaswarm_agent", "board", str(file)]
+        command = [*self._inside, sys.executable, "-P", "-m", "deltaswarm_board", str(file)]
         with (self.folder / f"{agent}.err").open("ab") as said:
             self.processes[agent] = subprocess.Popen(command, stderr=said)
 

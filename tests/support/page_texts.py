@@ -16,10 +16,10 @@ from typing import Any
 from deltaswarm_agent.controllers import potential
 from deltaswarm_operator.core import autonomy, command_log, intents, probes, replay
 from deltaswarm_operator.station import rules, server
-from deltaswarm_orchestrator.participants import again, session
 from deltaswarm_scenario import questions
 from deltaswarm_scenario.operator_settings import SAGAT, ProbeSettings
 from deltaswarm_scenario.task import GOAL
+from deltaswarm_sessions import again, session
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 
@@ -99,7 +99,7 @@ def _built_in() -> Iterator[str]:
 
 def _orders() -> Iterator[str]:
     """Names and help of the orders of built-in controllers; of an argument the words of its name."""
-    for mode in CONTROLLERS:
+    for mode in CONTROLLERS.shipped:
         for form in forms_of(find_controller(mode)):
             yield from (form.name, form.help)
             for argument in form.arguments:

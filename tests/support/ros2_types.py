@@ -1,6 +1,6 @@
 """Two other implementations of CDR for the same messages: the package rosbags, and pycdr2, an IDL serialiser.
 
-They share no code with each other or with deltaswarm. A message is a dict, as in `deltaswarm_wire.ros2.cdr`.
+They share no code with each other or with deltaswarm. A message is a dict, as in `deltaswarm_ros2.cdr`.
 """
 
 import dataclasses

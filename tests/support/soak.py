@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from deltaswarm_agent.board.settings import RECORDS
+from deltaswarm_board.settings import RECORDS
 from tests.support.cable import Cable, cable
 from tests.support.fields import EVENT_AT, TASK, Listener, board_table, boards, endpoint, free_port, listening
 from tests.support.swarms import wait_until

@@ -6,10 +6,10 @@ from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator.studies.load import make_study
-from deltaswarm_orchestrator.studies.settings import StudyFile
-from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, make_sweep
+from deltaswarm_studies.load import make_study
+from deltaswarm_studies.settings import StudyFile
+from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
 
 SWEEP = """

@@ -10,7 +10,9 @@ from functools import cache
 from pathlib import Path
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
-PACKAGES = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
+CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
+EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster"))
+PACKAGES = CORE + EXTENSIONS
 
 GIT_WITHIN_S = 5.0
 """Maximum wait for git [s], which may hang, for example on a lost network drive."""

@@ -25,7 +25,7 @@ def source_digest(mode: str) -> str | None:
     Raises:
         SettingsError: there is no such controller, its class lacks something, or a file of it cannot be read.
     """
-    if mode in CONTROLLERS:
+    if mode in CONTROLLERS.shipped:
         return None
     digest = hashlib.blake2b(digest_size=8)
     for name, file in sorted(files_of(find_controller(mode)).items()):

@@ -13,9 +13,8 @@ from typing import Any
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.bench import floors
-from deltaswarm_orchestrator.bench.noise import cpu_ticks, shares, spread, stolen_share
 from deltaswarm_orchestrator.bench.own_traffic import own_traffic_steps_per_s
-from deltaswarm_orchestrator.bench.scale import in_turns, median_of, memory_mb
+from deltaswarm_orchestrator.bench.rounds import cpu_ticks, in_turns, median_of, memory_mb, shares, spread, stolen_share
 from deltaswarm_orchestrator.bench.traffic import traffic_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables

@@ -4,6 +4,7 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from typing import Protocol
 
 from deltaswarm_orchestrator.base.exits import (
     EXIT_CODES,
@@ -19,15 +20,14 @@ from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.command_line import Parser
+from deltaswarm_wire.plugins import COMMANDS as COMMAND_POINT
+from deltaswarm_wire.plugins import PARTS, find
 
 COMMANDS = {
     "run": "run a scenario with real processes",
     "sweep": "many runs that differ in some keys, in one table",
-    "study": "answer a question: runs, tests, verdicts and figures on one page",
-    "report": "write a page about a sweep that has no study",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
     "station": "open the page of a run that is under way, for the person who watches and commands",
-    "session": "all runs of one participant, in a balanced order",
     "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",
     "top": "watch a run under way on a terminal",
@@ -35,23 +35,31 @@ COMMANDS = {
     "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",
     "doctor": "check whether this machine has what runs need",
-    "bundle": "make a folder that installs an agent on a board, offline",
     "completion": "print a script with which a shell completes commands and options",
-    "certificates": "make certificates for agents that reach the world over TLS",
 }
-"""Each command is in the module of its name or of MODULES; `add_<command>` adds its arguments and sets `func`."""
+"""The core's commands. Each is in the module of its name or of MODULES; `add_<command>` adds its arguments."""
 
 MODULES = {
     **dict.fromkeys(("export", "info", "replay", "station", "top", "why"), "one_run"),
     **dict.fromkeys(("completion", "doctor", "list"), "installation"),
-    **dict.fromkeys(("bundle", "certificates"), "boards"),
 }
 
-MAKE_FILES = {"run", "sweep", "study", "session", "report", "export", "bundle", "certificates"}
-"""Commands whose results are on disk: a failed standard output changes neither them nor the exit code."""
 
-PARTS = ("agent", "world", "operator")
-"""Commands that start one part by hand; the part's own module reads their arguments."""
+class AddArguments(Protocol):
+    """What an entry point of a command names: adds its arguments, and sets these defaults.
+
+    `func` takes the arguments and returns the exit code; `makes_files` says that the results are on disk, so that a
+    failed standard output changes neither them nor the exit code; `handles_signals` that the command does so itself.
+    The first line of the docstring is shown by `deltaswarm --help`.
+    """
+
+    def __call__(self, command: argparse.ArgumentParser) -> None:
+        """Add the arguments, and set the defaults."""
+
+
+def all_commands() -> list[str]:
+    """Return the names of all commands: the core's, and those of extension packages."""
+    return [*COMMANDS, *COMMAND_POINT.names()]
 
 
 def parser(*complete: str) -> argparse.ArgumentParser:
@@ -69,7 +77,14 @@ def parser(*complete: str) -> argparse.ArgumentParser:
         if name in complete:
             module = importlib.import_module(f"{__name__}.{MODULES.get(name, name)}")
             getattr(module, f"add_{name}")(command)
-    for part in PARTS:
+    if not set(complete) <= COMMANDS.keys():  # else there is no need to look through all packages
+        for name in COMMAND_POINT.names():
+            add: AddArguments = find(COMMAND_POINT, name, "command")
+            summary = (add.__doc__ or "").partition("\n")[0].removesuffix(".")
+            command = commands.add_parser(name, help=summary[:1].lower() + summary[1:])
+            if name in complete:
+                add(command)
+    for part in PARTS.shipped:
         commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
     return everything
 
@@ -92,15 +107,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: list[str], output: Output | None) -> int:
     """Run one command, which may have an output of its own; return its exit code."""
     command = argv[0] if argv else ""
-    if command in PARTS:
+    if command in PARTS.shipped:
         raise_on_signals()
-        return int(importlib.import_module(f"deltaswarm_{command}.__main__").main(argv[1:]))
+        name = " ".join(argv[:2])
+        part, rest = (name, argv[2:]) if name in PARTS.names() else (command, argv[1:])
+        return int(find(PARTS, part, "command")(rest))
     arguments = parser(command).parse_args(argv)
-    if command not in ("run", "session"):  # these two handle signals themselves
+    if not getattr(arguments, "handles_signals", False):
         raise_on_signals(STOP_SIGNALS)
     show_notices(not getattr(arguments, "quiet", False))
-    if output and command in MAKE_FILES and not getattr(arguments, "dry_run", False):
+    if output and getattr(arguments, "makes_files", False) and not getattr(arguments, "dry_run", False):
         output.is_needed = False
+    return carry_out(arguments, command)
+
+
+def carry_out(arguments: argparse.Namespace, command: str) -> int:
+    """Carry out a parsed command; say in a line what went wrong, and return the exit code."""
     try:
         return int(arguments.func(arguments))
     except SettingsError as error:
@@ -111,7 +133,7 @@ def _run(argv: list[str], output: Output | None) -> int:
         complain(str(error))
         return error.code
     except ModuleNotFoundError as error:
-        from deltaswarm_orchestrator.bench.doctor import INSTALL_STUDY, is_of_studies
+        from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 
         if not is_of_studies(error):
             raise

@@ -1,22 +1,25 @@
 """Arguments that several commands share."""
 
 import argparse
-import importlib
 import json
 import os
 from collections.abc import Callable
 from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_wire import endpoints
 from deltaswarm_wire.checked import did_you_mean
+from deltaswarm_wire.plugins import ENGINES, find
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.processes.elsewhere import RunEngine
 
 N = TypeVar("N", int, float)
 
-ENGINES = ("local", "dask")
+LOCAL = "local"
 
 A_RUN = "the folder of a run"
 
@@ -37,20 +40,23 @@ def add_dry_run(command: Group, prints: str) -> None:
 
 def add_engine(command: Group, scheduler: str) -> None:
     """Add `--engine` and `--scheduler`, whose help says what the scheduler is for."""
-    command.add_argument("--engine", choices=ENGINES, default="local", help="this machine, or a Dask cluster")
+    command.add_argument(
+        "--engine", metavar="local|dask", default=LOCAL, help="this machine (default), or a Dask cluster"
+    )
     command.add_argument("--scheduler", metavar="ADDRESS", help=f"with --engine dask: {scheduler}")
 
 
-def check_dask() -> None:
-    """Check that Dask is installed, for `--engine dask`.
+def engine_of(name: str, scheduler: str | None, listen: str = "") -> "RunEngine | None":
+    """Return the engine that `--engine` names; None for this machine.
 
     Raises:
-        CommandError: it is not.
+        SettingsError: there is no such engine.
+        CommandError: something that it needs is not installed.
     """
-    try:
-        importlib.import_module("distributed")
-    except ImportError:
-        raise CommandError("--engine dask needs Dask: pip install 'deltaswarm[cluster]'") from None
+    if name == LOCAL:
+        return None
+    engine: RunEngine = find(ENGINES, name, "--engine", others=[LOCAL])(scheduler, listen)
+    return engine
 
 
 def add_json(command: Group, what: str = "the result") -> None:

@@ -2,7 +2,6 @@
 
 import argparse
 from dataclasses import asdict
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK
@@ -31,9 +30,9 @@ def completion(arguments: argparse.Namespace) -> int:
     """Print the script, which is made from the parsers of all commands."""
     import shtab
 
-    from deltaswarm_orchestrator.cli import COMMANDS, parser
+    from deltaswarm_orchestrator.cli import all_commands, parser
 
-    everything = parser(*COMMANDS)
+    everything = parser(*all_commands())
     _complete_files(everything, shtab.FILE)
     print(shtab.complete(everything, shell=arguments.shell))
     return OK
@@ -65,7 +64,7 @@ def add_doctor(command: argparse.ArgumentParser) -> None:
 
 def doctor(arguments: argparse.Namespace) -> int:
     """Examine this machine; fail if anything that a run needs is missing."""
-    from deltaswarm_orchestrator.bench import doctor
+    from deltaswarm_orchestrator import doctor
 
     diagnoses = doctor.examine(load_scenario(arguments.scenario, arguments.set).agents.count)
     rows = [
@@ -98,20 +97,17 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_orchestrator.scenarios.load import files_in
     from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
     from deltaswarm_wire.commands import forms_of
-    from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS, find_controller
+    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, find_controller
 
     def about(*folders: str) -> dict[str, str]:
         texts = {name: file.read_text(encoding="utf-8") for name, file in files_in(*folders).items()}
         return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
 
-    def plugins(shipped: dict[str, str], group: str) -> dict[str, str]:
-        return {**shipped, **{point.name: point.value for point in entry_points(group=group)}}
-
     return {
         "scenarios": about("scenarios"),
         "sweeps": about("sweeps/built_in"),
         "studies": about(*STUDY_FOLDERS),
-        "controllers": plugins(CONTROLLERS, CONTROLLER_GROUP),
-        "commands": {form.name: form.help for mode in CONTROLLERS for form in forms_of(find_controller(mode))},
-        "bodies": plugins(BODIES, BODY_GROUP),
+        "controllers": CONTROLLERS.names(),
+        "commands": {form.name: form.help for mode in CONTROLLERS.shipped for form in forms_of(find_controller(mode))},
+        "bodies": BODIES.names(),
     }

@@ -41,7 +41,7 @@ def add_export(command: argparse.ArgumentParser) -> None:
     )
     add_quiet(command)
     add_json(command)
-    command.set_defaults(func=export)
+    command.set_defaults(func=export, makes_files=True)
 
 
 def export(arguments: argparse.Namespace) -> int:

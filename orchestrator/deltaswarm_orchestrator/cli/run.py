@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.cli.arguments import (
+    LOCAL,
     add_dry_run,
     add_engine,
     add_json,
     add_markers,
     add_quiet,
-    check_dask,
+    engine_of,
     free_folder,
     host_and_port,
     must_exist,
@@ -37,10 +38,7 @@ LIVE_PORT = 8765
 ANYWHERE = "tcp/127.0.0.1:0"
 """Any free port, reachable from this machine only."""
 
-ROS2_ROUTER = "tcp/127.0.0.1:7447"
-"""Where rmw_zenoh's router listens by default."""
-
-FOXGLOVE, ROS2 = "foxglove", "ros2"
+FOXGLOVE = "foxglove"
 
 NEEDS = {
     "speed": "station",
@@ -107,9 +105,9 @@ def add_run(command: argparse.ArgumentParser) -> None:
     group = command.add_argument_group("live view")
     group.add_argument(
         "--live",
-        choices=(FOXGLOVE, ROS2),
+        metavar="foxglove|ros2",
         help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1 (Foxglove, "
-        "Lichtblick from 1.22 on), or as messages of ROS 2 on rmw_zenoh",
+        "Lichtblick from 1.22 on), or as messages of ROS 2 on rmw_zenoh; other packages can add observers",
     )
     group.add_argument(
         "--live-port",
@@ -121,7 +119,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--live-connect",
         type=connects_to,
         metavar="ENDPOINT",
-        help=f"the Zenoh router of the ROS side, for --live ros2 (default: {ROS2_ROUTER})",
+        help="where the observer is reached; for --live ros2 the ROS side's Zenoh router (default: tcp/127.0.0.1:7447)",
     )
     group = command.add_argument_group("station")
     group.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
@@ -163,7 +161,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
     )
-    command.set_defaults(func=run)
+    command.set_defaults(func=run, makes_files=True, handles_signals=True)
 
 
 def _port(text: str) -> int:
@@ -193,10 +191,10 @@ def check_run(scenario: Scenario, options: "RunOptions") -> None:
     Raises:
         SettingsError, CommandError: the run would be refused.
     """
-    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.doctor import check_parts_can_start
     from deltaswarm_orchestrator.run.options import check
 
-    if options.remote:
+    if options.engine:
         check_parts_can_start(0, linked=scenario.agents.count)
     elif not options.in_process:
         check_parts_can_start(scenario.agents.count - len(options.boards.agents if options.boards else ()))
@@ -248,7 +246,7 @@ def run_and_report(scenario: Scenario, options: "RunOptions", *, quiet: bool, as
 def _problem(arguments: argparse.Namespace) -> str | None:
     """Return what is wrong with the combination of options; None if nothing is."""
     given = {name for name, value in vars(arguments).items() if not (value is None or value is False or value == [])}
-    if arguments.engine == "local":
+    if arguments.engine == LOCAL:
         given.discard("engine")
     for name, (others, why) in EXCLUDES.items():
         if name in given and (refused := [_shown(other) for other in others if other in given]):
@@ -257,9 +255,10 @@ def _problem(arguments: argparse.Namespace) -> str | None:
         if name in given and needed not in given:
             lacks = "there are no workers" if name == "engine" else "it has no effect"
             return f"{_shown(name)} must be given with {_shown(needed)}, without which {lacks}"
-    for name, kind in (("live_port", FOXGLOVE), ("live_connect", ROS2)):
-        if name in given and arguments.live != kind:
-            return f"{_shown(name)} must be given with --live {kind}, without which it has no effect"
+    if "live_port" in given and arguments.live != FOXGLOVE:
+        return f"--live-port must be given with --live {FOXGLOVE}, without which it has no effect"
+    if "live_connect" in given and arguments.live == FOXGLOVE:
+        return f"--live-connect must be given without --live {FOXGLOVE}, which listens at --live-port"
     if arguments.resume is not None:
         must_exist(arguments.resume, "--resume", "the folder of an interrupted run")
         if not (arguments.resume / "scenario.toml").is_file():
@@ -268,7 +267,7 @@ def _problem(arguments: argparse.Namespace) -> str | None:
 
 
 def _shown(name: str) -> str:
-    return {"scenario": "SCENARIO", "engine": "--engine dask"}.get(name, f"--{name.replace('_', '-')}")
+    return {"scenario": "SCENARIO"}.get(name, f"--{name.replace('_', '-')}")
 
 
 def _scenario_of(arguments: argparse.Namespace) -> Scenario:
@@ -287,16 +286,14 @@ def _default_folder(scenario: Scenario) -> Path:
 
 
 def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
-    from deltaswarm_orchestrator.boards.files import Boards
+    from deltaswarm_orchestrator.processes.boards import Boards
     from deltaswarm_orchestrator.processes.station import LOOPBACK, Station
-    from deltaswarm_orchestrator.remote.plan import Remote
     from deltaswarm_orchestrator.run.options import RunOptions
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
-    listen, boards, station, live_port, remote = arguments.listen or ANYWHERE, None, None, None, None
-    if arguments.engine == "dask":
-        check_dask()
-        remote, listen = Remote(arguments.scheduler, arguments.listen or ""), ANYWHERE
+    listen, boards, station, live_port = arguments.listen or ANYWHERE, None, None, None
+    if engine := engine_of(arguments.engine, arguments.scheduler, arguments.listen or ""):
+        listen = ANYWHERE
     if arguments.boards:  # which connect at `listen`; the processes of this machine need no fixed address
         folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
         boards, listen = Boards(tuple(arguments.boards), listen, folder), ANYWHERE
@@ -306,17 +303,18 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
     if arguments.live == FOXGLOVE:
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(
-        out,
-        arguments.in_process,
-        arguments.force,
-        listen,
-        tuple(arguments.zenoh),
-        boards,
-        remote,
-        arguments.checkpoint or 0,
-        station,
-        arguments.researcher,
+        out=out,
+        in_process=arguments.in_process,
+        force=arguments.force,
+        listen=listen,
+        zenoh=tuple(arguments.zenoh),
+        boards=boards,
+        engine=engine,
+        checkpoint_steps=arguments.checkpoint or 0,
+        station=station,
+        researcher=arguments.researcher,
         resume=arguments.resume is not None,
         live_port=live_port,
-        live_ros2=(arguments.live_connect or ROS2_ROUTER) if arguments.live == ROS2 else "",
+        observer="" if arguments.live in (None, FOXGLOVE) else arguments.live,
+        live_connect=arguments.live_connect or "",
     )

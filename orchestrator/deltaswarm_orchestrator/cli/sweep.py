@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, check_dask, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, engine_of, show, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
@@ -29,7 +29,7 @@ def add_sweep(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
     add_quiet(command)
     add_json(command)
-    command.set_defaults(func=sweep)
+    command.set_defaults(func=sweep, makes_files=True)
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
@@ -68,7 +68,7 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
     Raises:
         CommandError: the sweep would be refused.
     """
-    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.doctor import check_parts_can_start
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
 
     means = PROCESSES if arguments.processes else IN_PROCESS
@@ -139,14 +139,11 @@ def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Eng
     from deltaswarm_orchestrator.sweeps.job import default_workers
 
     workers = arguments.jobs or default_workers(means)
-    if arguments.engine == "local":
-        if arguments.scheduler:
-            raise CommandError("--scheduler is for --engine dask")
-        return lambda: LocalEngine(workers)
-    check_dask()
-    from deltaswarm_orchestrator.sweeps.cluster import DaskEngine
-
-    return lambda: DaskEngine(arguments.scheduler, workers)
+    if engine := engine_of(arguments.engine, arguments.scheduler):
+        return lambda: engine.sweep_engine(workers)
+    if arguments.scheduler:
+        raise CommandError("--scheduler is for --engine dask")
+    return lambda: LocalEngine(workers)
 
 
 def described(result: "SweepResult") -> str:

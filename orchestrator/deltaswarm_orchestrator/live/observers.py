@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
 from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Truth
 from deltaswarm_wire.operator_messages import Report, Status, Workload
 
@@ -32,6 +34,23 @@ class LiveObserver(Protocol):
 
     def look(self, seen: Seen) -> None:
         """Look at the run."""
+
+
+class NamedObserver(LiveObserver, AbstractContextManager["NamedObserver"], Protocol):
+    """What `--live` names: an observer of another package, which a run enters before its first step.
+
+    Args:
+        connect: where it is reached; empty for its default.
+        scenario: the run's scenario.
+
+    Raises:
+        LiveError: the run cannot be shown there.
+    """
+
+    shows: str
+    """What it shows, for the user."""
+
+    def __init__(self, connect: str, scenario: Scenario) -> None: ...
 
 
 class Paced:

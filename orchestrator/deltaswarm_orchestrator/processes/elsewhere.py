@@ -1,11 +1,16 @@
-"""What the processes of a run must know of agents that run on other machines."""
+"""Agents that run on other machines: what a run asks of them, and of the engine that `--engine` names."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from deltaswarm_orchestrator.processes.process import RunPart
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import Tls
+
+WORKER, SCHEDULER = "worker", "scheduler"
+"""Roles of the parts that stand for machines and for what leads to them."""
 
 
 class AgentsElsewhere(Protocol):
@@ -39,3 +44,45 @@ class AgentsElsewhere(Protocol):
 
     def end(self, *, at_once: bool) -> None:
         """End all that still run, and collect their logs unless this must be at once."""
+
+
+class Placement(Protocol):
+    """The places of a run's agents, checked before the run begins."""
+
+    @property
+    def workers(self) -> Mapping[str, Sequence[int]]:
+        """The agents of each machine, as the manifest lists them."""
+
+    def agents(self, scenario: Scenario, logs: Path) -> AgentsElsewhere:
+        """Return the agents at their places, not started yet; their logs come into the folder `logs`."""
+
+
+class RunEngine(Protocol):
+    """What `--engine` names: the machines on which agents, or whole runs of a sweep, are started.
+
+    Args:
+        scheduler: the address of what leads to the machines; None if none was given.
+        listen: the endpoint at which the machines reach the world; empty for this machine's address.
+
+    Raises:
+        CommandError: something that the engine needs is not installed here.
+    """
+
+    def __init__(self, scheduler: str | None, listen: str = "") -> None: ...
+
+    def check(self, scenario: Scenario) -> None:
+        """Check that the agents of a scenario can run there.
+
+        Raises:
+            SettingsError: they cannot.
+        """
+
+    def placed(self, agents: int, say: Callable[[str], object]) -> AbstractContextManager[Placement]:
+        """Reserve places for that many agents; `say` tells the user where they are.
+
+        Raises:
+            CommandError: the machines cannot do this run; nothing has been started.
+        """
+
+    def sweep_engine(self, workers: int) -> Any:
+        """Return the `sweeps.engine.Engine` for the runs of a sweep, with that many workers if it starts them itself."""

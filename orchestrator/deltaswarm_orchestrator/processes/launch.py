@@ -10,7 +10,7 @@ from typing import Self
 from urllib.parse import urlsplit
 
 from deltaswarm_orchestrator.base.kernel import adopt_orphans
-from deltaswarm_orchestrator.boards.files import Boards
+from deltaswarm_orchestrator.processes.boards import Boards
 from deltaswarm_orchestrator.processes.elsewhere import AgentsElsewhere
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import Part, RunPart, wait_for

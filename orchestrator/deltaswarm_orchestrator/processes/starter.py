@@ -89,7 +89,7 @@ class Starter:
     def __init__(self, logs: Path, mode: str, timeout_s: float, was_stopped: Callable[[], object]) -> None:
         self.parts: list[Part] = []
         self._logs = logs
-        self._controller, _, _ = CONTROLLERS.get(mode, "").partition(":")
+        self._controller, _, _ = CONTROLLERS.shipped.get(mode, "").partition(":")
         self._timeout_s = timeout_s
         self._was_stopped = was_stopped
         self._context = multiprocessing.get_context("forkserver")

@@ -4,7 +4,7 @@ import json
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ from deltaswarm_orchestrator.base import disk, limits, provenance
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
-from deltaswarm_orchestrator.boards.files import commands
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.live.observers import LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.views import LiveSocket, ResearcherFeed
+from deltaswarm_orchestrator.processes.boards import commands
+from deltaswarm_orchestrator.processes.elsewhere import Placement
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import RunPart
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
@@ -25,8 +26,6 @@ from deltaswarm_orchestrator.processes.station import Station, announce
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.remote.agents import RemoteAgents
-from deltaswarm_orchestrator.remote.placement import Placement, placed
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.results.judgements import task_score, write_judgements
@@ -36,7 +35,7 @@ from deltaswarm_orchestrator.results.situation import write_situation
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunOptions, RunResult, check
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.shown import foxglove_viewer, ros2_publisher
+from deltaswarm_orchestrator.run.shown import foxglove_viewer, named_observer
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
@@ -62,13 +61,18 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         try:
             with (
                 disk.room_in(options.out),
-                placed(options.remote, scenario.agents.count, reporter.say) as placement,
+                _placed(scenario, options, reporter) as placement,
                 foxglove_viewer(scenario, options, reporter) as viewer,
-                ros2_publisher(scenario, options, reporter) as ros2,
+                named_observer(scenario, options, reporter) as observer,
             ):
-                return _run(scenario, options, reporter, stop, viewer, ros2, placement)
+                return _run(scenario, options, reporter, stop, viewer, observer, placement)
         except KeyboardInterrupt:
             raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
+
+
+def _placed(scenario: Scenario, options: RunOptions, reporter: Reporter) -> AbstractContextManager[Placement | None]:
+    """Yield the places of agents on other machines; None if they run here."""
+    return options.engine.placed(scenario.agents.count, reporter.say) if options.engine else nullcontext()
 
 
 def _run(
@@ -77,7 +81,7 @@ def _run(
     reporter: Reporter,
     stop: Stop,
     viewer: FoxgloveServer | None,
-    ros2: LiveObserver | None,
+    named: LiveObserver | None,
     placement: Placement | None,
 ) -> RunResult:
     if options.boards:
@@ -87,9 +91,9 @@ def _run(
         with ResumedFolder(options.out) as folder:
             resume.wait_for_leftovers(folder.path)
             newest = resume.newest(folder.path)
-            return _Run(scenario, options, folder, reporter, stop, viewer, ros2, newest).execute()
+            return _Run(scenario, options, folder, reporter, stop, viewer, named, newest).execute()
     with RunFolder(options.out, force=options.force) as folder:
-        return _Run(scenario, options, folder, reporter, stop, viewer, ros2, placement=placement).execute()
+        return _Run(scenario, options, folder, reporter, stop, viewer, named, placement=placement).execute()
 
 
 @dataclass(eq=False)
@@ -102,7 +106,7 @@ class _Run:
     reporter: Reporter
     stop: Stop
     viewer: FoxgloveServer | None
-    ros2: LiveObserver | None
+    named: LiveObserver | None
     resumed: Resumed | None = None
     placement: Placement | None = None
     outcome: Outcome | None = None
@@ -116,7 +120,7 @@ class _Run:
     disk_is_full: bool = False
 
     def __post_init__(self) -> None:
-        self.live_observers: list[LiveObserver] = [shown for shown in (self.viewer, self.ros2) if shown]
+        self.live_observers: list[LiveObserver] = [shown for shown in (self.viewer, self.named) if shown]
         if self.resumed:
             self.manifest = json.loads((self.folder.path / "manifest.json").read_text(encoding="utf-8"))
             self.manifest |= {"exit_reason": run_tables.RUNNING}
@@ -261,7 +265,7 @@ class _Run:
             folder,
             zenoh=options.zenoh,
             boards=boards,
-            remote=RemoteAgents(scenario, self.placement, folder / "logs") if self.placement else None,
+            remote=self.placement.agents(scenario, folder / "logs") if self.placement else None,
             was_stopped=lambda: self.stop.by,
             checkpoint_steps=self.checkpoint_steps,
             resumed=resumed,

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
-from deltaswarm_orchestrator.boards.files import Boards
 from deltaswarm_orchestrator.live.foxglove_server import LiveError, check_installed
+from deltaswarm_orchestrator.processes.boards import Boards
+from deltaswarm_orchestrator.processes.elsewhere import RunEngine
 from deltaswarm_orchestrator.processes.station import Station
-from deltaswarm_orchestrator.remote.plan import Remote
 from deltaswarm_orchestrator.results.folder import check_target
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -16,7 +16,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 STOPPED_BY = "stopped by"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """How to do a run; what to run is the scenario."""
 
@@ -27,8 +27,8 @@ class RunOptions:
     zenoh: tuple[tuple[str, str], ...] = ()
     boards: Boards | None = None
     """Agents that are started by hand on other machines."""
-    remote: Remote | None = None
-    """Agents that are started on the workers of a cluster."""
+    engine: RunEngine | None = None
+    """Where the agents are started; None: on this machine."""
     checkpoint_steps: int = 0
     """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
     station: Station | None = None
@@ -39,8 +39,10 @@ class RunOptions:
     """Resume the interrupted run in `out` from its newest checkpoint."""
     live_port: int | None = None
     """Port on which to show the run live to Foxglove; 0: any free port; None: do not show it."""
-    live_ros2: str = ""
-    """Router of the ROS side to which the run is shown live; empty: do not show it."""
+    observer: str = ""
+    """Name of the observer, besides Foxglove, to which the run is shown live; empty: none."""
+    live_connect: str = ""
+    """Where that observer is reached; empty: where it is by default."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +77,13 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     if options.boards:
         options.boards.check(scenario)
-    if options.remote:
-        options.remote.check(scenario)
+    if options.engine:
+        options.engine.check(scenario)
     if options.live_port is not None:
         check_installed()
-    if options.live_ros2 and scenario.record == "off":
-        raise LiveError("--live ros2 must be given without --record off, since then nothing collects the truth")
+    if options.observer and scenario.record == "off":
+        raise LiveError(
+            f"--live {options.observer} must be given without --record off, since then nothing collects the truth"
+        )
     if not options.resume:
         check_target(options.out, options.force)

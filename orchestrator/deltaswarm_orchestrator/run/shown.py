@@ -1,4 +1,4 @@
-"""Where a run is shown live besides its own views: to Foxglove, and to the tools of ROS 2."""
+"""Where a run is shown live besides its own views: to Foxglove, and to the observers of other packages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +8,7 @@ from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.plugins import OBSERVERS, find
 
 
 @contextmanager
@@ -22,13 +23,11 @@ def foxglove_viewer(scenario: Scenario, options: RunOptions, reporter: Reporter)
 
 
 @contextmanager
-def ros2_publisher(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[LiveObserver | None]:
-    """Yield the publisher for ROS 2's tools, or None if the run has none."""
-    if not options.live_ros2:
+def named_observer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[LiveObserver | None]:
+    """Yield the observer that `--live` names, or None if the run has none."""
+    if not options.observer:
         yield None
         return
-    from deltaswarm_orchestrator.live.ros2_publisher import TOPICS, Ros2Publisher  # no other run needs ROS 2's messages
-
-    with Ros2Publisher(options.live_ros2, scenario) as publisher:
-        reporter.say(f"live: {' and '.join(TOPICS.values())} in ROS 2; they show the truth")
-        yield publisher
+    with find(OBSERVERS, options.observer, "--live")(options.live_connect, scenario) as observer:
+        reporter.say(f"live: {observer.shows}")
+        yield observer

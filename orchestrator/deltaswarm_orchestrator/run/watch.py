@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.live.observers import LiveObserver
+from deltaswarm_orchestrator.processes.elsewhere import SCHEDULER
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
-from deltaswarm_orchestrator.remote.agents import SCHEDULER
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST

@@ -21,7 +21,7 @@ from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.potential import PotentialController
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
-from deltaswarm_wire.plugins import CONTROLLER_GROUP, CONTROLLERS, MAX_DESCRIBED, described
+from deltaswarm_wire.plugins import CONTROLLERS, MAX_DESCRIBED, described
 from deltaswarm_wire.settings import AgentSettings
 
 
@@ -150,7 +150,7 @@ def refused(mode: str, **options: Any) -> list[Problem]:
     return caught.value.problems
 
 
-@pytest.mark.parametrize("mode", CONTROLLERS)
+@pytest.mark.parametrize("mode", CONTROLLERS.shipped)
 def test_a_shipped_controller_is_made_by_its_short_name(mode: str) -> None:
     """The modes of the paper are one class, and so is `adaptive` but for its defaults."""
     others = {"potential": PotentialController, "central": CentralController}
@@ -171,8 +171,8 @@ def test_anybodys_class_is_a_controller() -> None:
 
 def test_an_installed_package_names_its_controllers(monkeypatch: pytest.MonkeyPatch) -> None:
     """By entry points of the group `deltaswarm.controllers`; they are told of where a name means nothing."""
-    point = EntryPoint("guide", named(Guide), CONTROLLER_GROUP)
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point] if group == CONTROLLER_GROUP else [])
+    point = EntryPoint("guide", named(Guide), CONTROLLERS.group)
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point] if group == CONTROLLERS.group else [])
     assert isinstance(make_controller(1, settings("guide")), Guide)
     (problem,) = refused("giude")
     assert "decentralised, guide, hierarchical" in problem.allowed

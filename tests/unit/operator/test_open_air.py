@@ -23,7 +23,7 @@ from deltaswarm_operator.io.bounded_queue import (
 )
 from deltaswarm_operator.io.open_air import OpenAirConfig, OpenAirOperator
 from deltaswarm_operator.io.process import End
-from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink

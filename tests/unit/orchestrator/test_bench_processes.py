@@ -2,8 +2,8 @@
 
 import pytest
 
-from deltaswarm_orchestrator.bench import processes
-from deltaswarm_orchestrator.cli import parser
+from benchmarks import processes
+from benchmarks.__main__ import parser
 from deltaswarm_orchestrator.processes.starter import LEASE, OTHER_SESSIONS, STARTED, room_for
 
 
@@ -18,9 +18,9 @@ def test_a_thousand_agents_and_more_may_join_at_once() -> None:
 
 def test_defaults_are_the_measurements_own() -> None:
     """Other measurements keep theirs."""
-    many = parser("bench").parse_args(["bench", "processes"])
+    many = parser().parse_args(["processes"])
     assert (many.sizes, many.steps) == ([25, 100, 400, 1000], 100)
-    in_one = parser("bench").parse_args(["bench", "scale"])
+    in_one = parser().parse_args(["scale"])
     assert (in_one.sizes[-1], in_one.steps) == (1000, 1000)
 
 

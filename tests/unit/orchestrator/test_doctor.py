@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from deltaswarm_orchestrator.bench import doctor
+from deltaswarm_orchestrator import doctor
 from deltaswarm_orchestrator.cli import main
 from tests.support.complaints import Printed
 

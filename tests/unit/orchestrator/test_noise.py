@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.bench import noise
+from deltaswarm_orchestrator.bench import rounds as noise
 
 
 def test_stolen_time_is_a_share_of_all_time(tmp_path: Path) -> None:

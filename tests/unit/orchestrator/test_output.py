@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import COMMANDS, main, parser
-from deltaswarm_orchestrator.studies.load import COLLECTIONS
+from deltaswarm_orchestrator.cli import all_commands, main, parser
+from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
 from tests.support.swarms import COMMAND
 from tests.unit.orchestrator.participants.test_session import a_file
@@ -40,7 +40,7 @@ def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[ar
             yield from leaves(one, ())
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS))
+@pytest.mark.parametrize("command", sorted(all_commands()))
 def test_every_command_with_a_result_has_json(command: str) -> None:
     """Each of its subcommands too."""
     for own in leaves(parser(command), (command,)):
@@ -151,6 +151,6 @@ def test_the_options_of_run_are_in_groups() -> None:
 
 def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
     """Of what each of its studies prints."""
-    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     assert main(["study", "beyond", "--plan", "--json"]) == 0
     assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]

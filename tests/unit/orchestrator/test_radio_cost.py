@@ -4,8 +4,8 @@ from dataclasses import fields
 
 import pytest
 
-from deltaswarm_orchestrator.bench import radio_cost
-from deltaswarm_orchestrator.cli import main
+from benchmarks import radio_cost
+from benchmarks.__main__ import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.radio import RadioSettings
 
@@ -44,4 +44,4 @@ def test_two_agents_are_too_few() -> None:
     """Before anything is run; the command ends with 2."""
     with pytest.raises(ValueError, match="at least 3"):
         radio_cost.measure(2, 10, 1)
-    assert main(["bench", "radio", "--agents=2", "--steps=10", "--rounds=1"]) == 2
+    assert main(["radio", "--agents=2", "--steps=10", "--rounds=1"]) == 2

@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
-from deltaswarm_orchestrator.remote import agents as remote_agents
-from deltaswarm_orchestrator.remote.agents import RemoteAgents
-from deltaswarm_orchestrator.remote.credentials import Credentials
-from deltaswarm_orchestrator.remote.host_job import AgentFiles, HostJob, HostLostError, News
-from deltaswarm_orchestrator.remote.placement import Placement
-from deltaswarm_orchestrator.remote.plan import (
+from deltaswarm_cluster import agents as remote_agents
+from deltaswarm_cluster.agents import Placement, RemoteAgents
+from deltaswarm_cluster.credentials import Credentials
+from deltaswarm_cluster.host_job import AgentFiles, HostJob, HostLostError, News
+from deltaswarm_cluster.plan import (
     ClusterError,
     Installed,
     Remote,
@@ -25,6 +23,7 @@ from deltaswarm_orchestrator.remote.plan import (
     listen_problem,
     spans,
 )
+from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 

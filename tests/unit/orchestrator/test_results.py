@@ -227,7 +227,7 @@ def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
 def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:
     """Exactly: whoever has recording.mcap needs nothing else."""
     scenario = load_scenario("smoke", ["radio.loss=0.1", "control.delta=2"])
-    result = run(scenario, RunOptions(tmp_path / "run", in_process=True), Reporter())
+    result = run(scenario, RunOptions(out=tmp_path / "run", in_process=True), Reporter())
     recorded = read_recording(result.folder)
     assert recorded.complete
     again = load(Scenario, tomllib.loads(recorded.scenario))

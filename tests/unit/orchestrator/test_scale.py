@@ -8,10 +8,12 @@ from typing import Any
 
 import pytest
 
+from benchmarks import coverage, scale
+from benchmarks.__main__ import main as benchmarks
 from deltaswarm_orchestrator.base.text import named
-from deltaswarm_orchestrator.bench import coverage, scale, speed
+from deltaswarm_orchestrator.bench import speed
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.report.plots import style
+from deltaswarm_studies.plots import style
 from tests.support.complaints import Printed
 
 
@@ -88,6 +90,11 @@ def test_growth_needs_two_sizes(sizes: tuple[int, ...]) -> None:
         scale.measure(sizes, 30, 1)
 
 
+def measure(words: str) -> int:
+    """`deltaswarm bench run`, or one of the developers' measurements."""
+    return main(["bench", *words.split()]) if words.startswith("run ") else benchmarks(words.split())
+
+
 @pytest.mark.parametrize(
     "option",
     ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0", "run --steps=1.5", "run --agents="],
@@ -95,7 +102,7 @@ def test_growth_needs_two_sizes(sizes: tuple[int, ...]) -> None:
 def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     """With exit code 2, the option and what was given."""
     with pytest.raises(SystemExit) as ended:
-        main(["bench", *option.split()])
+        measure(option)
     name, _, value = option.split()[1].partition("=")
     error = capsys.readouterr().err
     assert ended.value.code == 2
@@ -107,7 +114,7 @@ def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureF
 def test_a_measurement_takes_only_options_that_it_uses(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Others are refused by name before anything is measured."""
     with pytest.raises(SystemExit) as ended:
-        main(["bench", *command.split()])
+        measure(command)
     assert ended.value.code == 2
     assert command.split()[1].partition("=")[0] in capsys.readouterr().err
 
@@ -122,7 +129,7 @@ def test_a_figure_that_cannot_be_written_is_refused_before_the_measurement(
     (tmp_path / "folder" / "taken.svg").mkdir(parents=True)
     monkeypatch.setattr(scale, "measure", lambda *_: pytest.fail("measured"))
     before = sorted(tmp_path.rglob("*"))
-    assert main(["bench", "scale", f"--plot={name}"]) == 2
+    assert benchmarks(["scale", f"--plot={name}"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("deltaswarm: --plot must be ")
     assert sorted(tmp_path.rglob("*")) == before
@@ -139,7 +146,7 @@ def test_results_are_printed_even_if_their_figure_fails(
     result = {"rounds": 1, "step_s": 1.0, "rows": [{"range_m": None, "loss": 0.0, "share_known": [0.0, 1.0]}]}
     monkeypatch.setattr(coverage, "measure", lambda *_: result)
     monkeypatch.setattr(style, "save", full)
-    assert main(["bench", "coverage", f"--plot={tmp_path / 'x'}", "--json"]) == 1
+    assert benchmarks(["coverage", f"--plot={tmp_path / 'x'}", "--json"]) == 1
     printed = capsys.readouterr()
     assert json.loads(printed.out) == result
     assert printed.err == "deltaswarm: x.png could not be written: No space left on device\n"

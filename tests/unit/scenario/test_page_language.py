@@ -9,11 +9,11 @@ import pytest
 
 from deltaswarm_operator.core.console import CONDUCTOR_KIND, LIVE, Console
 from deltaswarm_operator.core.intents import carry_out
-from deltaswarm_orchestrator.participants.session import load_session, plan
-from deltaswarm_orchestrator.participants.translation import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.page_language import LanguageSettings, page_texts, placeholders
 from deltaswarm_scenario.scenario import Scenario, scenario_digest
+from deltaswarm_sessions.session import load_session, plan
+from deltaswarm_sessions.translation import main
 from deltaswarm_wire.checked import SettingsError
 
 LANGUAGE = """

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.bodies.fence import Fence, Place
-from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
-from deltaswarm_agent.bodies.local_frame import LocalFrame
-from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
+from deltaswarm_board.bodies.fence import Fence, Place
+from deltaswarm_board.bodies.guard import STAND, Guard, Limits
+from deltaswarm_board.bodies.local_frame import LocalFrame
+from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import SettingsError, load
 
 SQUARE = Fence([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.bodies.events_file import MAX_ROWS, event_field, read_events
-from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_board.bodies.events_file import MAX_ROWS, event_field, read_events
+from deltaswarm_board.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_wire.checked import check, load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import AgentSettings

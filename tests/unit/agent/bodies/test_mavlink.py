@@ -18,10 +18,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from deltaswarm_agent.bodies.mavlink import MavlinkBody
-from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controllers.paper.frames import Descendant, Leaving, Member, RecruitmentOrder, encode
+from deltaswarm_board.bodies.mavlink import MavlinkBody
+from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Event

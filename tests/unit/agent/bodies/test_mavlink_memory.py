@@ -18,8 +18,8 @@ MAX_MB = 33.0 if sys.version_info < (3, 13) else 37.0
 PROGRAM = """
 import json, sys
 from random import Random
-import deltaswarm_agent.board.__main__
-from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
+import deltaswarm_board.__main__
+from deltaswarm_board.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.settings import AgentSettings
 

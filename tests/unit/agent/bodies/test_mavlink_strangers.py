@@ -6,9 +6,9 @@ from random import Random
 
 import pytest
 
-from deltaswarm_agent.bodies.mavlink import MavlinkBody
-from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_board.bodies.mavlink import MavlinkBody
+from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port

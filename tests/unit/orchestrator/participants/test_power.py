@@ -12,9 +12,9 @@ import statsmodels.formula.api as smf
 from scipy import stats as scipy_stats
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.participants import power
-from deltaswarm_orchestrator.participants.design import group_of, order_of
-from deltaswarm_orchestrator.participants.power import (
+from deltaswarm_sessions import power
+from deltaswarm_sessions.design import group_of, order_of
+from deltaswarm_sessions.power import (
     ADJUSTED,
     MAX_PARTICIPANTS,
     RESAMPLES,
@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.participants.power import (
     fit,
     powers,
 )
-from deltaswarm_orchestrator.stats import contrast
+from deltaswarm_studies.stats import contrast
 from tests.support.complaints import Printed
 from tests.unit.orchestrator.participants.test_session import a_file
 

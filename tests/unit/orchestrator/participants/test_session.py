@@ -9,14 +9,14 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.participants.design import order_of
-from deltaswarm_orchestrator.participants.session import MAX_SEED, load_session, plan
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
-from deltaswarm_orchestrator.studies.load import load_study
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_sessions.design import order_of
+from deltaswarm_sessions.session import MAX_SEED, load_session, plan
+from deltaswarm_studies.load import load_study
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import Printed
 

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.participants.record import RECORD
-from deltaswarm_orchestrator.participants.variables import KEYS
 from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
+from deltaswarm_sessions.record import RECORD
+from deltaswarm_sessions.variables import KEYS
 from tests.support.complaints import Printed
 from tests.unit.orchestrator.participants.test_session import a_file
 

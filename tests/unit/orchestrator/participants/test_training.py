@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.participants.record import summary_of
-from deltaswarm_orchestrator.participants.session import MORE, WAIT, load_session, plan
-from deltaswarm_orchestrator.participants.training import NOT_REACHED, OPEN, REACHED, CriterionSettings
-from deltaswarm_orchestrator.participants.variables import MEASURES, SITUATION_RIGHT_SHARE
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_sessions.record import summary_of
+from deltaswarm_sessions.session import MORE, WAIT, load_session, plan
+from deltaswarm_sessions.training import NOT_REACHED, OPEN, REACHED, CriterionSettings
+from deltaswarm_sessions.variables import MEASURES, SITUATION_RIGHT_SHARE
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.complaints import Printed
 from tests.support.pages import ROOT

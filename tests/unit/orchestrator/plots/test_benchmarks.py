@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from deltaswarm_orchestrator.report.plots.benchmarks import LINEAR, scale
+from benchmarks.plots import LINEAR, scale
 
 COUNTS = [25, 50, 100, 400]
 ROWS = [

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltaswarm_orchestrator.report.plots.density import level_holding, phi
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings
 from deltaswarm_scenario.scenario import ArenaSettings, Scenario
+from deltaswarm_studies.plots.density import level_holding, phi
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.obstacles import Obstacles
 

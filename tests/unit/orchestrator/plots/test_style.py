@@ -13,12 +13,13 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from deltaswarm_orchestrator.report.plots import benchmarks, style, swarm
-from deltaswarm_orchestrator.report.plots.swarm import KINDS
+from benchmarks import plots as benchmarks
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_orchestrator.studies.charts import snapshot
-from deltaswarm_orchestrator.studies.page import CHARTS
-from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels
+from deltaswarm_studies.charts import snapshot
+from deltaswarm_studies.page import CHARTS
+from deltaswarm_studies.plots import style, swarm
+from deltaswarm_studies.plots.swarm import KINDS
+from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import OWN, made, series, table
 
 ROOT = Path(__file__).parents[4]

@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 
-from deltaswarm_orchestrator.report.plots import style
-from deltaswarm_orchestrator.report.plots.density import phi
-from deltaswarm_orchestrator.report.plots.swarm import edges, kind_of, swarm
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_orchestrator.studies.charts import Snapshot, snapshot
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_studies.charts import Snapshot, snapshot
+from deltaswarm_studies.plots import style
+from deltaswarm_studies.plots.density import phi
+from deltaswarm_studies.plots.swarm import edges, kind_of, swarm
 from deltaswarm_wire.messages import NOBODY
 from tests.support.truths import ROLES
 

@@ -10,10 +10,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
-from deltaswarm_orchestrator.report.plots import style
-from deltaswarm_orchestrator.studies.charts import ellipse
-from deltaswarm_orchestrator.studies.page import CHARTS
-from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels
+from deltaswarm_studies.charts import ellipse
+from deltaswarm_studies.page import CHARTS
+from deltaswarm_studies.plots import style
+from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import LEVELS, MODES, OWN, made, series, table
 
 NONE = pd.DataFrame()

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.studies.claims import claims_of, vacuous_claims
-from deltaswarm_orchestrator.studies.contrasts import contrasts_of
-from deltaswarm_orchestrator.studies.tables import runs_of
+from deltaswarm_studies.claims import claims_of, vacuous_claims
+from deltaswarm_studies.contrasts import contrasts_of
+from deltaswarm_studies.tables import runs_of
 from tests.support.studying import FAST, LEVELS, LIMIT, MODES, OWN, SAME, SLOW, made, spread, table, worse_at_90
 
 NONE = pd.DataFrame()

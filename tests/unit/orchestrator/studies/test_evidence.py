@@ -5,12 +5,12 @@ import math
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator.studies.claims import claims_of, findings_of
-from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreements
-from deltaswarm_orchestrator.studies.evidence import too_few
-from deltaswarm_orchestrator.studies.fits import fits_of, grids_of
-from deltaswarm_orchestrator.studies.recovery import recovery_of
-from deltaswarm_orchestrator.studies.tables import (
+from deltaswarm_studies.claims import claims_of, findings_of
+from deltaswarm_studies.contrasts import contrasts_of, disagreements
+from deltaswarm_studies.evidence import too_few
+from deltaswarm_studies.fits import fits_of, grids_of
+from deltaswarm_studies.recovery import recovery_of
+from deltaswarm_studies.tables import (
     courses_of,
     estimates_of,
     missing_metrics,

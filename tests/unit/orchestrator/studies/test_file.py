@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.significance import pairs_needed
-from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
-from deltaswarm_orchestrator.studies.plan import plan, text
-from deltaswarm_orchestrator.studies.study import default_factors
-from deltaswarm_orchestrator.studies.tables import runs_of
 from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep
 from deltaswarm_orchestrator.sweeps.table import write_table
+from deltaswarm_studies.load import COLLECTIONS, load_study
+from deltaswarm_studies.plan import plan, text
+from deltaswarm_studies.significance import pairs_needed
+from deltaswarm_studies.study import default_factors
+from deltaswarm_studies.tables import runs_of
 from deltaswarm_wire.checked import SettingsError
 from tests.support.studying import LEVELS, OWN, SWEEP, made, spread, table
 
@@ -43,7 +43,7 @@ def test_the_plan_says_what_so_many_replicates_could_show(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Before hours are spent: six replicates can show nothing under Holm over seven comparisons or more."""
-    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     monkeypatch.chdir(tmp_path)
     assert main(["study", "jamming", "--repeats", "6", "--plan"]) == 0
     few = capsys.readouterr().out
@@ -55,7 +55,7 @@ def test_the_plan_says_what_so_many_replicates_could_show(
 
 def test_with_a_pilot_the_plan_says_which_effect_it_could_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The smaller the spread and the more replicates, the smaller the effect; on the contrast's scale."""
-    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     limit = '[[contrast]]\nid = "limit"\nfactor = "loss"\nreference = "loss=0.0"\n'
 
     def effect(noise: float, repeats: int) -> float:

@@ -11,11 +11,11 @@ from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.report.page import render, table
-from deltaswarm_orchestrator.studies.evidence import Evidence
-from deltaswarm_orchestrator.studies.origin import CODE, QUESTIONS, RUNS
-from deltaswarm_orchestrator.studies.page import pages, write, write_index
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.origin import CODE, QUESTIONS, RUNS
+from deltaswarm_studies.page import pages, write, write_index
+from deltaswarm_studies.rendering import render, table
 from tests.support.studying import OWN, SWEEP, made, series, spread
 from tests.support.studying import table as runs_table
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
-from deltaswarm_orchestrator.significance import ALPHA, pairs_needed, smallest_p
-from deltaswarm_orchestrator.stats import (
+from deltaswarm_studies.significance import ALPHA, pairs_needed, smallest_p
+from deltaswarm_studies.stats import (
     contrast,
     describe,
     holm,

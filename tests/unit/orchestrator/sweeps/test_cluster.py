@@ -20,8 +20,8 @@ from tests.support.sweeping import RunningSweep, all_gone, made, marked, sweep, 
 
 distributed = pytest.importorskip("distributed")
 
+from deltaswarm_cluster.sweep_engine import DaskEngine, attempt_with  # noqa: E402
 from deltaswarm_orchestrator.base import provenance  # noqa: E402  # nothing of it without Dask
-from deltaswarm_orchestrator.sweeps.cluster import DaskEngine, attempt_with  # noqa: E402
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
 
 
@@ -145,7 +145,7 @@ def clients() -> int:
 def test_no_scheduler_at_the_address_is_an_error(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it is nobody's address or none at all; no client is left that would be closed in a thread of the next."""
     before = clients()
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.CONNECT_WITHIN_S", 0.5)
+    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.CONNECT_WITHIN_S", 0.5)
     with pytest.raises(EngineError, match=address):
         list(DaskEngine(address, 1).run(tasks_of(made({"axes": {"control.delta": [2]}}))))
     assert clients() == before
@@ -155,7 +155,7 @@ def test_the_command_ends_with_2_without_a_scheduler(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In one line; the folder can be used again."""
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.CONNECT_WITHIN_S", 0.5)
+    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.CONNECT_WITHIN_S", 0.5)
     arguments = ["sweep", str(written(tmp_path, repeats=1)), "--out", str(tmp_path / "out")]
     assert main([*arguments, "--engine", "dask", "--scheduler", "tcp://127.0.0.1:9"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -232,7 +232,7 @@ def test_a_local_cluster_has_no_more_workers_than_runs(
         assert options["n_workers"] == started
         raise RuntimeError("seen")
 
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.LocalCluster", looked_at)
+    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.LocalCluster", looked_at)
     with pytest.raises(EngineError, match="seen"):
         list(DaskEngine(None, workers).run(tasks_of(made({"axes": {"control.delta": [2, 3]}, "repeats": 1}))))
 
@@ -248,8 +248,8 @@ def test_a_scheduler_without_workers_is_told(
     told = list[str]()
     engine = DaskEngine(scheduler, 1)
     monkeypatch.setattr(engine, "_client", lambda *_: Having(workers))
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.notice", told.append)
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.as_completed", iter)
+    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.notice", told.append)
+    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.as_completed", iter)
     assert list(engine.run([])) == []
     assert bool(told) == is_told
 
@@ -260,6 +260,6 @@ def test_a_worker_that_dies_at_the_start_is_told_in_a_line(monkeypatch: pytest.M
     def killed(**options: object) -> None:
         raise RuntimeError("Nanny failed to start.")
 
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.LocalCluster", killed)
+    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.LocalCluster", killed)
     with pytest.raises(EngineError, match="on this machine: Nanny failed to start"):
         list(DaskEngine(None, 1).run(tasks_of(made({"axes": {"control.delta": [2]}}))))

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_wire.ros2.cdr import MAX_VALUES, CdrError, decode, encode
-from deltaswarm_wire.ros2.definitions import (
+from deltaswarm_ros2.cdr import MAX_VALUES, CdrError, decode, encode
+from deltaswarm_ros2.definitions import (
     DEFINITIONS,
     ODOMETRY,
     POSE_ARRAY,

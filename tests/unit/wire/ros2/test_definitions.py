@@ -3,7 +3,7 @@
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from deltaswarm_wire.ros2.definitions import DEFINITIONS, type_hash
+from deltaswarm_ros2.definitions import DEFINITIONS, type_hash
 
 PUBLISHED = {
     "builtin_interfaces/msg/Duration": "e8d009f659816f758b75334ee1a9ca5b5c0b859843261f14c7f937349599d93b",

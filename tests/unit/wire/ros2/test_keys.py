@@ -3,8 +3,8 @@
 import pytest
 from zenoh.ext import Int64, z_serialize
 
-from deltaswarm_wire.ros2.definitions import TWIST
-from deltaswarm_wire.ros2.keys import (
+from deltaswarm_ros2.definitions import TWIST
+from deltaswarm_ros2.keys import (
     NODE,
     PUBLISHER,
     RMW_ZENOH,

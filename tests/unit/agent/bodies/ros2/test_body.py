@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.bodies.ros2.body import Ros2Body
-from deltaswarm_agent.bodies.ros2.settings import Ros2Settings
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_ros2.body import Ros2Body
+from deltaswarm_ros2.settings import Ros2Settings
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port

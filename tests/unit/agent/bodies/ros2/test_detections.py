@@ -2,7 +2,7 @@
 
 import pytest
 
-from deltaswarm_agent.bodies.ros2.detections import Detections
+from deltaswarm_ros2.detections import Detections
 from deltaswarm_wire.messages import Event
 
 

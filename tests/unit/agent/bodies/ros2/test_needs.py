@@ -19,9 +19,9 @@ import json, sys, time
 for name in ("numpy", "rosbags", "pycdr2", "rclpy", "xxhash"):
     sys.modules[name] = None
 from random import Random
-import deltaswarm_agent.board.__main__
+import deltaswarm_board.__main__
 before = [name for name in sys.modules if "ros2" in name]
-from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
+from deltaswarm_board.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.settings import AgentSettings
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_agent.bodies.ros2.odometry import RESTARTED, Expected, Odometry
-from deltaswarm_agent.bodies.ros2.planar_frame import PlanarFrame, Pose, beside
-from deltaswarm_wire.ros2.cdr import decode, encode
-from deltaswarm_wire.ros2.definitions import ODOMETRY, POSE_STAMPED
+from deltaswarm_ros2.cdr import decode, encode
+from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED
+from deltaswarm_ros2.odometry import RESTARTED, Expected, Odometry
+from deltaswarm_ros2.planar_frame import PlanarFrame, Pose, beside
 
 ONE, TWO = b"one", b"two"
 

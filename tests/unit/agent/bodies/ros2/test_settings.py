@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.bodies.ros2.settings import Ros2Settings
+from deltaswarm_ros2.settings import Ros2Settings
 from deltaswarm_wire.checked import SettingsError, load
 
 

@@ -1,0 +1,139 @@
+"""Keys, liveliness tokens and attachments of ROS 2's topics on Zenoh, as rmw_zenoh and zenoh-plugin-ros2dds use them.
+
+`rmw_zenoh` is a ROS 2 middleware on Zenoh, `ros2dds` a bridge from DDS. Both send messages as CDR.
+"""
+
+import re
+import struct
+from typing import NamedTuple
+
+from deltaswarm_ros2.definitions import type_hash
+
+RMW_ZENOH, ROS2DDS = "rmw_zenoh", "ros2dds"
+LAYOUTS = (RMW_ZENOH, ROS2DDS)
+
+NODE, PUBLISHER, SUBSCRIPTION = "NN", "MP", "MS"
+"""Kinds of entities that have a liveliness token."""
+
+QOS = "::,10:,:,:,,"
+"""Reliable, volatile, keep the last 10 (rclcpp's defaults): what differs from rmw_zenoh's own defaults is written."""
+
+_TOKENS = "@ros2_lv"
+_NONE = "%"
+_TOKEN_PARTS = 13
+_ATTACHMENT = struct.Struct("<qqB16s")
+GID_BYTES = 16
+
+MAX_DOMAIN = 232
+_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+NAME_RULE = "must be words of letters, digits and _ with / between, none beginning with a digit"
+
+
+class AttachmentError(ValueError):
+    """An attachment that is not rmw_zenoh's."""
+
+
+class Attachment(NamedTuple):
+    """What rmw_zenoh attaches to a message: its number from 1 on, the wall clock [Unix ns], the publisher's id."""
+
+    number: int
+    time_ns: int
+    gid: bytes
+
+
+class Node(NamedTuple):
+    """A node of the ROS graph: its domain, its Zenoh session's id, its namespace ("" or "/robot7") and name."""
+
+    domain: int
+    session: str
+    namespace: str
+    name: str
+
+
+class Endpoint(NamedTuple):
+    """A publisher or subscription of the ROS graph: its session's id, kind, node, topic and type (as DDS names it)."""
+
+    session: str
+    kind: str
+    node: str
+    topic: str
+    dds_type: str
+
+
+def is_name(text: str) -> bool:
+    """Whether this is a valid name of a topic or namespace."""
+    return _NAME.fullmatch(text) is not None
+
+
+def full_name(topic: str, namespace: str) -> str:
+    """Resolve a topic's name as ROS does: a relative one is in the namespace ("" or "/robot7")."""
+    return topic if topic.startswith("/") else f"{namespace}/{topic}"
+
+
+def dds_type(message_type: str) -> str:
+    """Name a type as DDS does: `geometry_msgs::msg::dds_::Twist_`."""
+    package, _, name = message_type.partition("/msg/")
+    return f"{package}::msg::dds_::{name}_"
+
+
+def topic_key(layout: str, domain: int, topic: str, message_type: str) -> str:
+    """Make the key on which a topic's messages are sent."""
+    name = topic.removeprefix("/")
+    return f"{domain}/{name}/{dds_type(message_type)}/{type_hash(message_type)}" if layout == RMW_ZENOH else name
+
+
+def node_token(node: Node) -> str:
+    """Make rmw_zenoh's liveliness token of a node, which is the first of its session."""
+    return _token(node, 0, NODE)
+
+
+def endpoint_token(node: Node, number: int, kind: str, topic: str, message_type: str) -> str:
+    """Make rmw_zenoh's liveliness token of a publisher or subscription; `number` is unique in the session."""
+    return "/".join((_token(node, number, kind), _mangled(topic), dds_type(message_type), type_hash(message_type), QOS))
+
+
+def all_tokens(domain: int) -> str:
+    """Make the key expression of all tokens of a domain."""
+    return f"{_TOKENS}/{domain}/**"
+
+
+def parse_endpoint(token: str) -> Endpoint | None:
+    """Parse the token of a publisher or subscription; None for any other."""
+    parts = token.split("/")
+    if len(parts) != _TOKEN_PARTS or parts[5] not in (PUBLISHER, SUBSCRIPTION):
+        return None
+    namespace, topic = (parts[at].replace(_NONE, "/") for at in (7, 9))
+    return Endpoint(parts[2], parts[5], f"{namespace.rstrip('/')}/{parts[8]}", topic, parts[10])
+
+
+def _token(node: Node, number: int, kind: str) -> str:
+    parts = (_TOKENS, node.domain, node.session, 0, number, kind, _NONE, _mangled(node.namespace) or _NONE, node.name)
+    return "/".join(map(str, parts))
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", _NONE)
+
+
+def gid_of(token: str) -> bytes:
+    """Derive a publisher's id from its token: 16 bytes that no other publisher has."""
+    import hashlib
+
+    return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
+
+
+def encode_attachment(attachment: Attachment) -> bytes:
+    """Encode an attachment: 33 bytes, little-endian."""
+    return _ATTACHMENT.pack(attachment.number, attachment.time_ns, GID_BYTES, attachment.gid)
+
+
+def decode_attachment(data: bytes) -> Attachment:
+    """Decode an attachment.
+
+    Raises:
+        AttachmentError: it has another length.
+    """
+    if len(data) != _ATTACHMENT.size or data[16] != GID_BYTES:
+        raise AttachmentError(f"an attachment must have {_ATTACHMENT.size} bytes (got {data[:40].hex(' ')})")
+    number, time_ns, _, gid = _ATTACHMENT.unpack(data)
+    return Attachment(number, time_ns, gid)

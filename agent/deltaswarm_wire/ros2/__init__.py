@@ -1,1 +1,0 @@
-"""The wire of ROS 2 over Zenoh: message definitions, their CDR encoding and type hashes, keys and attachments."""

@@ -1,0 +1,254 @@
+"""The workers of a Dask scheduler as hosts of agents."""
+
+import asyncio
+import os
+import socket
+import sys
+import time
+from asyncio import CancelledError
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
+from typing import Any
+from urllib.parse import urlsplit
+
+from distributed import Client
+
+from deltaswarm_cluster.dask_client import client_of, silence_dask
+from deltaswarm_cluster.host import AgentHost
+from deltaswarm_cluster.host_job import HostJob, HostLostError, News
+from deltaswarm_cluster.plan import (
+    NOTHING,
+    ClusterError,
+    Installed,
+    Remote,
+    Worker,
+    check_installed,
+    check_reached,
+    in_order,
+)
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.exits import FAILED
+from deltaswarm_wire import __version__
+from deltaswarm_wire.access import TLS
+from deltaswarm_wire.endpoints import host_and_port
+
+POLL_S = 0.2
+SILENCE_S = 30.0
+"""A worker that does not answer for this long is lost [s]."""
+
+REACH_WITHIN_S = 5.0
+PACKAGES = ("deltaswarm", "deltaswarm_wire")
+"""The distribution, and a module with its version."""
+
+PRIVATE = ("tls://", "tcp://127.")
+"""How addresses of schedulers begin whose links are encrypted or within this machine."""
+
+
+class DaskHost:
+    """A worker that hosts agents by an actor, which Dask neither moves nor starts again."""
+
+    def __init__(self, client: Client, worker: Worker, is_there: Callable[[Worker], bool]) -> None:
+        self.worker = worker
+        self._client = client
+        self._is_there = is_there
+        self._future: Any = None
+        self._actor: Any = None
+        self._call: Any = None
+        self._called_at = 0.0
+
+    def start(self, job: HostJob) -> None:
+        """Submit the actor, to this worker and no other, without retries."""
+        key = f"deltaswarm-agents-{job.run}-{min(job.agents)}"
+        place = {"workers": [self.worker.address], "allow_other_workers": False, "retries": 0}
+        self._future = self._client.submit(AgentHost, job, key=key, pure=False, actor=True, **place)
+
+    def is_started(self) -> bool:
+        """Whether the actor is there.
+
+        Raises:
+            HostLostError: it failed, or the worker was lost.
+        """
+        try:
+            is_there = self._is_there(self.worker)
+            if is_there and not self._future.done():
+                return False
+            self._actor = self._future.result() if is_there else None
+        except (Exception, CancelledError) as error:  # the actor's own, or whatever Dask's code raises
+            raise HostLostError(f"{type(error).__name__}: {error}") from None
+        if not is_there:
+            raise HostLostError("it has left the cluster")
+        return True
+
+    def news(self) -> News | None:
+        """Return what the last call brought, if it has, and make the next one."""
+        if self._future.status != "finished":
+            raise HostLostError
+        now, found = time.monotonic(), None
+        if self._call is not None and self._call.done():
+            try:
+                found = self._call.result()
+            except Exception as error:  # whatever its worker, the scheduler or Dask's own code raised
+                raise HostLostError(str(error)) from None
+            self._call = None
+        if self._call is None and now - self._called_at > POLL_S:
+            self._call, self._called_at = self._method("poll"), now
+        if self._call is not None and now - self._called_at > SILENCE_S:
+            raise HostLostError(f"no answer for {SILENCE_S:g} s")
+        return found
+
+    def stop(self) -> None:
+        """Ask the actor to end its agents."""
+        self._method("stop")
+
+    def close(self) -> None:
+        """Release the actor: nobody else holds it, so its worker drops it."""
+        self._future = self._actor = self._call = None
+
+    def _method(self, name: str) -> Any:
+        try:
+            return getattr(self._actor, name)()
+        except RuntimeError as error:  # Dask knows that the worker is lost
+            raise HostLostError(str(error)) from None
+
+
+class DaskCluster:
+    """The workers that a scheduler has when a run begins.
+
+    Raises:
+        ClusterError: there are none, or they do not have what this machine has.
+    """
+
+    def __init__(self, client: Client, scheduler: str) -> None:
+        self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
+        self._scheduler = scheduler
+        self._present: Container[str] = ()
+        self._asked_at = -POLL_S
+        if not self._told(client.nthreads):
+            raise ClusterError(
+                f"the Dask scheduler at {scheduler} must have at least one worker; start some: dask worker {scheduler}"
+            )
+        self._check_packages()  # first: without deltaswarm, a worker could not even tell its name
+        self.workers = in_order(Worker(str(name), address) for address, name in self._ask(_name).items())
+        found = self._ask(_installed)
+        check_installed(_installed(), {worker: found[worker.address] for worker in self.workers})
+
+    def _check_packages(self) -> None:
+        """Check by Dask's own means that scheduler and workers have this deltaswarm and this Python."""
+        found = self._told(self._client.get_versions, packages=PACKAGES)
+        machines = {Worker(address, address): packages_of(has) for address, has in found["workers"].items()}
+        machines[Worker("the scheduler", self._client.scheduler.address)] = packages_of(found["scheduler"])
+        check_installed(packages_of(found["client"]), machines)
+
+    def _ask(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
+        """Call a function on each worker; return its results by address.
+
+        Raises:
+            ClusterError: it failed somewhere, or a worker was lost meanwhile.
+        """
+        hint = "; is this machine's deltaswarm, from the same sources, installed on all of them?"
+        return dict(self._told(self._client.run, function, *arguments, hint=hint))
+
+    def _told(self, call: Callable[..., Any], *arguments: object, hint: str = "", **more: object) -> Any:
+        try:
+            return call(*arguments, **more)
+        except (Exception, CancelledError) as error:  # whatever a worker or Dask's own code raised
+            raise ClusterError(f"the workers of {self._scheduler} could not be asked ({error}){hint}", FAILED) from None
+
+    @property
+    def problem(self) -> str:
+        """Why the cluster is lost, or "" while it is not."""
+        return "" if self._client.status == "running" else f"no connection to {self._scheduler}"
+
+    @property
+    def is_private(self) -> bool:
+        """Whether what is sent to the workers, such as the agents' keys, is encrypted or stays on this machine."""
+        return str(self._client.scheduler.address).startswith(PRIVATE)
+
+    def hosts(self) -> Sequence[DaskHost]:
+        """Return a host for each worker, in order."""
+        return [DaskHost(self._client, worker, self._has) for worker in self.workers]
+
+    def _has(self, worker: Worker) -> bool:
+        """Whether the worker is in the cluster; the scheduler is asked every `POLL_S`, for all workers at once."""
+        if (now := time.monotonic()) - self._asked_at >= POLL_S:
+            self._present, self._asked_at = self._client.nthreads(), now
+        return worker.address in self._present
+
+    def endpoint(self, listen: str) -> str:
+        """Return where the world is to listen: as asked, or at this machine's address towards the scheduler.
+
+        Raises:
+            ClusterError: that is no address of this machine, or a worker cannot connect to it.
+        """
+        host, port = host_and_port(listen) if listen else (self._own_address(), 0)
+        try:
+            with socket.create_server((host, port)) as server:  # never accepts: the kernel connects
+                problems = self._ask(_problem_to_reach, host, server.getsockname()[1])
+        except OSError as error:
+            raise ClusterError(
+                "--listen must be an address of this machine with a free port "
+                f"(got {TLS}/{host}:{port}: {os.strerror(error.errno) if error.errno else error})"
+            ) from None
+        endpoint = f"{TLS}/{host}:{port}"
+        check_reached(endpoint, {worker: problems[worker.address] for worker in self.workers})
+        return endpoint
+
+    def _own_address(self) -> str:
+        """Return this machine's address on the way to the scheduler; nothing is sent."""
+        there = urlsplit(str(self._client.scheduler.address))
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+                way.connect((there.hostname, there.port))
+                return str(way.getsockname()[0])
+        except OSError as error:
+            raise ClusterError(
+                f"--listen must be given, since this machine's address towards {self._scheduler} is not known ({error})"
+            ) from None
+
+
+@contextmanager
+def connected(remote: Remote) -> Iterator[DaskCluster]:
+    """Connect to the scheduler of a run, whose workers are checked.
+
+    Raises:
+        ClusterError: no scheduler can be reached, it has no workers, or they do not have what this machine has.
+    """
+    silence_dask()
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(client_of(remote.scheduler))
+        except ConnectionError as error:
+            raise ClusterError(
+                f"no Dask scheduler could be reached at {remote.scheduler}: {error}; start one: dask scheduler"
+            ) from None
+        yield DaskCluster(client, remote.scheduler)
+
+
+def packages_of(has: Mapping[str, Any]) -> Installed:
+    """Read what Dask tells of a machine. Its newer versions ask for distributions, older ones for modules."""
+    deltaswarm = next((found for name in PACKAGES if (found := has["packages"].get(name))), NOTHING)
+    return Installed(deltaswarm, ".".join(has["host"]["python"].split(".")[:2]))
+
+
+def _installed() -> Installed:
+    """Return what this machine has."""
+    python = ".".join(map(str, sys.version_info[:2]))
+    return Installed(__version__, python, version("eclipse-zenoh"), provenance.code_digest())
+
+
+def _name(dask_worker: Any) -> object:
+    """Return the worker's name; Dask passes the worker by this argument's name."""
+    return dask_worker.name
+
+
+async def _problem_to_reach(host: str, port: int) -> str:
+    """Say why this machine cannot connect to a port, or "" if it can."""
+    try:
+        _, writer = await asyncio.wait_for(asyncio.open_connection(host, port), REACH_WITHIN_S)
+    except TimeoutError:
+        return f"no answer from {host}:{port} within {REACH_WITHIN_S:g} s"
+    except OSError as error:  # asyncio puts its own words in place of the system's
+        return f"{os.strerror(error.errno) if error.errno else error} ({host}:{port})"
+    writer.close()
+    return ""

@@ -1,0 +1,156 @@
+"""How many participants show a difference between two conditions: power by resampling a pilot's participants. Pure.
+
+A participant's difference between the conditions is the unit. A study of n participants is n differences drawn from
+the pilot's with replacement, moved so that their mean is the effect in question; power is the share of such studies
+whose test rejects "no difference". What position and stream do to a difference can be removed first, as a mixed model
+with a random intercept per participant does.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from deltaswarm_studies.stats import rejected_walsh
+
+Array = NDArray[np.float64]
+
+ADJUSTED, T_TEST, SIGNED_RANK = "adjusted", "t", "signed-rank"
+TESTS = {
+    ADJUSTED: "t-test of differences adjusted for position and stream",
+    T_TEST: "paired t-test",
+    SIGNED_RANK: "Wilcoxon's signed-rank test",
+}
+"""Two-sided tests of paired differences."""
+
+RESAMPLES = 10_000
+"""Studies drawn for each number of participants."""
+MAX_PARTICIPANTS = 1000
+"""The search for a number of participants ends here."""
+ROUNDING = 1e-12
+"""Variances that are smaller, relative to the pilot's, are 0 but for rounding."""
+
+
+class Power(NamedTuple):
+    """The power of a number of participants."""
+
+    participants: int
+    power: float
+    error: float
+    """Standard error of the power, from the number of resamples."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """A pilot's differences: their mean, and what is left of each."""
+
+    mean: float
+    residuals: Array
+    error: float
+    """Standard error of the mean."""
+    parameters: int
+    """Number of parameters that were fitted: the mean, and those of position and stream."""
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return len(self.residuals) - self.parameters
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the residuals."""
+        return math.sqrt(float(np.sum(self.residuals**2)) / self.degrees)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the mean, for normal differences."""
+        half = float(stats.t.isf(0.025, self.degrees)) * self.error
+        return self.mean - half, self.mean + half
+
+
+def fit(differences: Array, others: Array | None = None) -> Pilot | None:
+    """Fit the mean of differences, and what the columns of `others` (one row per difference) add to it.
+
+    Returns None where the mean cannot be told apart from what the others add, or where no degree of freedom is left.
+    """
+    nuisances = np.zeros((len(differences), 0)) if others is None else others
+    columns = np.column_stack([np.ones(len(differences)), nuisances])
+    rank = int(np.linalg.matrix_rank(columns))
+    if len(differences) <= rank or (nuisances.size and np.linalg.matrix_rank(nuisances) == rank):
+        return None
+    inverse = np.linalg.pinv(columns)
+    found = inverse @ differences
+    residuals = differences - columns @ found
+    variance = float(np.sum(residuals**2)) / (len(differences) - rank)
+    return Pilot(float(found[0]), residuals, math.sqrt(variance * float(np.sum(inverse[0] ** 2))), rank)
+
+
+def powers(
+    pilot: Pilot, effect: float, *, group: int, wanted: float, alpha: float, test: str, seed: int
+) -> list[Power]:
+    """Search for the least number of groups of participants that has the wanted power; return all that were tried.
+
+    The numbers double up to the first that has it, or to `MAX_PARTICIPANTS`, and then close in on the least.
+
+    Args:
+        pilot: Its differences, which must not all be equal.
+        effect: The mean difference to find, in the same unit.
+        group: Participants who do every order equally often.
+        wanted: Power that is enough.
+        alpha: Level of the two-sided test.
+        test: One of `TESTS`.
+        seed: The same seed gives the same numbers.
+    """
+    tried: dict[int, Power] = {}
+
+    def is_enough(groups: int) -> bool:
+        n = groups * group
+        power = _power(pilot, effect, n, alpha, test, np.random.default_rng((seed, n)))
+        tried[n] = Power(n, power, math.sqrt(power * (1 - power) / RESAMPLES))
+        return power >= wanted
+
+    low, high, most = 0, 1, MAX_PARTICIPANTS // group
+    while not (found := is_enough(high)) and high < most:
+        low, high = high, min(2 * high, most)
+    while found and high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if is_enough(middle) else (middle, high)
+    return [tried[n] for n in sorted(tried)]
+
+
+def _power(pilot: Pilot, effect: float, participants: int, alpha: float, test: str, rng: np.random.Generator) -> float:
+    count = len(pilot.residuals)
+    # Residuals of a pilot vary less than differences in the population: it has the pilot's degrees of freedom.
+    residuals = pilot.residuals * math.sqrt(count / pilot.degrees)
+    times_drawn = rng.multinomial(participants, np.full(count, 1 / count), size=RESAMPLES).astype(float)
+    if test == SIGNED_RANK:
+        return float(np.mean(_signed_rank_rejects(times_drawn, residuals, effect, alpha)))
+    if participants <= pilot.parameters:
+        return 0.0
+    return float(np.mean(_t_rejects(times_drawn, residuals, effect, alpha, participants - pilot.parameters)))
+
+
+def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float, degrees: int) -> NDArray[np.bool_]:
+    """Test each row. Equal differences, which only a coarse scale or a small pilot gives, do not count as an effect."""
+    n = float(times_drawn[0].sum())
+    mean = times_drawn @ residuals / n
+    # Resamples have nothing left to adjust for; a study loses these degrees of freedom, which only the limit tells.
+    variance = (times_drawn @ residuals**2 - n * mean**2) / (n - 1)
+    varies = variance > ROUNDING * np.mean(residuals**2)
+    return varies & ((effect + mean) ** 2 > stats.t.isf(alpha / 2, degrees) ** 2 * variance / n)
+
+
+def _signed_rank_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
+    """Test each row by the Walsh averages of its differences, as `stats.contrast` does."""
+    n = int(times_drawn[0].sum())
+    others = n * (n + 1) // 2 - rejected_walsh(n, alpha)
+    sums = effect + residuals[:, None] + (effect + residuals)[None, :]
+
+    def count(signs: NDArray[np.bool_]) -> Array:
+        pairs = np.einsum("ri,ri->r", times_drawn @ signs, times_drawn)  # counts each pair of two twice
+        return np.asarray((pairs + times_drawn @ np.diag(signs)) / 2)
+
+    return (count(sums > 0) > others) | (count(sums < 0) > others)

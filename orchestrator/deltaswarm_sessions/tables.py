@@ -1,0 +1,103 @@
+"""The data of all participants as tidy tables, with a data dictionary.
+
+Each table has a row per observation and a column per variable; by the columns of `KEYS`, tables are joined.
+"""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.situation import PROBES
+from deltaswarm_scenario.person_tables import TABLES, columns_of
+from deltaswarm_sessions.again import answers
+from deltaswarm_sessions.record import RECORD, read_record, summary_of
+from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN, value_at
+
+DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
+
+Row = Mapping[str, Any]
+
+
+def write_tables(sessions: Path, out: Path) -> list[Path]:
+    """Write the tables of all participants below a folder of sessions; return the files.
+
+    Raises:
+        CommandError: there is no session, or a file of one cannot be read.
+    """
+    folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
+    if not folders:
+        raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
+    records = {folder: read_record(folder) for folder in folders}
+    runs = [run for folder, record in records.items() for run in _runs(folder, record)]
+    out.mkdir(parents=True, exist_ok=True)
+    files = [
+        _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, map(_participant, records.values())),
+        _write(out / f"{RUNS}.tsv", {**KEYS, **RUN}, (run for _, run in runs)),
+    ]
+    for name, table in TABLES.items():
+        rows = (keys | row for folder, keys in runs for row in _rows(folder, name))
+        files.append(_write(out / f"{name}.tsv", {**KEYS, **dict.fromkeys(table._fields)}, rows))
+    return [*files, _write(out / f"{DICTIONARY}.tsv", dict.fromkeys(("table", "column", *_TOLD)), _dictionary())]
+
+
+def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Yield each finished attempt of a participant with its row of the table of runs."""
+    for run in record["runs"]:
+        keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
+        for number, attempt in enumerate(run["attempts"], 1):
+            place = folder / attempt["folder"]
+            own = {
+                "attempt": number,
+                "scenario": run.get("scenario"),
+                "set": "; ".join(run.get("set", ())),
+                "stream": run.get("stream"),
+                "training_value": attempt.get("training_value"),
+            }
+            summary = summary_of(place) | own
+            values = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
+            yield place, {**keys, "run": attempt["folder"], **values}
+
+
+def _participant(record: Row) -> Row:
+    complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
+    return {
+        "participant": record["participant"],
+        "language": record.get("language", ""),
+        "runs": len(record["runs"]),
+        "complete": sum(map(bool, complete.values())),
+        "answers_missing": sum(one.get("answers_missing") or 0 for attempts in complete.values() for one in attempts),
+        "training_runs": len(complete.get(0, ())),
+        "training_outcome": next((run["outcome"] for run in record["runs"] if "outcome" in run), ""),
+    }
+
+
+def _rows(run: Path, name: str) -> list[dict[str, str]]:
+    file = run / f"{name}.csv"
+    return answers(run) if file.name == PROBES else read_rows(file)
+
+
+_TOLD = ("type", "unit", "meaning")
+
+
+def _dictionary() -> Iterator[Row]:
+    """Yield a row per column of every table."""
+    own = {
+        PARTICIPANTS: PARTICIPANT,
+        RUNS: {**KEYS, **{name: (kind, column) for name, (kind, column, _) in RUN.items()}},
+    }
+    for table, columns in (own | {name: {**KEYS, **columns_of(table)} for name, table in TABLES.items()}).items():
+        for name, (kind, column) in columns.items():
+            yield {"table": table, "column": name, "type": kind, "unit": column.unit, "meaning": column.meaning}
+
+
+def _write(file: Path, columns: Iterable[str], rows: Iterable[Row]) -> Path:
+    part = file.with_name(f"{file.name}.part")
+    with part.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(columns), delimiter="\t", extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    part.replace(file)
+    return file

@@ -1,0 +1,171 @@
+"""Claims about the runs with their verdicts, and the findings that rest on claims and contrasts."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deltaswarm_studies import stats
+from deltaswarm_studies.settings import ClaimSettings, ClaimVerdict, listed
+from deltaswarm_studies.stats import RATIO, Contrast, Interval
+from deltaswarm_studies.study import Study
+from deltaswarm_studies.tables import Row, Samples, column, end, samples_of
+
+
+def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
+    """Make a row per claim, with its verdict. Holm's correction is over all claims of the same source.
+
+    A claim is about a region: ratios of at least a number, ratios within a margin, values within a tolerance. It holds
+    if the interval lies in the region, is refuted if it lies outside, and is undecided otherwise. The interval has the
+    confidence at which Holm's procedure tests the claim; p is the two-sided p-value that agrees with it.
+    """
+    claims = [_TestedClaim(settings, runs) for settings in study.file.claim]
+    rows: dict[str, Row] = {}
+    for source in dict.fromkeys(claim.settings.source for claim in claims):
+        family = [claim for claim in claims if claim.settings.source == source]
+        for claim, (p_holm, alpha) in zip(family, stats.holm([claim.p for claim in family]), strict=True):
+            rows[claim.settings.id] = claim.row(p_holm, alpha, len(family))
+    return pd.DataFrame([rows[settings.id] for settings in study.file.claim])
+
+
+class _TestedClaim:
+    """A claim with the quantity that it is about: a value, or a contrast."""
+
+    def __init__(self, settings: ClaimSettings, runs: pd.DataFrame) -> None:
+        self.settings = settings
+        predicts = settings.kind == "predicts"
+        samples = _correlations(runs, settings.metric) if predicts else samples_of(runs, settings.metric)
+        self._contrast: Contrast | None = None
+        self._values = np.zeros(0)
+        self._error = stats.MEDIAN_ERROR * settings.iqr / math.sqrt(settings.n) if settings.n else 0.0
+        self._least = settings.at_least
+        if settings.kind == "value":
+            self._values = samples(settings.of).dropna().to_numpy(float)
+            self.n = len(self._values)
+            self.p = stats.smallest_alpha(lambda alpha: self._verdict(alpha) != "undecided") if self.n else 1.0
+            return
+        is_alike = settings.kind == "alike"
+        a, b = map(samples, (settings.a, settings.b) if is_alike else (settings.more, settings.less))
+        scale = stats.scale_of(a, b)
+        if scale != RATIO and not is_alike:  # a - r b above 0 says the same as a / b above r
+            b, self._least = settings.at_least * b, 0.0
+        self._contrast = contrast = stats.contrast(a, b, scale)
+        self.n = contrast.n
+        if not is_alike:
+            self.p = contrast.p(self._least)
+        else:
+            margin = settings.margin
+            self.p = min(contrast.p_within(margin), contrast.p_beyond(margin)) if scale == RATIO else 1.0
+
+    def _interval(self, alpha: float) -> Interval:
+        if self._contrast is not None:
+            return self._contrast.interval(alpha)
+        interval = stats.median_interval(self._values, alpha)
+        if not self._error:
+            return interval
+        return stats.with_error(float(np.median(self._values)), interval, self._error, alpha)
+
+    def _verdict(self, alpha: float) -> ClaimVerdict:
+        if not self.n:
+            return "no data"
+        contrast = self._contrast
+        if contrast is None:
+            (low, high), (least, most) = self._interval(alpha), self.settings.region
+            if least <= low and high <= most:
+                return "holds"
+            return "refuted" if high < least or low > most else "undecided"
+        if self.p > alpha:
+            return "undecided"
+        if self.settings.kind == "alike":
+            return "holds" if contrast.p_within(self.settings.margin) <= alpha else "refuted"
+        return "holds" if contrast.p_above(self._least) < contrast.p_below(self._least) else "refuted"
+
+    def row(self, p_holm: float, alpha: float, family: int) -> Row:
+        """Return the claim's row, tested at `alpha` in a family of this many claims."""
+        settings, contrast = self.settings, self._contrast
+        low, high = self._interval(alpha) if self.n else (math.nan, math.nan)
+        median = float(np.median(self._values)) if len(self._values) else None
+        return {
+            "claim": settings.id,
+            **{name: getattr(settings, name) for name in ("text", "source", "says", "metric")},
+            "criterion": self._criterion(),
+            "scale": contrast.scale if contrast else "",
+            "n": self.n,
+            "estimate": contrast.estimate if contrast else median,
+            "low": end(low),
+            "high": end(high),
+            "confidence": 1 - alpha,
+            "effect": contrast.effect if contrast else None,
+            "p": self.p if self.n else None,
+            "p_holm": p_holm if self.n else None,
+            "family": family,
+            "verdict": self._verdict(alpha),
+            "expect": settings.expect,
+            "why": settings.why,
+        }
+
+    def _criterion(self) -> str:
+        claim, (low, high) = self.settings, self.settings.region
+        if claim.kind == "alike":
+            return f"within {claim.margin:g} times"
+        if claim.kind in ("order", "predicts"):
+            return f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"
+        return f"above {low:g}" if math.isinf(high) else f"{low:g} to {high:g}"
+
+
+def _correlations(runs: pd.DataFrame, metric: str) -> Samples:
+    """Return a function from a predictor to its rank correlation with a metric over the variants, by replicate.
+
+    Spearman's correlation, which asks only how well one order follows from the other.
+    """
+
+    def by_variant(name: str) -> pd.DataFrame:
+        return runs.assign(value=column(runs, name)).pivot_table("value", "variant", "replicate")
+
+    outcomes = by_variant(metric)
+    return lambda predictor: outcomes.rank().corrwith(by_variant(predictor).reindex_like(outcomes).rank())
+
+
+def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
+    """List claims that no run of the study could contradict: their region is far wider than all runs differ."""
+    problems = []
+    for claim in study.file.claim:
+        values = column(runs, claim.metric).dropna().to_numpy(float)
+        if not len(values) or claim.kind == "predicts":
+            continue
+        (least, most), low, high = claim.region, values.min(), values.max()
+        if claim.kind == "value":
+            is_vacuous = least <= low and high <= most and 10 * (high - low) < most - least < math.inf
+        else:
+            widest = high / low if low > 0 else math.inf
+            is_vacuous = widest < (1 / least if claim.kind == "order" else most)
+        if is_vacuous:
+            problems.append(f"the claim {claim.id!r} is vacuous: no run of any variant could contradict it")
+    return problems
+
+
+def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Make a row per finding: the sentence, and the results that no longer support it (empty if all do).
+
+    `results` has the table of each kind of result: claims, contrasts and fits.
+    """
+    rows = []
+    for finding in study.file.finding:
+        reasons = [reason for result in finding.because if (reason := _broken(result, results))]
+        rows.append({"text": finding.text, "broken": "; ".join(reasons)})
+    return pd.DataFrame(rows, columns=["text", "broken"])
+
+
+def _broken(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> str:
+    """Say why a result does not support a finding; empty if it does."""
+    rows = next(table for kind, table in results.items() if kind in result)
+    named = {name: value for name, value in result.items() if name != "is"}
+    for name, value in named.items():
+        rows = rows[rows[name].isin(listed(value))]
+    what = ", ".join(f"{name} {value!r}" for name, value in named.items())
+    if rows.empty:
+        return f"there is no result with {what}"
+    wrong = rows[~rows["verdict"].isin(listed(result["is"]))]
+    return f"{what} is {wrong['verdict'].iloc[0]}, not {result['is']}" if len(wrong) else ""

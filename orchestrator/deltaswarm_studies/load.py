@@ -1,0 +1,136 @@
+"""Make studies, from TOML files, from built-in ones, or for a sweep without a study file, each checked as a whole."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from deltaswarm_orchestrator.scenarios.load import files_in
+from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS, STUDY_TABLES, load_sweep, read_file
+from deltaswarm_orchestrator.sweeps.plan import Sweep
+from deltaswarm_studies.checks import problems_of
+from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
+from deltaswarm_studies.settings import ContrastSettings, FigureSettings, StudyFile, StudySettings
+from deltaswarm_studies.study import Study, default_factors, numbers_in
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLLECTIONS = {folder.rpartition("/")[2]: list(files_in(folder)) for folder in STUDY_FOLDERS}
+"""The built-in studies by the name of their folder, and all of them. Those of a collection are done one by one."""
+COLLECTIONS["all"] = [name for names in COLLECTIONS.values() for name in names]
+
+MAIN = (WAITING, WAITING_ALL, COMPLETION, "messages", "frames_sent", "agents_in_trees")
+"""Metrics of a sweep without a study file."""
+DRAWN = (WAITING, COMPLETION, "messages")
+OVER_TIME = "agents_in_trees"
+
+CAPTIONS = {
+    "boxes": "A point per replicate; boxes span the quartiles with the median as a line.",
+    "levels": "Medians over the replicates with exact 95 % intervals.",
+    "time": "Agents in trees over time: means over the replicates with 95 % intervals.",
+}
+
+
+def load_study(
+    name: str, overrides: Sequence[str] = (), settings: Mapping[str, int | float | None] | None = None
+) -> Study:
+    """Load the study of a file or a built-in name; `overrides` set scenario keys, `settings` keys of `[sweep]`.
+
+    Raises:
+        SettingsError: Every mistake in the sweep and in the study's own tables; if there are none, names of factors,
+            levels, variants, metrics or results that do not exist, and times that do not fit.
+    """
+    table, _ = read_file(name, "study", COLLECTIONS)
+    file, problems = checked.check(StudyFile, {key: value for key, value in table.items() if key in STUDY_TABLES})
+    try:
+        sweep = load_sweep(name, overrides, settings)
+    except SettingsError as error:
+        raise SettingsError([*error.problems, *problems]) from None
+    if file is None:
+        raise SettingsError(problems)
+    return make_study(sweep.name, file, sweep)
+
+
+def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
+    """Put a study together.
+
+    Raises:
+        SettingsError: Names of factors, levels, variants, metrics or results that do not exist; times that do not fit.
+    """
+    names = list(file.study.factors) or default_factors(sweep)
+    if len(names) != len(sweep.factors):
+        count = f"{len(names)} names ({', '.join(names)})"
+        raise SettingsError(
+            [Problem("study.factors", count, f"must name the {len(sweep.factors)} things that this sweep varies")]
+        )
+    built_in = {name: metric.within(name, file.study.from_s, file.study.until_s) for name, metric in BUILT_IN.items()}
+    factors = dict(zip(names, sweep.factors, strict=True))
+    study = Study(name, file, sweep, factors, built_in | {settings.name: settings.metric() for settings in file.metric})
+    if problems := list(dict.fromkeys(problems_of(study))):
+        raise SettingsError(problems)
+    return study
+
+
+def bare_study(
+    sweep: Sweep, table: "pd.DataFrame", *, has_series: bool, reference: str | None = None, more: Sequence[str] = ()
+) -> Study:
+    """Make a study that compares every factor's levels with the first, or with `reference`.
+
+    `more` are columns of the table to study besides the main metrics.
+
+    Raises:
+        ValueError: If no factor has the reference among its levels, or the table lacks a column.
+    """
+    factors = dict(zip(default_factors(sweep), sweep.factors, strict=True))
+    references = {
+        name: reference if reference is not None and reference in levels else levels[0]
+        for name, levels in factors.items()
+    }
+    if reference is not None and reference not in references.values():
+        known = ", ".join(repr(level) for levels in factors.values() for level in levels)
+        raise ValueError(f"--reference must be a level of what was swept (got {reference!r}; there are {known})")
+    for column in more:
+        if column not in table:
+            raise ValueError(f"--metric must be a column of table.csv (got {column!r})")
+    recorded = [name for name in MAIN if BUILT_IN[name].column in table and table[BUILT_IN[name].column].notna().any()]
+    file = StudyFile(
+        StudySettings(
+            title=f"Sweep {sweep.name}",
+            question="How do the levels of what was swept differ?",
+            factors={name: name for name in factors},
+            metrics=(*recorded, *more),
+            window_s=sweep.file.sweep.series_every_s or 300.0,
+        ),
+        tuple(MetricSettings(name=column, column=column) for column in more),
+        tuple(
+            ContrastSettings(
+                id=name,
+                text=f"The levels of {name} against {references[name]}",
+                factor=name,
+                reference=references[name],
+                metrics=(*recorded[:1], *recorded[2:], *more),
+            )
+            for name, levels in factors.items()
+            if len(levels) > 1
+        ),
+        figure=tuple(_figures(factors, [name for name in DRAWN if name in recorded], has_series)),
+    )
+    return make_study(sweep.name, file, sweep)
+
+
+def _figures(factors: dict[str, Sequence[str]], metrics: Sequence[str], has_series: bool) -> list[FigureSettings]:
+    """Choose boxes, or medians along a numeric factor; the next factor is shown by colour, a third by panel."""
+    names = sorted(factors, key=lambda name: -len(factors[name]))
+    numeric = [name for name in names if len(factors[name]) > 2 and numbers_in(factors[name])]
+    x = numeric[0] if numeric else names[0]
+    hue, facet, *_ = [*(name for name in names if name != x), "", ""]
+    kind = "levels" if numeric else "boxes"
+    drawn = [
+        FigureSettings(name=metric, kind=kind, metric=metric, x=x, hue=hue, facet=facet, caption=CAPTIONS[kind])
+        for metric in metrics
+    ]
+    if has_series:
+        caption = CAPTIONS["time"]
+        drawn.append(FigureSettings(name=OVER_TIME, kind="time", metric=OVER_TIME, hue=x, facet=hue, caption=caption))
+    return drawn

@@ -1,0 +1,101 @@
+"""Where a study's runs come from, and whether its file or the code have changed since then."""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.sweeps.job import Task, work
+from deltaswarm_orchestrator.sweeps.table import read_table, row_of, series_of
+from deltaswarm_studies.metrics import ID
+from deltaswarm_studies.study import Study
+from deltaswarm_studies.tables import ORIGIN, runs_of
+
+PROVENANCE = {"what": "What", "value": "Value"}
+"""Columns of the table of where runs come from, with their headings."""
+
+CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
+
+
+def since_the_runs(study: Study, recorded: pd.DataFrame) -> pd.DataFrame:
+    """Make rows that say which code makes the page, and whether the study file has changed since the runs."""
+    then = dict(zip(recorded["what"], recorded["value"].astype(str), strict=True))
+    code = provenance.code_digest()
+    is_same = then.get(CODE) == code
+    changed = [
+        words
+        for what, words, now in zip((RUNS, QUESTIONS), ("what it runs", "what it asks"), study.digests, strict=True)
+        if what in then and then[what] != now
+    ]
+    state = f"changed since the runs: {' and '.join(changed)}" if changed else "unchanged since the runs"
+    rows = {
+        "page by code": f"{code}, {'that of the runs' if is_same else 'not that of the runs'}",
+        "study file": state if RUNS in then else "not known whether it has changed since the runs",
+    }
+    return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
+
+
+def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
+    """Make a table of where a study's runs come from, from its sweep's manifest.
+
+    Raises:
+        ValueError: the manifest is not as `deltaswarm sweep` writes it.
+    """
+    try:
+        proofs = manifest["proofs"]
+        rows = {
+            "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
+            "begun": manifest["started"],
+            "wall time of all sessions": f"{manifest['wall_s'] / 60:.1f} min",
+            "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
+            "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
+            "commit": manifest.get("commit") or "not known",
+            CODE: ", ".join(manifest["code"]),
+            **dict(zip((RUNS, QUESTIONS), study.digests, strict=True)),
+            "digest of the sweep": manifest["digest"] or "not all runs are there",
+            "repeated with real processes": f"{proofs['checked']} runs, {proofs['equal']} with the same digest",
+        }
+    except (LookupError, TypeError, AttributeError) as error:
+        raise ValueError(f"manifest.json is not as `deltaswarm sweep` writes it: {error!r}") from None
+    return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
+
+
+class Repeated(NamedTuple):
+    """A run that was repeated, and each column in which it differs: name, published value, value now."""
+
+    run: str
+    differing: list[tuple[str, Any, Any]]
+
+
+def repeat(study: Study, folder: Path) -> Repeated:
+    """Repeat a run of the study's cheapest variant, in one process, and compare it with its row in `runs.csv`.
+
+    Which of the replicates it is depends on the code, so that successive versions try different ones.
+
+    Raises:
+        OSError: there is no `runs.csv`.
+        ValueError: `runs.csv` is no table of this study.
+        RunError: the run failed.
+    """
+    file = folder / "runs.csv"
+    published = read_table(file, ["variant", *ORIGIN, *study.factors], needs=ID)
+    variant = min(study.sweep.variants, key=lambda variant: variant.scenario.agents.count * variant.scenario.run.steps)
+    rows = published[published["variant"] == variant.label]
+    if rows.empty:
+        raise ValueError(f"{file} must have runs of {variant.label!r}, which is cheapest to repeat")
+    row = rows.iloc[int(provenance.code_digest(), 16) % len(rows)]
+    jobs = [job for job in study.sweep.jobs() if job.variant is variant and job.scenario.seed == row["seed"]]
+    if not jobs:
+        raise ValueError(f"{file} must have the study's seeds (got {row['seed']} for replicate {row['replicate']})")
+    result = work(Task(jobs[0]))
+    now = runs_of(study, row_of(jobs[0], result), series_of([(jobs[0], result)])).iloc[0]
+    shared = [(name, row[name], now[name]) for name in now.index if name in row.index]
+    return Repeated(jobs[0].name, [(name, was, value) for name, was, value in shared if not _is_same(was, value)])
+
+
+def _is_same(was: Any, now: Any) -> bool:
+    if isinstance(was, str) or isinstance(now, str):
+        return bool(was == now)
+    return bool(was == now) or (math.isnan(was) and math.isnan(now))

@@ -1,0 +1,211 @@
+"""Build a study's page: its tables and figures, in the order in which a reader asks."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from deltaswarm_orchestrator.sweeps.table import write_table
+from deltaswarm_studies import charts
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.metrics import PER_EVENT
+from deltaswarm_studies.origin import PROVENANCE, since_the_runs
+from deltaswarm_studies.plots import style
+from deltaswarm_studies.rendering import Picture, Table, number, p_value, render, table, with_interval
+from deltaswarm_studies.settings import VERDICTS, FigureSettings
+from deltaswarm_studies.stats import RATIO
+from deltaswarm_studies.study import Study
+from deltaswarm_wire.files import write_whole
+
+CHARTS: Mapping[str, Callable[[FigureSettings, Study, pd.DataFrame], Figure]] = {
+    draw.__name__: draw for draw in (charts.boxes, charts.levels, charts.time, charts.plane, charts.frontier)
+}
+"""The drawing function of each kind of figure in a study file; `time` takes courses, the others take runs."""
+
+
+def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[Picture]]:
+    """Make the page as HTML and as Markdown, and its pictures."""
+    pictures, missing = [], []
+    for figure in study.file.figure:
+        try:
+            if drawing := _drawn(study, evidence, figure):
+                pictures.append(Picture(figure.name, drawing, " ".join(figure.caption.split())))
+        except ValueError as error:  # a page without a figure is better than none
+            missing.append(f"The figure {figure.name!r} is missing: {error}.")
+    supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
+    verdicts = evidence.claims["verdict"].tolist() if len(evidence.claims) else []
+    context: dict[str, Any] = {
+        "title": study.title,
+        "question": " ".join(study.file.study.question.split()),
+        "findings": [" ".join(text.split()) for text in supported],
+        "warnings": [*evidence.warnings, *missing],
+        "sections": list(_sections(study, evidence, pictures, provenance)),
+        "facts": {
+            "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
+            "arrivals": evidence.arrivals,
+            "horizons_s": sorted({variant.scenario.metrics.horizon_s for variant in study.sweep.variants}),
+            "per_event": [study.metrics[name].title for name in PER_EVENT if name in set(evidence.estimates["metric"])],
+        },
+        "figures": "figures",
+    }
+    return render("page.html.jinja", context), render("page.md.jinja", context), pictures
+
+
+def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure | None:
+    """Draw a figure; return None if there is no data for it."""
+    if figure.kind == "swarm":
+        return charts.swarms(figure, study)
+    rows = evidence.courses if figure.kind == "time" else evidence.runs
+    if rows.empty or (figure.variants and not rows["variant"].isin(figure.variants).any()):
+        return None
+    return CHARTS[figure.kind](replace(figure, lines=_lines(figure, evidence.runs)), study, rows)
+
+
+def _lines(figure: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:
+    """Return the height of each line: a number, or the median of a variant; no line where that has no values."""
+    medians = runs.groupby("variant")[figure.metric].median() if figure.metric in runs else pd.Series(dtype=float)
+    heights = {name: medians.get(value) if isinstance(value, str) else value for name, value in figure.lines.items()}
+    return {name: float(value) for name, value in heights.items() if value is not None and not pd.isna(value)}
+
+
+def _sections(
+    study: Study, evidence: Evidence, pictures: list[Picture], provenance: pd.DataFrame
+) -> Iterator[dict[str, Any]]:
+    parts: tuple[tuple[str, pd.DataFrame, Callable[..., Iterator[Table]]], ...] = (
+        ("Contrasts", evidence.contrasts, _contrasts),
+        ("Closest to what is published", evidence.fits, _fits),
+        ("Medians", evidence.grids, _grids),
+        ("Recovery", evidence.recovery, _recovered),
+    )
+    if len(evidence.claims):
+        yield {"heading": "Verdicts", "tables": list(_claims(study, evidence.claims)), "pictures": []}
+    if pictures:
+        yield {"heading": "Figures", "tables": [], "pictures": pictures}
+    for heading, rows, tables in parts:
+        if len(rows):
+            yield {"heading": heading, "tables": list(tables(study, rows)), "pictures": []}
+    yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
+    origin = pd.concat([provenance, since_the_runs(study, provenance)], ignore_index=True)
+    yield {"heading": "Where this comes from", "tables": [table(origin, PROVENANCE)], "pictures": []}
+
+
+def _claims(study: Study, claims: pd.DataFrame) -> Iterator[Table]:
+    order = {"refuted": 0, "undecided": 1, "holds": 2, "no data": 3}
+    rows = claims.sort_values("verdict", key=lambda verdicts: verdicts.map(order), kind="stable")
+    rows["here"] = [_estimate(row, study.metrics[row["metric"]].unit) for _, row in rows.iterrows()]
+    rows["p"] = ["" if pd.isna(p) else p_value(float(p)) for p in rows["p_holm"]]
+    headings = {"text": "Claim", "verdict": "Verdict", "says": "Published", "criterion": "Criterion", "here": "Here"}
+    yield table(rows, {**headings, "n": "n", "p": "p (Holm)", "source": "Source"})
+    surprising = claims[(claims["why"] != "") & (claims["verdict"] != "holds")]
+    if len(surprising):
+        yield table(surprising[["text", "why"]], {"text": "Claim", "why": "What is known about why"})
+
+
+def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
+    texts = {settings.id: settings.text for settings in study.file.contrast}
+    for (name, metric), rows in contrasts.groupby(["contrast", "metric"], sort=False):
+        about, first = study.metrics[str(metric)], rows.iloc[0]
+        rows = rows.assign(
+            shown=[_estimate(row, about.unit) for _, row in rows.iterrows()],
+            p=[p_value(float(p)) for p in rows["p_holm"]],
+        )
+        headings = {"level": "Level", "reference": "Against", **({"within": "Within"} if any(rows["within"]) else {})}
+        scale = "ratios"
+        if first["scale"] != RATIO:
+            scale = "differences, since values are 0 or below; a margin is a ratio and not tested"
+        title = f"{texts[str(name)] or name}: {about.title.lower()} ({first['family']} tests of {scale})"
+        yield table(rows, {**headings, "n": "n", "shown": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}, title)
+
+
+def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
+    for text, rows in fits.groupby("fit", sort=False):
+        rows = rows.assign(target=[f"{row['level']}: {row['metric']}" for _, row in rows.iterrows()])
+        order = rows["within"].unique()
+        wide = rows.pivot(index="within", columns="target", values="distance").loc[order, rows["target"].unique()]
+        shown = wide.map(lambda value: number(value, 2)).reset_index()
+        first = rows.groupby("within", sort=False).first().loc[order]
+        shown["sum"] = [number(value, 2) for value in first["sum"]]
+        shown["closest"] = [number(100 * value, 0) for value in first["closest"]]
+        headings = {name: f"{name} [IQR]" for name in wide.columns}
+        tail = {"sum": "Sum of squares", "closest": "Closest in [% of resamples]"}
+        yield table(shown, {"within": "Combination", **headings, **tail}, str(text))
+
+
+def _grids(study: Study, grids: pd.DataFrame) -> Iterator[Table]:
+    for text, rows in grids.groupby("grid", sort=False):
+        settings = next(grid for grid in study.file.grid if grid.text == text)
+        many = {heading for heading, levels in settings.columns.items() if len(levels) > 1}
+        cells = [
+            number(row["median"], 1) + (f" ({row['level']})" if row["column"] in many else "")
+            for _, row in rows.iterrows()
+        ]
+        wide = rows.assign(cell=cells).pivot(index="row", columns="column", values="cell")
+        wide = wide.loc[rows["row"].unique(), rows["column"].unique()].fillna("").reset_index()
+        headings = {"row": study.factor_title(settings.rows), **{name: name for name in wide.columns[1:]}}
+        yield table(wide, headings, f"{text}: {study.metrics[settings.metric].label}")
+
+
+def _recovered(study: Study, recovery: pd.DataFrame) -> Iterator[Table]:
+    rows = recovery.copy()
+    rows["metric"] = [study.metrics[name].title for name in rows["metric"]]
+    for name in ("back_s", "low_s", "high_s"):
+        rows[name] = ["not by the end" if value == float("inf") else number(value, 0) for value in rows[name]]
+    rows["interval"] = [f"{row['low_s']} to {row['high_s']}" for _, row in rows.iterrows()]
+    headings = {"metric": "Metric", "level": "Level", "reference": "Against", "within": "Within", "n": "n"}
+    yield table(rows, {**headings, "back_s": "Back after [s]", "interval": "95 % interval [s]"})
+
+
+def _estimates(study: Study, evidence: Evidence) -> Table:
+    rows = evidence.estimates.copy()
+    metrics = list(dict.fromkeys(rows["metric"]))
+    replicates = evidence.runs.groupby("variant")["replicate"].nunique()
+    rows["cell"] = [
+        with_interval(_known(row["median"]), _known(row["low"]), _known(row["high"]))
+        + (f" (n = {row['n']})" if 0 < row["n"] < replicates[row["variant"]] else "")
+        for _, row in rows.iterrows()
+    ]
+    wide = rows.pivot(index="variant", columns="metric", values="cell").loc[rows["variant"].unique()].reset_index()
+    wide["n"] = replicates.loc[wide["variant"]].to_numpy()
+    return table(wide, {"variant": "Variant", "n": "n", **{name: study.metrics[name].label for name in metrics}})
+
+
+def _estimate(row: Any, unit: str) -> str:
+    value, low, high = (_known(row[name]) for name in ("estimate", "low", "high"))
+    unit = "" if value is None else "times" if row["scale"] == RATIO else unit
+    return f"{with_interval(value, low, high)} {unit}".rstrip()
+
+
+def _known(value: Any) -> float | None:
+    return None if pd.isna(value) else float(value)
+
+
+def write(study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Path) -> list[Path]:
+    """Write `page.html`, `page.md`, `figures/` and every table into a folder."""
+    html, markdown, pictures = pages(study, evidence, provenance)
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    files = [folder / "page.html", folder / "page.md"]
+    for file, text in zip(files, (html, markdown), strict=True):
+        write_whole(file, text.encode())
+    for picture in pictures:
+        files += style.save_as(picture.file, folder / "figures" / picture.name)
+    return [*files, *evidence.save(folder), *write_table(folder / "provenance", provenance)]
+
+
+def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
+    """Write `index.html` and `index.md`, which link the pages of a collection's studies; return `index.html`."""
+    written = [study for study in studies if (folder / study.name / "page.html").exists()]
+    context = {
+        "title": "Studies" if name == "all" else f"Studies: {name}",
+        "question": f"{len(written)} studies, each with its own page.",
+        "links": [
+            {"page": f"{study.name}/page", "title": study.title, "question": study.file.study.question}
+            for study in written
+        ],
+        **dict.fromkeys(("findings", "warnings", "sections"), ()),
+    }
+    for kind in ("html", "md"):
+        write_whole(folder / f"index.{kind}", render(f"page.{kind}.jinja", context).encode())
+    return folder / "index.html"

@@ -1,0 +1,105 @@
+"""Preview what a study would run, how long that takes, and what it could show, before hours are spent on it."""
+
+import math
+import time
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.sweeps.plan import size
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.significance import pairs_needed, smallest_p
+from deltaswarm_studies.study import Study
+from deltaswarm_wire.operator_messages import Clock
+
+MEASURED_VARIANTS = 24
+MEASURED_S = 0.4
+"""Wall time for which each of these variants is run to estimate its speed."""
+
+
+def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
+    """Describe the runs, their duration on this machine, and each family of tests.
+
+    `pilot` is a folder whose `runs.csv`, if there is one, says how much replicates differ: a pilot's, or published.
+    """
+    effects, note = _effects(study, pilot / "runs.csv")
+    families = [
+        _family(study, f"contrast {contrast.id!r}, {metric}", len(list(study.comparisons(contrast))))
+        | {"shows": effects.get((number, metric))}
+        for number, contrast in enumerate(study.file.contrast)
+        for metric in study.metrics_of(contrast)
+    ]
+    sources = [claim.source for claim in study.file.claim]
+    families += [
+        _family(study, f"claims of {source!r}" if source else "claims", sources.count(source))
+        for source in dict.fromkeys(sources)
+    ]
+    return {
+        "study": study.name,
+        "variants": len(study.sweep.variants),
+        "repeats": study.repeats,
+        "workers": workers,
+        "wall_s": wall_s(study) / workers,
+        "families": families,
+        "note": note if study.file.contrast else None,
+    }
+
+
+def text(planned: dict[str, Any]) -> str:
+    """Format the result of `plan` as text."""
+    wall = timedelta(seconds=round(planned["wall_s"]))
+    return "\n".join(
+        [
+            size(planned["study"], planned["variants"], planned["repeats"]),
+            f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
+            *(_line(family, planned["repeats"]) for family in planned["families"]),
+            *([f"  {planned['note']}"] if planned["note"] else []),
+        ]
+    )
+
+
+def _family(study: Study, name: str, tests: int) -> dict[str, Any]:
+    least = min(1.0, smallest_p(study.repeats) * tests)
+    return {"name": name, "tests": tests, "smallest_p": least, "repeats_needed": pairs_needed(tests), "shows": None}
+
+
+def _line(family: dict[str, Any], repeats: int) -> str:
+    line = f"  {family['name']}: {family['tests']} tests in a family, smallest corrected p {family['smallest_p']:.2g}"
+    if repeats < family["repeats_needed"]:
+        line += f": can show nothing, {family['repeats_needed']} replicates are needed"
+    return line + (f"; shows {family['shows']} with a probability of 80 %" if family["shows"] else "")
+
+
+def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None], str | None]:
+    """Return what each contrast and metric could show, by a pilot's runs, and a line about what is missing for it."""
+    if not file.is_file():
+        return {}, f"no {file}: with a pilot (--pilot FOLDER) also the smallest effects that could be shown are told"
+    try:
+        from deltaswarm_studies.contrasts import smallest_effects  # needs pandas and SciPy
+    except ModuleNotFoundError as error:
+        if not is_of_studies(error):
+            raise
+        return {}, f"the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
+    return smallest_effects(study, file), None
+
+
+def wall_s(study: Study) -> float:
+    """Estimate the wall time of all runs, one after another in one process [s]."""
+    variants = study.sweep.variants
+    measured = variants[:: math.ceil(len(variants) / MEASURED_VARIANTS)]
+    return float(np.mean([_run_s(variant.scenario) for variant in measured])) * len(variants) * study.repeats
+
+
+def _run_s(scenario: Scenario) -> float:
+    swarm = InProcess(scenario)
+    began = time.monotonic()
+    for step in range(scenario.run.steps - 1 or 1):
+        record = swarm.step(step, False)
+        swarm.close_step(Clock(step, record.time_s, False))
+        if time.monotonic() - began > MEASURED_S:
+            break
+    return (time.monotonic() - began) / (step + 1) * scenario.run.steps

@@ -1,0 +1,174 @@
+"""Draw a swarm at work under each kind of control: the paper's examples of early tree formations."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+
+from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_studies.plots import style
+from deltaswarm_studies.plots.density import Floats, level_holding
+
+HELD = 0.95
+"""The dotted line is drawn around this share of the events."""
+
+_SHADES = ListedColormap(matplotlib.colormaps["Greys"](np.linspace(0.0, 0.5, 256)))
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A swarm at one time. Positions are in m, world frame; `phi` (rows, columns) is the event density [1/m2].
+
+    For a density that moves, `phi` is the mean over the run.
+    """
+
+    time_s: float
+    width_m: float
+    height_m: float
+    sensing_range_m: float
+    bodies: tuple[Body, ...]
+    events: tuple[EventState, ...]
+    phi: Floats
+
+
+class _Kind(NamedTuple):
+    """How agents of one kind are drawn, and what the legend calls them."""
+
+    label: str
+    marker: str
+    markerfacecolor: str
+    markersize: float
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """The look as arguments of matplotlib's artists, for panels and the legend."""
+        edge = {"linestyle": "none", "markeredgecolor": style.BLACK, "markeredgewidth": 0.5}
+        return self._asdict() | edge
+
+
+_LAST = len(style.LEVELS) - 1
+_MEMBERS = tuple(
+    _Kind(f"level {level}" + (" or deeper" if level == _LAST else ""), "o", style.LEVELS[level], 3.8)
+    for level in range(1, _LAST + 1)
+)
+_ROOT = _Kind("root", "s", style.LEVELS[0], 5.2)
+_FREE = _Kind("free", "^", "#ffffff", 3.6)
+_ATTENDING = _Kind("attending", "D", "#8c8c8c", 3.2)
+_RELOCATING = _Kind("relocating", "p", "#ffffff", 4.4)
+_DEAD = _Kind("dead", "x", style.BLACK, 3.2)
+KINDS = (_FREE, _ATTENDING, _ROOT, *_MEMBERS, _RELOCATING, _DEAD)
+
+
+def swarm(snapshots: Mapping[str, Snapshot], *, width_in: float = style.TEXT_IN) -> Figure:
+    """Draw one panel per snapshot, side by side (the paper's three panels: decentralised, hierarchical, hybrid).
+
+    The shade is the event density, with a dotted line around 95 % of the events; black dots are incomplete events.
+    Agents in trees are coloured by level, roots blue, with a line from each child to its parent and the sensing range
+    around each; free, attending and relocating agents have markers of their own.
+
+    Args:
+        snapshots: snapshots by title; a variant's name ("hybrid 3") is written as in other figures.
+        width_in: width of the whole figure [in]; the height follows.
+
+    Raises:
+        ValueError: there are no snapshots.
+    """
+    if not snapshots:
+        raise ValueError("there are no snapshots")
+    count = len(snapshots)
+    tallest = max(shot.height_m / shot.width_m for shot in snapshots.values())
+    with style.drawing():
+        figure = style.new_figure(width_in, (width_in - 0.4) / count * tallest + 0.92)
+        row = figure.subplots(1, count, squeeze=False)[0]
+        same = len({(shot.width_m, shot.height_m) for shot in snapshots.values()}) == 1
+        for place, (axes, (title, shot)) in enumerate(zip(row, snapshots.items(), strict=True)):
+            _panel(axes, shot)
+            axes.set_title(f"({chr(ord('a') + place)}) {style.shown(title)}")
+            axes.set_xlabel("x [m]")
+            if place == 0:
+                axes.set_ylabel("y [m]")
+            elif same:
+                axes.tick_params(labelleft=False)
+        drawn = {kind for shot in snapshots.values() for kind in map(kind_of, shot.bodies)}
+        figure.legend(
+            handles=_legend([kind for kind in KINDS if kind in drawn]),
+            loc="outside lower center",
+            ncols=6,
+            handletextpad=0.4,
+            columnspacing=1.0,
+            handlelength=1.2,
+        )
+    return figure
+
+
+def kind_of(body: Body) -> _Kind:
+    """Return how an agent is drawn, by its role and level."""
+    if body.role in ("member", "orphan"):
+        return _MEMBERS[min(max(body.level, 1), _LAST) - 1]
+    special = {"root": _ROOT, "attending": _ATTENDING, "relocating": _RELOCATING, "dead": _DEAD}
+    return special.get(body.role, _FREE)
+
+
+def edges(bodies: Sequence[Body]) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+    """Yield a line from each child to its parent [m]; an orphan has lost its parent and gets no line."""
+    places = {body.agent: (body.x_m, body.y_m) for body in bodies}
+    for body in bodies:
+        if body.role == "member" and body.parent in places:
+            yield (body.x_m, body.y_m), places[body.parent]
+
+
+def _panel(axes: Axes, shot: Snapshot) -> None:
+    extent = (0.0, shot.width_m, 0.0, shot.height_m)
+    axes.imshow(shot.phi, origin="lower", extent=extent, cmap=_SHADES, vmin=0.0, interpolation="nearest", zorder=0)
+    level = level_holding(shot.phi, HELD)
+    if level is not None:
+        axes.contour(shot.phi, [level], extent=extent, colors=style.GREY, linewidths=0.7, linestyles=":", zorder=1)
+    for body in shot.bodies:
+        if body.role in ("root", "member"):
+            reach: dict[str, Any] = {"facecolor": (style.LEVELS[0], 0.10), "edgecolor": "none", "zorder": 1.5}
+            axes.add_patch(Circle((body.x_m, body.y_m), shot.sensing_range_m, **reach))
+    axes.add_collection(
+        LineCollection(list(edges(shot.bodies)), colors=style.BLACK, linewidths=0.7, zorder=2, label="edges")
+    )
+    for kind in KINDS:
+        places = [(body.x_m, body.y_m) for body in shot.bodies if kind_of(body) == kind]
+        if places:
+            # A root's marker is larger and lies below, so that it stays visible behind a close member.
+            axes.plot(*np.array(places).T, zorder=2.9 if kind == _ROOT else 3, clip_on=False, **kind.look)
+    events = [(event.x_m, event.y_m) for event in shot.events]
+    axes.plot(
+        *np.array(events, dtype=np.float64).reshape(-1, 2).T,
+        linestyle="none",
+        marker="o",
+        markersize=1.9,
+        color=style.BLACK,
+        markeredgecolor="white",
+        markeredgewidth=0.25,
+        zorder=4,
+        label="events",
+    )
+    axes.set_xlim(0, shot.width_m)
+    axes.set_ylim(0, shot.height_m)
+    axes.set_aspect("equal")
+    quarters = np.array([0.25, 0.5, 0.75])  # none at a panel's end, where it would touch the next panel's
+    axes.set_xticks(quarters * shot.width_m)
+    axes.set_yticks(quarters * shot.height_m)
+
+
+def _legend(kinds: Sequence[_Kind]) -> list[Artist]:
+    held = f"{HELD:.0%} of events".replace("%", " %")
+    return [
+        *(Line2D([], [], **kind.look) for kind in kinds),
+        Line2D([], [], linestyle="none", marker="o", markersize=2.4, color=style.BLACK, label="event"),
+        Patch(facecolor=(style.LEVELS[0], 0.15), label="sensing range"),
+        Line2D([], [], color=style.GREY, linewidth=0.8, linestyle=":", label=held),
+    ]

@@ -1,0 +1,302 @@
+"""The tables of a study file besides its sweep, each with what its own keys must hold."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from deltaswarm_studies.metrics import MetricSettings
+from deltaswarm_wire.checked import Problem, key
+
+ClaimVerdict = Literal["holds", "refuted", "undecided", "no data"]
+ContrastVerdict = Literal["higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "no data"]
+"""Slightly higher or lower: there is a difference, and it is within the margin."""
+FitVerdict = Literal["closest", "farther"]
+
+RESULT_KEYS = {
+    "claim": ("claim", "is"),
+    "contrast": ("contrast", "is", "metric", "level", "reference", "within"),
+    "fit": ("fit", "is", "within"),
+}
+"""The keys of a result that supports a finding, by its kind. A value may be a list: then every row must agree."""
+VERDICTS: dict[str, tuple[str, ...]] = {
+    "claim": get_args(ClaimVerdict),
+    "contrast": get_args(ContrastVerdict),
+    "fit": get_args(FitVerdict),
+}
+
+Pairs = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """The table `[study]`."""
+
+    title: str = key("", "of the page (default: the file's name)")
+    question: str = key("", "what the study asks, in a sentence or two")
+    factors: dict[str, Any] = key(dict, "what varies, in the sweep's order: a name for each with its title")
+    metrics: tuple[str, ...] = key(("waiting", "messages"), "names of metrics to tabulate, the main one first")
+    from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)
+    until_s: float | None = key(None, "end of that time [s]; default: the end of the run", low=0)
+    window_s: float = key(300.0, "length of the windows of time in figures and for recovery [s]", above=0)
+
+
+@dataclass(frozen=True)
+class ContrastSettings:
+    """A table `[[contrast]]`: levels of a factor, compared within each combination of the others."""
+
+    id: str = key("", "by which findings refer to it")
+    text: str = key("", "what is compared, in a few words")
+    factor: str = key("", "the factor whose levels are compared")
+    reference: str = key("", "compare each other level with this one")
+    pairs: Pairs = key((), "instead: pairs of levels to compare")
+    across: str = key("", "compare these contrasts between the levels of another factor (an interaction)")
+    across_pairs: Pairs = key((), "across: pairs of its levels")
+    metrics: tuple[str, ...] = key((), "names of metrics (default: all of the study)")
+    margin: float = key(0.0, "differences below this count as none: a ratio above 1, such as 1.1; 0: not tested", low=0)
+
+    def problems(self) -> Iterator[Problem]:
+        """List what is missing or impossible."""
+        if not self.id:
+            yield Problem("id", "missing", "findings refer to it by its id")
+        for name, pairs in (("pairs", self.pairs), ("across_pairs", self.across_pairs)):
+            for i, pair in enumerate(pairs):
+                if len(pair) != 2 or pair[0] == pair[1]:
+                    yield Problem(f"{name}[{i}]", repr(list(pair))[:60], "must be two different levels")
+        if self.margin != 0 and not self.margin > 1:
+            yield Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0")
+        if bool(self.reference) == bool(self.pairs):
+            yield Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs")
+        if self.across and not self.across_pairs:
+            yield Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`")
+        if self.across_pairs and not self.across:
+            yield Problem("across", "missing", "must name the factor of across_pairs")
+
+
+@dataclass(frozen=True)
+class ClaimSettings:
+    """A table `[[claim]]`: a statement about the runs that the study tests."""
+
+    id: str = key("", "by which findings refer to it")
+    text: str = key("", "the claim, in a sentence")
+    source: str = key("", "who says so, and where")
+    says: str = key("", "what the source says, as it says it")
+    kind: str = key("order", "order, value, alike or predicts", choices=("order", "value", "alike", "predicts"))
+    metric: str = key("waiting", "the metric's name; of predicts: what is predicted")
+    less: str = key("", "of an order: the variant that has less; of predicts: the metric that predicts worse")
+    more: str = key("", "of an order: the variant that has more; of predicts: the metric that predicts better")
+    at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
+    of: str = key("", "of a value: the variant")
+    within: tuple[float, ...] = key((), "of a value: the tolerance, two numbers [metric's unit]")
+    above: float | None = key(None, "of a value, instead of the tolerance: the value is higher than this")
+    iqr: float = key(0.0, "of a value: the interquartile range that the source gives; 0: none", low=0)
+    n: int = key(0, "of a value: the replicates behind the source's number, if it gives an interquartile range", low=0)
+    a: str = key("", "of alike: a variant")
+    b: str = key("", "of alike: the other variant")
+    margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
+    expect: str = key("holds", "the verdict that is no surprise", choices=("holds", "refuted", "undecided"))
+    why: str = key("", "why it is expected not to hold, as far as is known")
+
+    def problems(self) -> Iterator[Problem]:
+        """List what the claim's kind needs and does not have."""
+        has_tolerance = len(self.within) == 2 and self.within[0] < self.within[1]
+        needed: dict[str, dict[str, Any]] = {
+            "order": {"less": self.less, "more": self.more},
+            "value": {"of": self.of, "within": has_tolerance != (self.above is not None)},
+            "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
+            "predicts": {"less": self.less, "more": self.more},
+        }
+        for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items():
+            if not value:
+                yield Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
+        if bool(self.iqr) != bool(self.n):
+            yield Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n")
+        names = self.variants or self.predictors
+        if len(set(names)) < len(names):
+            yield Problem("b" if self.kind == "alike" else "more", names[0], "must be another one")
+
+    @property
+    def variants(self) -> list[str]:
+        """The variants that the claim is about; those of `predicts` are all of the study."""
+        if self.kind == "predicts":
+            return []
+        return [name for name in (self.less, self.more, self.of, self.a, self.b) if name]
+
+    @property
+    def predictors(self) -> list[str]:
+        """The metrics that `predicts` compares."""
+        return [name for name in (self.less, self.more) if name] if self.kind == "predicts" else []
+
+    @property
+    def region(self) -> tuple[float, float]:
+        """Where the tested quantity must be: a ratio of `more` to `less` or of `a` to `b`, or a value."""
+        if self.kind in ("order", "predicts"):
+            return self.at_least, math.inf
+        if self.kind == "alike":
+            return 1 / self.margin, self.margin
+        return (self.within[0], self.within[1]) if self.above is None else (self.above, math.inf)
+
+
+@dataclass(frozen=True)
+class RecoverySettings:
+    """A table `[[recovery]]`: how long a metric needs to recover after a fault."""
+
+    metric: str = key("waiting_all", "the metric's name")
+    factor: str = key("", "the factor that has the fault among its levels")
+    level: str = key("", "the level with the fault")
+    reference: str = key("", "the level without it: the same swarm to which nothing happened")
+    after_s: float = key(0.0, "when it can begin to recover [s]", low=0)
+    tolerance: float = key(1.25, "largest ratio to the reference that counts as recovered", above=1)
+    windows: int = key(2, "number of consecutive windows in which it must be back", low=1)
+
+
+@dataclass(frozen=True)
+class TargetSettings:
+    """A published number that runs should come close to."""
+
+    level: str = key("", "of the fit's factor")
+    metric: str = key("", "the metric's name")
+    says: float = key(0.0, "the published median")
+    iqr: float = key(1.0, "the published interquartile range, the unit of the distance", above=0)
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """A table `[[fit]]`: how far the medians of each combination of the other factors are from published numbers."""
+
+    text: str = key("", "what is fitted, in a few words")
+    factor: str = key("", "the factor whose levels the targets name")
+    targets: tuple[TargetSettings, ...] = key((), "published numbers")
+
+    def problems(self) -> Iterator[Problem]:
+        """There must be something to come close to."""
+        if not self.targets:
+            yield Problem("targets", "none", "a fit needs at least one")
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """A table `[[grid]]`: a metric's medians, with a row per level of one factor and columns of levels of another."""
+
+    text: str = key("", "what is shown, in a few words")
+    metric: str = key("waiting", "the metric's name")
+    rows: str = key("", "the factor with a row for each level")
+    factor: str = key("", "the factor whose levels the columns name; the sweep may vary no third one")
+    columns: dict[str, Any] = key(dict, "by heading, a list of levels, of which each row shows the lowest median")
+
+    def problems(self) -> Iterator[Problem]:
+        """Each column must list levels."""
+        if not self.columns:
+            yield Problem("columns", "none", "a grid needs at least one")
+        for name, value in self.columns.items():
+            if not _is_list_of_names(value):
+                yield Problem(f"columns.{name}", repr(value)[:60], "must be a list of levels")
+
+
+@dataclass(frozen=True)
+class SpanSettings:
+    """A stretch of time that a figure marks."""
+
+    text: str = key("", "what it is")
+    from_s: float = key(0.0, "start [s]", low=0)
+    until_s: float | None = key(None, "end [s]; default: the same as the start", low=0)
+
+
+@dataclass(frozen=True)
+class FigureSettings:
+    """A table `[[figure]]`."""
+
+    name: str = key("", "of its files")
+    kind: str = key("boxes", "what is drawn", choices=("boxes", "levels", "time", "plane", "frontier", "swarm"))
+    caption: str = key("", "below the figure")
+    metric: str = key("waiting", "of the vertical axis")
+    x: str = key("", "boxes, levels: the factor along the axis; plane, frontier: the metric of the horizontal axis")
+    hue: str = key("", "the factor told apart by colour")
+    facet: str = key("", "the factor with a panel for each level")
+    variants: tuple[str, ...] = key((), "only these, in this order")
+    path: tuple[str, ...] = key((), "plane: variants whose medians are joined by a line, in this order")
+    paths: dict[str, Any] = key(dict, "frontier: variants whose medians are joined by a line, a list for each name")
+    published: dict[str, Any] = key(dict, "boxes: a published median and interquartile range by level or variant")
+    lines: dict[str, Any] = key(dict, "horizontal lines: by text, a number, or a variant for its median")
+    spans: tuple[SpanSettings, ...] = key((), "time: stretches to mark")
+    at_s: float = key(600.0, "swarm: the moment to draw [s]", low=0)
+    seed: int = key(1, "swarm: the run's seed", low=0)
+
+    def problems(self) -> Iterator[Problem]:
+        """List tables with values of the wrong form."""
+        if not self.name:
+            yield Problem("name", "missing", "a figure needs a name")
+        forms: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+            ("published", _is_pair_of_numbers, "must be a list of a median and an interquartile range"),
+            ("lines", lambda value: _is_number(value) or isinstance(value, str), "must be a number, or a variant"),
+            ("paths", _is_list_of_names, "must be a list of variants"),
+        )
+        for table, is_well_formed, allowed in forms:
+            for name, value in getattr(self, table).items():
+                if not is_well_formed(value):
+                    yield Problem(f"{table}.{name}", repr(value)[:60], allowed)
+        if self.kind == "frontier" and not self.paths:
+            yield Problem("paths", "missing", "a figure of kind 'frontier' needs it")
+
+
+def listed(value: Any) -> list[Any]:
+    """Return a list as it is, and any other value as a list of one."""
+    return value if isinstance(value, list) else [value]
+
+
+@dataclass(frozen=True)
+class FindingSettings:
+    """A table `[[finding]]`: a sentence written by a person, and the results that support it."""
+
+    text: str = key("", "the sentence")
+    because: tuple[dict[str, Any], ...] = key(
+        (), "results: {claim, is} or {contrast, metric, level, within, is}; values or lists"
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """List results that name no claim or contrast, no verdict, or something else."""
+        if not self.text:
+            yield Problem("text", "missing", "a finding needs a sentence")
+        if not self.because:
+            yield Problem("because", "missing", "a finding must name the results that support it")
+        for i, result in enumerate(self.because):
+            where = f"because[{i}]"
+            kinds = [kind for kind in RESULT_KEYS if kind in result]
+            if len(kinds) != 1:
+                yield Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit")
+                continue
+            keys, verdicts = RESULT_KEYS[kinds[0]], VERDICTS[kinds[0]]
+            for name in result:
+                if name not in keys:
+                    yield Problem(f"{where}.{name}", "unknown key", f"known are {', '.join(keys)}")
+            named = listed(result.get("is", []))
+            if not named or not set(named) <= set(verdicts):
+                allowed = f"must be one of {', '.join(verdicts)}, or a list of them"
+                yield Problem(f"{where}.is", repr(result["is"]) if "is" in result else "nothing", allowed)
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """The content of a study file besides its sweep."""
+
+    study: StudySettings = key(StudySettings, "title, question, factors, metrics")
+    metric: tuple[MetricSettings, ...] = key((), "metrics of the study's own")
+    contrast: tuple[ContrastSettings, ...] = key((), "what is compared with what")
+    claim: tuple[ClaimSettings, ...] = key((), "what is said and judged")
+    recovery: tuple[RecoverySettings, ...] = key((), "times to come back after a fault")
+    fit: tuple[FitSettings, ...] = key((), "distances to published numbers")
+    grid: tuple[GridSettings, ...] = key((), "medians by two factors")
+    figure: tuple[FigureSettings, ...] = key((), "what is drawn")
+    finding: tuple[FindingSettings, ...] = key((), "what follows, in words")
+
+
+def _is_list_of_names(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(name, str) for name in value)
+
+
+def _is_pair_of_numbers(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,200 @@
+"""The command `deltaswarm study`."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
+from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for, exit_code_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from deltaswarm_studies.evidence import Evidence
+    from deltaswarm_studies.study import Study
+
+RUNS = "runs.csv"
+"""The table of a study's runs in its folder."""
+
+EXAMPLES = """\
+examples:
+  deltaswarm study paper --plan        the planned runs, how long they take, what they could show
+  deltaswarm study paper               every number and claim of the paper, from 560 runs
+  deltaswarm study limits --repeats 3  nine limits of the network; three replicates are a look, not a verdict
+  deltaswarm study all --plan          what all built-in studies would take
+  deltaswarm study my-study.toml       your own question
+  deltaswarm study paper --render      make the page again from its tables
+  deltaswarm study paper --check       repeat one of its runs, and compare it with its row in the tables
+"""
+
+
+def add_study(command: argparse.ArgumentParser) -> None:
+    """Answer a question: runs, tests, verdicts and figures on one page."""
+    command.description = "Answer a question: do the runs of a study file, test its claims, write a page with figures."
+    command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
+    command.add_argument("study", metavar="NAME|FILE", help="a built-in study (`deltaswarm list`) or a TOML file")
+    instead = command.add_mutually_exclusive_group()
+    instead.add_argument(
+        "--plan", action="store_true", help="print the planned runs, their duration, what they could show"
+    )
+    instead.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
+    instead.add_argument(
+        "--check", action="store_true", help="repeat one run, and compare it with its row in the tables"
+    )
+    add_dry_run(instead, "the number of runs")
+    command.add_argument(
+        "--pilot", type=Path, metavar="FOLDER", help="with --plan: a study's folder with runs.csv (default: --out)"
+    )
+    add_run_options(command)
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
+    add_quiet(command)
+    add_json(command, "the verdicts")
+    command.set_defaults(func=do_studies, makes_files=True)
+
+
+def do_studies(arguments: argparse.Namespace) -> int:
+    """Do a study, or each study of a collection."""
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
+    from deltaswarm_studies.load import COLLECTIONS, load_study
+    from deltaswarm_studies.plan import plan, text
+
+    names = COLLECTIONS.get(arguments.study, [arguments.study])
+    settings = {"repeats": arguments.repeats, "prove": arguments.prove}
+    studies = [load_study(name, arguments.set, settings) for name in names]
+    is_collection = len(studies) > 1
+    out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
+    folders = {study.name: out / study.name if is_collection else out for study in studies}
+
+    def result(rows: list[Any]) -> Any:
+        return rows if is_collection else rows[0]
+
+    if not (arguments.render or arguments.check):
+        for study in studies:
+            check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
+    if arguments.dry_run:
+        sizes = [
+            {"study": study.name, "variants": len(study.sweep.variants), "repeats": study.repeats} for study in studies
+        ]
+        show(arguments, result(sizes), "\n".join(study.sweep.size for study in studies))
+        return OK
+    if arguments.plan:
+        workers = arguments.jobs or default_workers(PROCESSES if arguments.processes else IN_PROCESS)
+        plans = [plan(study, arguments.pilot or folders[study.name], workers) for study in studies]
+        show(arguments, result(plans), "\n\n".join(map(text, plans)))
+        return OK
+    if is_collection and (arguments.render or arguments.check):
+        lacking = [study.name for study in studies if not (folders[study.name] / RUNS).exists()]
+        if lacking:
+            complain(f"{out} has no tables of {', '.join(lacking)}")
+        studies = [study for study in studies if study.name not in lacking]
+    if arguments.check:
+        repeated = [_repeated(study, folders[study.name]) for study in studies]
+        show(arguments, result(repeated), "\n".join(map(_compared, repeated)))
+        return max((MISSED if run["differing"] else OK for run in repeated), default=FAILED)
+    codes, pages = [], []
+    for study in studies:
+        try:
+            code, page = _done(arguments, study, folders[study.name])
+        except CommandError as error:
+            complain(str(error))
+            codes.append(error.code)
+            break
+        codes.append(code)
+        pages.append(page)
+    if is_collection and pages:
+        from deltaswarm_studies.page import write_index  # imports Matplotlib, which is slow
+
+        index = write_index(arguments.study, studies, out)
+        notice(f"{arguments.study}: {index}")
+    if arguments.json:
+        print(json.dumps(result(pages) if pages else [] if is_collection else None))
+    return max(codes, key=(OK, MISSED, FAILED, USAGE, INTERRUPTED).index, default=FAILED)
+
+
+def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
+    """Do one study; return its exit code, and its page and verdicts.
+
+    Raises:
+        CommandError: a run failed, or the page could not be made.
+    """
+    from deltaswarm_orchestrator.sweeps.table import read_table
+    from deltaswarm_studies.evidence import Evidence
+    from deltaswarm_studies.origin import PROVENANCE
+    from deltaswarm_studies.page import write
+
+    try:
+        if arguments.render:
+            evidence = Evidence.of_folder(study, folder)
+            provenance = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
+        else:
+            evidence, provenance = _conducted(arguments, study, folder)
+        files = write(study, evidence, provenance, folder)
+    except (OSError, ValueError) as error:
+        raise CommandError(_why(study, error), FAILED) from None
+    verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
+    if not arguments.json:
+        for _, row in evidence.claims.iterrows():
+            print(f"{row['verdict']:10} {row['text']}")
+        print(f"{study.name}: {files[0]}")
+    is_whole = not arguments.set and arguments.repeats is None
+    for line in [*evidence.warnings, *(evidence.unsupported if is_whole else [])]:
+        complain(f"{study.name}: {line}")
+    for line in evidence.surprises:
+        complain(f"{study.name}: refuted, and expected to hold: {line}")
+    is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
+    code = FAILED if evidence.incomplete else MISSED if is_missed else OK
+    return code, {"study": study.name, "page": str(files[0]), "claims": verdicts}
+
+
+def _repeated(study: "Study", folder: Path) -> dict[str, Any]:
+    """Repeat one run of a study; return its name, and where it is not as the study's tables say.
+
+    Raises:
+        CommandError: there are no tables, or the run failed.
+    """
+    from deltaswarm_orchestrator.sweeps.job import RunError
+    from deltaswarm_studies.origin import repeat
+
+    try:
+        repeated = repeat(study, folder)
+    except (OSError, ValueError, RunError) as error:
+        raise CommandError(_why(study, error), FAILED) from None
+    differing = [{"metric": name, "was": was, "is": now} for name, was, now in repeated.differing]
+    return {"study": study.name, "run": repeated.run, "differing": differing}
+
+
+def _compared(repeated: dict[str, Any]) -> str:
+    differing = ", ".join(f"{row['metric']} was {row['was']}, is {row['is']}" for row in repeated["differing"])
+    return f"{repeated['study']}: {repeated['run']}: {differing or 'as published'}"
+
+
+def _why(study: "Study", error: Exception) -> str:
+    """Say why tables cannot be used."""
+    if isinstance(error, FileNotFoundError):
+        return f"{study.name}: {error.filename} is not there; `deltaswarm study {study.name}` makes it"
+    return f"{study.name}: {error}"
+
+
+def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
+    """Do a study's runs; return the evidence and the runs' provenance.
+
+    Raises:
+        CommandError: the sweep could not start, or a run failed.
+    """
+    from deltaswarm_orchestrator.sweeps.folder import copy_runs
+    from deltaswarm_studies.evidence import Evidence
+    from deltaswarm_studies.origin import provenance_of
+
+    runs = folder / "sweep"
+    if not arguments.processes:
+        others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]
+        if count := copy_runs(study.sweep, runs, others):
+            notice(f"{study.name}: {count} runs are taken from other studies")
+    result = conduct_for(arguments, study.sweep, runs, with_series=bool(study.sweep.file.sweep.series_every_s))
+    if not result.is_well:
+        raise CommandError(
+            f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page", exit_code_of(result)
+        )
+    return Evidence.of_sweep(study, result.table, result.series), provenance_of(study, result.manifest)
