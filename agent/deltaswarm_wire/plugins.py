@@ -86,7 +86,16 @@ OBSERVERS = ExtensionPoint(
 )
 """What `--live` takes besides `foxglove`: who is shown a run under way."""
 
-POINTS = (CONTROLLERS, BODIES, COMMANDS, PARTS, ENGINES, OBSERVERS)
+SWEEPS = ExtensionPoint(
+    "deltaswarm.sweeps",
+    "collection of sweep files",
+    "deltaswarm_orchestrator.sweeps.load:files",
+    {"sweeps": "deltaswarm_orchestrator.sweeps.load:files"},
+    (),
+)
+"""Built-in files that `deltaswarm sweep` takes by their names: by kind, a function that returns the files by name."""
+
+POINTS = (CONTROLLERS, BODIES, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
 """Every extension point; docs/EXTENDING.md tells how each is used."""
 
 

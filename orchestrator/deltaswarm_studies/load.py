@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.scenarios.load import files_in
-from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS, STUDY_TABLES, load_sweep, read_file
+from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, load_sweep, read_file
 from deltaswarm_orchestrator.sweeps.plan import Sweep
+from deltaswarm_studies import FOLDERS, files
 from deltaswarm_studies.checks import problems_of
 from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
 from deltaswarm_studies.settings import ContrastSettings, FigureSettings, StudyFile, StudySettings
@@ -16,9 +16,8 @@ from deltaswarm_wire.checked import Problem, SettingsError
 if TYPE_CHECKING:
     import pandas as pd
 
-COLLECTIONS = {folder.rpartition("/")[2]: list(files_in(folder)) for folder in STUDY_FOLDERS}
+COLLECTIONS = {folder: list(files(folder)) for folder in FOLDERS} | {"all": list(files())}
 """The built-in studies by the name of their folder, and all of them. Those of a collection are done one by one."""
-COLLECTIONS["all"] = [name for names in COLLECTIONS.values() for name in names]
 
 MAIN = (WAITING, WAITING_ALL, COMPLETION, "messages", "frames_sent", "agents_in_trees")
 """Metrics of a sweep without a study file."""

@@ -1,7 +1,9 @@
 """Commands about this installation: `completion`, `doctor` and `list`."""
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import asdict
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK
@@ -94,19 +96,18 @@ def list_all(arguments: argparse.Namespace) -> int:
 
 def known() -> dict[str, dict[str, str]]:
     """Return every name that a command or a settings file may use, by kind, with a line about it."""
-    from deltaswarm_orchestrator.scenarios.load import files_in
-    from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
+    from deltaswarm_orchestrator.scenarios.load import BUILT_IN
+    from deltaswarm_orchestrator.sweeps.load import built_in
     from deltaswarm_wire.commands import forms_of
     from deltaswarm_wire.plugins import BODIES, CONTROLLERS, find_controller
 
-    def about(*folders: str) -> dict[str, str]:
-        texts = {name: file.read_text(encoding="utf-8") for name, file in files_in(*folders).items()}
+    def about(files: Mapping[str, Traversable]) -> dict[str, str]:
+        texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
         return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
 
     return {
-        "scenarios": about("scenarios"),
-        "sweeps": about("sweeps/built_in"),
-        "studies": about(*STUDY_FOLDERS),
+        "scenarios": about(BUILT_IN),
+        **{kind: about(files) for kind, files in built_in().items()},
         "controllers": CONTROLLERS.names(),
         "commands": {form.name: form.help for mode in CONTROLLERS.shipped for form in forms_of(find_controller(mode))},
         "bodies": BODIES.names(),

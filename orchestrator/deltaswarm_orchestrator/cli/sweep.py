@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 def add_sweep(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm sweep`."""
-    from deltaswarm_orchestrator.sweeps.load import BUILT_IN
+    from deltaswarm_orchestrator.sweeps.load import built_in_files
 
-    command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(BUILT_IN)}")
+    command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(built_in_files())}")
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
     add_dry_run(command, "the variants")

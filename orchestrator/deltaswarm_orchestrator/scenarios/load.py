@@ -24,11 +24,9 @@ from deltaswarm_wire.plugins import controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 
-def files_in(*folders: str) -> dict[str, Traversable]:
-    """Return the TOML files in folders of this package, by name without suffix."""
-    files = [
-        file for folder in folders for file in resources.files("deltaswarm_orchestrator").joinpath(folder).iterdir()
-    ]
+def files_in(*folders: str, package: str = "deltaswarm_orchestrator") -> dict[str, Traversable]:
+    """Return the TOML files in folders of a package, by name without suffix."""
+    files = [file for folder in folders for file in resources.files(package).joinpath(folder).iterdir()]
     named = {file.name.removesuffix(".toml"): file for file in files if file.name.endswith(".toml")}
     return dict(sorted(named.items()))
 

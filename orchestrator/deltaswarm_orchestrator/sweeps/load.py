@@ -6,6 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import cache
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +17,7 @@ from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFile, SweepSettings, Variant
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
-
-STUDY_FOLDERS = ("studies/paper", "studies/beyond", "studies/limits", "studies/operator")
-
-BUILT_IN = scenarios.files_in("sweeps/built_in", *STUDY_FOLDERS)
-"""The file of each built-in sweep, including study files, each of which holds a sweep."""
+from deltaswarm_wire.plugins import SWEEPS, find
 
 STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "fit", "grid", "figure", "finding")
 """Tables of a study file that a sweep ignores."""
@@ -34,6 +32,26 @@ GRID = "events.density.file"
 
 Row = dict[str, Any]
 """Dotted keys with their values, and possibly a label."""
+
+
+def files() -> dict[str, Traversable]:
+    """Return the files of the core's own sweeps, by name."""
+    return scenarios.files_in("sweeps/built_in")
+
+
+@cache
+def built_in() -> dict[str, dict[str, Traversable]]:
+    """Return every built-in file that holds a sweep, by kind and name: sweeps, and what extensions add, as studies.
+
+    Raises:
+        SettingsError: an extension's files cannot be found.
+    """
+    return {kind: find(SWEEPS, kind, SWEEPS.group)() for kind in SWEEPS.names()}
+
+
+def built_in_files() -> dict[str, Traversable]:
+    """Return the files of `built_in` by name alone."""
+    return {name: file for files in built_in().values() for name, file in files.items()}
 
 
 def load_sweep(
@@ -106,7 +124,7 @@ def read_file(name: str, key: str = "sweep", also: Iterable[str] = ()) -> tuple[
     Raises:
         SettingsError: the file does not exist or is not TOML.
     """
-    table, path = scenarios.read_toml(key, name, BUILT_IN, also=also)
+    table, path = scenarios.read_toml(key, name, built_in_files(), also=also)
     table.pop("session", None)  # for participants; does not change a run
     return (table, Path()) if path is None else ({"name": path.stem, **table}, path.parent)
 

@@ -1,5 +1,6 @@
 """Sweep files: what varies and how, and every mistake said in one clear line."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -8,11 +9,13 @@ import numpy as np
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep, make_sweep
+from deltaswarm_orchestrator.sweeps.load import built_in, built_in_files, load_sweep, make_sweep
 from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import names
 from tests.support.sweeping import described, made, mistakes, written
+
+AXIS = "[sweep.axes]\nagents.speed_mps = [1.0, 2.0]\n"
 
 Printed = pytest.CaptureFixture[str]
 
@@ -30,10 +33,31 @@ def load(folder: Path, text: str, *overrides: str) -> Sweep:
 # What varies
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in_files())
 def test_built_in_sweeps_load(name: str) -> None:
     """By name, and they carry it."""
     assert load_sweep(name).name == name
+
+
+def test_an_installed_package_adds_sweeps_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """By an entry point: found by name, and listed under the point's name with its first line."""
+    (tmp_path / "mine.toml").write_text('# Two speeds.\nschema = 1\nname = "mine"\nbase = "smoke"\n' + AXIS)
+    (tmp_path / "added.py").write_text(
+        f"from pathlib import Path\ndef files():\n    return {{'mine': Path('{tmp_path}/mine.toml')}}\n"
+    )
+    (tmp_path / "added-1.dist-info").mkdir()
+    (tmp_path / "added-1.dist-info" / "METADATA").write_text("Name: added\nVersion: 1\n")
+    (tmp_path / "added-1.dist-info" / "entry_points.txt").write_text("[deltaswarm.sweeps]\nours = added:files\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    built_in.cache_clear()
+    try:
+        assert len(load_sweep("mine").variants) == 2
+        assert main(["list", "--json"]) == 0
+    finally:
+        built_in.cache_clear()
+    assert json.loads(capsys.readouterr().out)["ours"] == {"mine": "Two speeds."}
 
 
 def test_the_papers_conditions_are_all_there() -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep
+from deltaswarm_orchestrator.sweeps.load import built_in_files, load_sweep
 from deltaswarm_orchestrator.sweeps.table import write_table
 from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.plan import plan, text
@@ -32,7 +32,7 @@ def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
     assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in_files())
 def test_every_built_in_sweep_can_be_studied(name: str) -> None:
     """A study file is a sweep file, and a bare sweep a study that asks nothing."""
     assert load_study(name).sweep.variants

@@ -213,7 +213,7 @@ def draw_all(folder: Path) -> None:
 WITHOUT_PYPLOT = """
 import sys
 from pathlib import Path
-from tests.unit.orchestrator.plots.test_style import draw_all
+from tests.unit.studies.plots.test_style import draw_all
 draw_all(Path(sys.argv[1]))
 assert "matplotlib.pyplot" not in sys.modules
 """
