@@ -85,4 +85,4 @@ class RunEngine(Protocol):
         """
 
     def sweep_engine(self, workers: int) -> Any:
-        """Return the `sweeps.engine.Engine` for the runs of a sweep, with that many workers if it starts them itself."""
+        """Return the `sweeps.engine.Engine` for the runs of a sweep, with this many workers if it starts them."""
