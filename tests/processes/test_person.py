@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, PersonSettings
+from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload
@@ -37,6 +38,15 @@ SYSTEM = (
     *("operator.probes.isa_every_s=20", "operator.autonomy.isa_high=1", "operator.autonomy.isa_low=1"),
     *("control.delta=4", "run.duration_s=300"),
 )
+
+
+ASKING = ("operator.probes.tlx=true", "operator.task.target_share=0.5", "run.duration_s=300")
+"""Questions to which a simulated person has no answer."""
+
+
+def run_tables(folder: Path) -> list[Path]:
+    """The tables about a person in a run folder."""
+    return [file for name in TABLES if (file := folder / f"{name}.csv").exists()]
 
 
 def flags(overrides: tuple[str, ...]) -> list[str]:
@@ -74,8 +84,13 @@ def test_a_controller_must_accept_what_the_policy_commands() -> None:
 @pytest.mark.processes
 @pytest.mark.parametrize("overrides", [READER, COMMANDER, SYSTEM], ids=["none", "threshold", "system"])
 def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> None:
-    """Digest and figures of the person; what it did is in the run folder, a row per act."""
-    outside, alone = run(tmp_path / "run", "--record", "off", *flags(overrides)), inside(*overrides)
+    """Digest, figures and tables of the person, byte for byte; they have a row per act."""
+    options = ("--record", "off", *flags((*overrides, *ASKING)))
+    outside, alone = run(tmp_path / "run", *options), run(tmp_path / "alone", "--in-process", *options)
+    tables = [{file.name: file.read_bytes() for file in run_tables(tmp_path / one)} for one in ("run", "alone")]
+    assert tables[0] == tables[1]
+    assert tables[0].keys() == {f"{name}.csv" for name in TABLES} - {"situation.csv", "wall_times.csv"}
+    assert b"\ntlx,0,mental,,299.0,,,,,\n" in tables[0]["probes.csv"].replace(b"\r", b"")
     assert outside["digest"] == alone["digest"]
     assert outside["person"] == alone["person"]
     assert outside.get("autonomy") == alone.get("autonomy")

@@ -50,6 +50,7 @@ class Console:
         self.picture = Picture(briefing.step_s)
         self.command_log = command_log or CommandLog(briefing.forms)
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
+        self.probes.is_timed = False
         self.person = person_of(briefing)
         self.autonomy = autonomy_of(briefing)
         """The rule by which the system sets delta; None: it does not."""
@@ -82,7 +83,7 @@ class Console:
 
     def attend(self) -> None:
         """Note that there is a station, at which somebody may sit."""
-        self.is_attended = self.person is None
+        self.is_attended = self.probes.is_timed = self.person is None
         if self.is_attended:
             self.attention = Attention(self.briefing.operator.person.patience_s)
 

@@ -46,7 +46,7 @@ class _Asked(NamedTuple):
     def row(self, item: str, value: Any = None, latency_s: float | None = None) -> ProbeRow:
         """Make the row of an answer to an item, or of its absence."""
         probe = self.form.name if self.form else self.kind
-        return ProbeRow(probe, self.number, item, value, self.asked_s, latency_s, asked_monotonic_s=self.asked_wall_s)
+        return ProbeRow(probe, self.number, item, value, self.asked_s, latency_s)
 
     @property
     def items(self) -> tuple[str, ...]:
@@ -65,6 +65,8 @@ class Probes:
         """The answers to ISA."""
         self.opened: deque[ProbeRow] = deque()
         """A row per item of each question that was opened, until somebody takes it."""
+        self.is_timed = True
+        """Whether a person may answer, for whom wall time passes."""
         self._settings = settings
         self._rng = rng
         self._questions = self._missing = 0
@@ -109,7 +111,12 @@ class Probes:
 
     def _open(self, asked: _Asked) -> None:
         self._asked = asked
-        self.opened += [asked.row(item) for item in asked.items]
+        self.opened += self._rows(asked)
+
+    def _rows(self, asked: _Asked) -> list[ProbeRow]:
+        """Return the rows of a question without answers."""
+        wall_s = asked.asked_wall_s if self.is_timed else None
+        return [asked.row(item)._replace(asked_monotonic_s=wall_s) for item in asked.items]
 
     def _close(self, wall_s: float) -> None:
         """Close the open question, and ask the next one that waits."""
@@ -142,6 +149,8 @@ class Probes:
 
     def _waited_s(self, asked: _Asked, wall_s: float) -> float:
         """Return how long a question has been open; one in passing, without the time in which the run was held."""
+        if not self.is_timed:
+            return 0.0
         if asked.kind not in IN_PASSING:
             return wall_s - asked.asked_wall_s
         held = self._held_since_wall_s
@@ -231,7 +240,7 @@ class Probes:
         return None
 
     def _miss(self, asked: _Asked) -> None:
-        self.rows += [asked.row(item) for item in asked.items]
+        self.rows += self._rows(asked)
         self._missing += bool(asked.items)
 
     def close(self) -> None:
@@ -311,7 +320,10 @@ class Probes:
     def _add(self, asked: _Asked, answers: Mapping[str, Any], wall_s: float) -> None:
         latency_s = round(self._waited_s(asked, wall_s), 3)
         for item, value in answers.items():
-            self.rows.append(asked.row(item, value, latency_s)._replace(answered_monotonic_s=wall_s))
+            row = asked.row(item, value, latency_s)
+            if self.is_timed:
+                row = row._replace(asked_monotonic_s=asked.asked_wall_s, answered_monotonic_s=wall_s)
+            self.rows.append(row)
         self._close(wall_s)
 
 

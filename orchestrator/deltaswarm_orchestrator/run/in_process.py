@@ -10,12 +10,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging import WARNING
+from pathlib import Path
 from typing import Any
 
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.metrics import Outcome
@@ -36,9 +38,12 @@ STATUS_EVERY_STEPS = 500
 
 
 class InProcess:
-    """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator."""
+    """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator.
 
-    def __init__(self, scenario: Scenario) -> None:
+    With a folder, the tables of a scripted or simulated operator are written there.
+    """
+
+    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
         self.scenario = scenario
         self.world = WorldCore(scenario)
         self._restarts: Counter[int] = Counter()
@@ -53,6 +58,8 @@ class InProcess:
         """The scripted or simulated operator, if the scenario has one."""
         if scenario.has_console:
             self.console = Console(scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0))
+            self.console.start(time.monotonic())
+        self._tables = ActionLog(folder) if self.console is not None and folder is not None else None
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
@@ -109,8 +116,19 @@ class InProcess:
         if self.console is not None:
             reports = self.operator.reports_of_closed_step
             self.world.turns.accept(self.console.close_step(clock, workload, reports, time.monotonic()))
-            self.console.actions.clear()  # not recorded in this engine
+            if self._tables is not None:
+                self._tables.write(self.console)
+            self.console.actions.clear()
         return workload
+
+    def finish(self) -> dict[str, Any]:
+        """Complete the operator's tables; return the operator's metrics."""
+        if self.console is None:
+            return self.operator.totals
+        self.console.probes.close()
+        if self._tables is not None:
+            self._tables.close(self.console)
+        return self.operator.totals | self.console.totals
 
 
 @contextmanager
@@ -148,12 +166,16 @@ def run_in_process(
     sink: Sink | None = None,
     reporter: Reporter | None = None,
     stopped: Callable[[], object] = lambda: None,
+    folder: Path | None = None,
 ) -> Outcome:
-    """Do a run until its end or until `stopped` returns something true; return its outcome."""
+    """Do a run until its end or until `stopped` returns something true; return its outcome.
+
+    With a folder, the tables of a scripted or simulated operator are written there.
+    """
     reporter = reporter or Reporter()
     outcome = Outcome()
     try:
-        swarm = InProcess(scenario)
+        swarm = InProcess(scenario, folder)
     except ControllerError as error:
         outcome.messages.append(str(error))
         return outcome
@@ -191,6 +213,5 @@ def run_in_process(
     outcome.messages += swarm.failed
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
-    totals = swarm.operator.totals | (swarm.console.totals if swarm.console else {})
-    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **totals}
+    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.finish()}
     return outcome

@@ -243,7 +243,7 @@ class _Run:
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
 
-        self.outcome = run_in_process(self.scenario, sink, self.reporter, lambda: self.stop.by)
+        self.outcome = run_in_process(self.scenario, sink, self.reporter, lambda: self.stop.by, self.folder.path)
         self.why += self.outcome.messages
 
     def _run_processes(self, recorder: Sink | None) -> None:

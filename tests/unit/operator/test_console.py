@@ -190,6 +190,7 @@ def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None
 def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
     """A new console does not ask for what was answered, nor for questions that are past."""
     one = Console(briefing(**CONSENT))
+    one.attend()
     one.start(0.0)
     say(one, "sheet", consent=True)
     for step in range(500):
@@ -197,6 +198,7 @@ def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
     say(one, "pace", paused=True)
     say(one, "pace", speed=5)
     other = Console(briefing(**CONSENT))
+    other.attend()
     other.restore(499, json.loads(json.dumps(one.state())))
     other.start(0.0)
     assert other.pace == one.pace
