@@ -27,7 +27,7 @@ from deltaswarm_sessions.power import (
 )
 from deltaswarm_studies.stats import contrast
 from tests.support.complaints import Printed
-from tests.unit.orchestrator.participants.test_session import a_file
+from tests.unit.sessions.test_session import a_file
 
 NORMAL = np.asarray(scipy_stats.norm.ppf((np.arange(400) + 0.5) / 400))
 """A large pilot whose differences are normal with a standard deviation of nearly 1."""

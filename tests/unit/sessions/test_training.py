@@ -22,7 +22,7 @@ from deltaswarm_sessions.variables import MEASURES, SITUATION_RIGHT_SHARE
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.complaints import Printed
 from tests.support.pages import ROOT
-from tests.unit.orchestrator.participants.test_session import FORMS, a_file
+from tests.unit.sessions.test_session import FORMS, a_file
 
 ALWAYS = {
     "waiting_time_s.restricted_mean",

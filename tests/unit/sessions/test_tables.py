@@ -12,7 +12,7 @@ from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
 from deltaswarm_sessions.record import RECORD
 from deltaswarm_sessions.variables import KEYS
 from tests.support.complaints import Printed
-from tests.unit.orchestrator.participants.test_session import a_file
+from tests.unit.sessions.test_session import a_file
 
 SUMMARY = {
     "complete": True,
