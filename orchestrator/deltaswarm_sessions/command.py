@@ -1,60 +1,32 @@
-"""The command `deltaswarm session`."""
+"""The command `deltaswarm session`: read its options, and print what it returns."""
 
 import argparse
-import secrets
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
-from deltaswarm_orchestrator.base.signals import heed_signals_again
-from deltaswarm_orchestrator.cli import run as cli_run
+from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
     add_dry_run,
     add_json,
     add_markers,
     add_quiet,
-    free_folder,
     host_and_port,
     number,
     show,
     whole,
 )
-from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address
-from deltaswarm_orchestrator.recording.names import SCENARIO
-from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
-from deltaswarm_orchestrator.results.run_tables import write_json
-from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.scenarios.load import LANGUAGES, keys_of, language_at, load_scenario
-from deltaswarm_scenario.operator_settings import begun_with
-from deltaswarm_scenario.questions import FormSettings
-from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions import outline
-from deltaswarm_sessions.again import ask_again, score_form, show_score, unanswered
-from deltaswarm_sessions.record import (
-    RECORD,
-    Attempt,
-    attempts_at,
-    outcome_of,
-    read_record,
-    record_of,
-    scenario_of,
-)
-from deltaswarm_sessions.session import (
-    MAX_PARTICIPANT,
-    PlannedRun,
-    SessionSettings,
-    load_session,
-    plan,
-)
+from deltaswarm_orchestrator.processes.station import LOOPBACK
+from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
+from deltaswarm_sessions.outline import outline, outline_text
+from deltaswarm_sessions.plan import plan
+from deltaswarm_sessions.runner import Runner
+from deltaswarm_sessions.session import Session
+from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session
 from deltaswarm_sessions.tables import RUNS, write_tables
-from deltaswarm_sessions.training import END, NOT_REACHED, OPEN, CriterionSettings
-from deltaswarm_wire.commands import forms_of
-from deltaswarm_wire.plugins import find_controller
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""
@@ -134,53 +106,36 @@ def session(arguments: argparse.Namespace) -> int:
         files = write_tables(out, arguments.table)
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
-    participant: int = arguments.participant
     if arguments.language is not None:
         settings = replace(settings, language=language_at(arguments.language, Path()))
-    planned = plan(settings, participant, beside)
-    folder = out / f"participant-{participant:03}"
-
-    address, token = free_address(arguments.station_listen), secrets.token_urlsafe(24)
-
-    def options_for(run: PlannedRun, *, is_first: bool = True) -> RunOptions:
-        station = Station(settings.speed, address, token, arguments.markers or "", opens_browser=is_first)
-        return RunOptions(out=free_folder(folder / run.folder), station=station, researcher=arguments.researcher)
-
-    for run in planned:  # before a participant has done the first
-        cli_run.check_run(run.scenario, options_for(run))
-    warnings = [*(cli_run.isa_warning(run.scenario, settings.speed) for run in planned), _order_warning(planned)]
-    for warning in dict.fromkeys(warnings):
-        if warning:
-            notice(warning)
-    if arguments.dry_run:
-        outlined = outline.outline(settings, planned, is_concealed=not (folder / RECORD).exists())
-        show(arguments, outlined, outline.text(outlined))
-        return OK
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = FolderLock(folder)
-    except HeldError:
-        raise CommandError(f"{folder} must be free: another session of this participant is under way") from None
-    try:
-        return _do_runs(arguments, folder, planned, options_for)
-    finally:
-        lock.release()
+    return _do(arguments, settings, beside, out)
 
 
-def _order_warning(planned: list[PlannedRun]) -> str | None:
-    """Return a warning if the page offers an order that sets what the conditions vary; None if it does not."""
-    values: dict[tuple[str, str], set[object]] = {}
-    for run in planned:
-        control = run.scenario.control
-        forms = begun_with(forms_of(find_controller(control.mode)), control.options)
-        for form in run.scenario.for_operator(forms, 1.0).offered if run.position else ():
-            for argument in form.arguments:
-                values.setdefault((form.name, argument.name), set()).add(argument.default)
-    found = next((names for names, defaults in values.items() if len(defaults) > 1), None)
-    return found and (
-        f"the conditions vary {found[1]}, which the participant reads and can change in the order {found[0]!r}: "
-        'operator.page.orders = ["none"], or a list without it, leaves it out'
+def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
+    """Do the remaining runs of one participant, or print which they are."""
+    participant: int = arguments.participant
+    language = f" --language {arguments.language}" if arguments.language else ""
+    runner = Runner(
+        session=Session(participant, plan(settings, participant, beside)),
+        folder=out / f"participant-{participant:03}",
+        speed=settings.speed,
+        listen=arguments.station_listen,
+        markers=arguments.markers or "",
+        researcher=arguments.researcher,
+        quiet=arguments.quiet,
+        command=f"deltaswarm session {arguments.session} --participant {participant}{language}",
     )
+    for warning in runner.check():
+        notice(warning)
+    if arguments.dry_run:
+        outlined = outline(settings, runner.session.runs, is_concealed=not runner.has_begun)
+        show(arguments, outlined, outline_text(outlined))
+        return OK
+    with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
+        code = runner.run()
+    if code == OK:
+        show(arguments, {"folder": str(runner.folder), **runner.session.record}, str(runner.folder))
+    return code
 
 
 def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:
@@ -198,124 +153,3 @@ def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[
         )
     show(arguments, planned, text(planned))
     return OK
-
-
-def _do_runs(
-    arguments: argparse.Namespace,
-    folder: Path,
-    planned: list[PlannedRun],
-    options_for: Callable[..., RunOptions],
-) -> int:
-    """Do the runs that are not complete, and training until its criterion is reached; keep the record."""
-    participant: int = arguments.participant
-
-    def record() -> None:
-        write_json(folder / RECORD, record_of(folder, participant, planned))
-
-    _check_design(folder, planned)
-    record()
-    is_first = True
-    for run in planned:
-        for attempt in attempts_at(folder, run):
-            if attempt.is_complete:
-                _ask_again(folder / attempt.folder, run, attempt.scenario, options_for)
-                record()
-        while outcome_of(run, earlier := attempts_at(folder, run)) == OPEN:
-            notice(f"run {run.position} of {len(planned) - 1}: {run.label}{_repeated(run, earlier)}")
-            options, is_first = options_for(run, is_first=is_first), False
-            scenario = scenario_of(run, options.out.name, earlier)
-            with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-                code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)
-            record()
-            heed_signals_again()
-            if code != OK:
-                language = f" --language {arguments.language}" if arguments.language else ""
-                again = f"deltaswarm session {arguments.session} --participant {participant}{language}"
-                complain(f"the session stops here; to go on: {again}")
-                return code
-            ended = attempts_at(folder, run)[-1:]
-            _ask_again(options.out, run, scenario, options_for, *(score_form(attempt.summary) for attempt in ended))
-            record()
-            _complain_of_missing(folder, run)
-            if run.criterion is None:
-                break
-        if _is_ended_by(run, attempts_at(folder, run)):
-            return FAILED
-    show(arguments, {"folder": str(folder), **record_of(folder, participant, planned)}, str(folder))
-    return OK
-
-
-def _repeated(run: PlannedRun, earlier: list[Attempt]) -> str:
-    """Say why training is repeated, and how often; empty: it is not."""
-    count = sum(attempt.is_complete for attempt in earlier)
-    if run.criterion is None or not count:
-        return ""
-    return f" again ({count + 1} of at most {run.criterion.max_runs}), since {_judged(run.criterion, earlier)}"
-
-
-def _judged(criterion: CriterionSettings, attempts: list[Attempt]) -> str:
-    values = [criterion.value(attempt.summary) for attempt in attempts if attempt.is_complete]
-    got = ", ".join("none" if value is None else f"{value:g}" for value in values)
-    return f"{criterion.metric} must be {criterion.bounds} (got {got})"
-
-
-def _is_ended_by(run: PlannedRun, attempts: list[Attempt]) -> bool:
-    """Say if the criterion of a training was not reached; return whether this ends the session."""
-    if run.criterion is None or outcome_of(run, attempts) != NOT_REACHED:
-        return False
-    ends = run.criterion.if_not_reached == END
-    then = "the session ends here" if ends else "the session goes on"
-    complain(f"the criterion of the training is not reached: {_judged(run.criterion, attempts)}; {then}")
-    return ends
-
-
-def _complain_of_missing(folder: Path, run: PlannedRun) -> None:
-    for attempt in attempts_at(folder, run)[-1:]:
-        if missing := (attempt.summary.get("person") or {}).get("answers_missing"):
-            complain(f"answers missing in run {run.position}, {run.label}: {missing}")
-
-
-def _ask_again(
-    folder: Path,
-    run: PlannedRun,
-    scenario: Scenario,
-    options_for: Callable[..., RunOptions],
-    score: FormSettings | None = None,
-) -> None:
-    """Ask for the answers that are missing after a complete run, on the same page; first show the score, if any."""
-    probes = unanswered(folder, scenario)
-    station = options_for(run).station
-    if station is None or (probes is None and score is None):
-        return
-    if score is not None:
-        show_score(folder, scenario, score, station)
-    if probes is None:
-        return
-    asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
-    notice(f"asking again after run {run.position}, {run.label}: {asked}")
-    ask_again(folder, scenario, probes, station)
-
-
-def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
-    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one.
-
-    Raises:
-        CommandError: the order of the conditions, or the scenario of a complete run, is another one.
-    """
-    hint = "undo the change of the session's file, or choose another folder by --out"
-    if (folder / RECORD).exists():
-        before = [run["condition"] for run in read_record(folder)["runs"]]
-        if before != (now := [run.label for run in planned]):
-            raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
-    for run in planned:
-        for attempt in attempts_at(folder, run):
-            file = folder / attempt.folder / SCENARIO
-            if attempt.is_complete and (changed := _changed_keys(attempt.scenario, load_scenario(str(file)))):
-                raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
-
-
-def _changed_keys(planned: Scenario, done: Scenario) -> list[str]:
-    plans, values = (
-        {path: value for path, _, _, value in keys_of(scenario, "") if "[]" not in path} for scenario in (planned, done)
-    )
-    return [path for path, value in plans.items() if values[path] != value]

@@ -9,7 +9,8 @@ from typing import Any
 from deltaswarm_orchestrator.base.text import aligned
 from deltaswarm_scenario.operator_settings import ProbeSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.session import PlannedRun, SessionSettings
+from deltaswarm_sessions.plan import PlannedRun
+from deltaswarm_sessions.settings import SessionSettings
 
 COLUMNS = ("run", "scenario", "simulated s", "wall min", "asks")
 
@@ -31,7 +32,7 @@ def outline(settings: SessionSettings, planned: Sequence[PlannedRun], *, is_conc
     }
 
 
-def text(outlined: dict[str, Any]) -> str:
+def outline_text(outlined: dict[str, Any]) -> str:
     """Format the result of `outline`."""
     rows = [
         (row["label"], row["scenario"], f"{row['simulated_s']:g}", _minutes(row["wall_min"]), "; ".join(row["asks"]))

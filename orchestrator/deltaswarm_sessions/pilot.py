@@ -10,7 +10,7 @@ import numpy as np
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.text import aligned
-from deltaswarm_sessions.design import group_of
+from deltaswarm_sessions.plan import group_of
 from deltaswarm_sessions.power import (
     ADJUSTED,
     MAX_PARTICIPANTS,
@@ -22,7 +22,7 @@ from deltaswarm_sessions.power import (
     fit,
     powers,
 )
-from deltaswarm_sessions.session import CROSSED, SessionSettings
+from deltaswarm_sessions.settings import CROSSED, SessionSettings
 from deltaswarm_sessions.variables import KEYS, RUN_ITSELF
 
 MIN_DEGREES = 3

@@ -1,240 +1,200 @@
-"""Sessions: which runs one participant does, in which order. No I/O except reading files."""
+"""One participant's session: the runs, what has been done of them, and what comes next. Pure."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from json import dumps
-from pathlib import Path
+from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.scenarios import load as scenarios
-from deltaswarm_scenario.questions import AFTER, BEFORE, FormSettings
+from deltaswarm_orchestrator.scenarios.load import keys_of
+from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
+from deltaswarm_scenario.questions import AFTER, FormSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.design import order_of
-from deltaswarm_sessions.training import END, CriterionSettings
-from deltaswarm_wire import checked
-from deltaswarm_wire.checked import Problem, SettingsError, key
-from deltaswarm_wire.seeds import agent_seed
+from deltaswarm_sessions.plan import PlannedRun
+from deltaswarm_sessions.settings import END, NOT_REACHED, OPEN, REACHED, CriterionSettings
 
-MAX_CONDITIONS, MAX_PARTICIPANT = 50, 9999
-MAX_RUNS = (MAX_PARTICIPANT + 2) * (MAX_CONDITIONS + 1)
-TRAINING = "training"
-MAX_SEED = 2**53
-"""Seeds stay below it, so that programs that read numbers as floating point lose no digit."""
-
-RANDOM, IN_TURN = "random", "in turn"
-CROSSED, OWN = "crossed", "own"
-
-MORE = "Please wait: the next run follows by itself."
-WAIT = "Please wait."
-THANKS = "Thank you: that was the last run."
-
-DEFAULTS = ("operator.page.pace=false", "operator.probes.isa_jitter_s=30")
-"""Scenario keys of all runs, which a condition's `set` may change.
-
-A participant must not pause or speed up a run, nor foresee a question.
-"""
+SCORE = "score"
+SCORE_TITLE = "Your score"
+SCORE_TEXT = (
+    "Judged right: {right} of {events} reported events. Targets found: {hits}. Targets taken for decoys: {misses}. "
+    "Decoys taken for targets: {false_alarms}. Without a judgement: {unjudged}."
+)
 
 
-@dataclass(frozen=True)
-class ConditionSettings:
-    """A table `[[session.condition]]`, or `[session.training]`: one run."""
+class Attempt(NamedTuple):
+    """An attempt at a run that has ended."""
 
-    label: str = key("", "its name, in folders and on the sheet; say nothing there that gives the question away")
-    scenario: str = key("paper-25", "the scenario: a TOML file or a built-in one")
-    set: tuple[str, ...] = key((), "scenario keys as key=value, as with `deltaswarm run --set`")
-
-    def problems(self) -> list[Problem]:
-        """Check the label, which becomes a folder's name."""
-        if self.label and self.label.isprintable() and "/" not in self.label and self.label.strip(" .") == self.label:
-            return []
-        return [Problem("label", repr(self.label), "must be a name that a folder can have")]
-
-
-@dataclass(frozen=True)
-class TrainingSettings(ConditionSettings):
-    """The table `[session.training]`."""
-
-    criterion: CriterionSettings | None = key(None, "when training is enough; without it, there is one training run")
-
-
-FIRST, EACH, LAST = "before", "between", "after"
-
-
-@dataclass(frozen=True)
-class SessionFormSettings(FormSettings):
-    """A table `[[session.form]]`: a form with the times of a session."""
-
-    when: str = key(
-        EACH, "before the training, after each run but the training, or after the last run", choices=(FIRST, EACH, LAST)
-    )
-
-    def at(self, when: str) -> FormSettings:
-        """Return the form as a run has it, before it or after it."""
-        return FormSettings(self.name, self.title, self.text, when, self.question)
-
-
-@dataclass(frozen=True)
-class SessionSettings:
-    """The table `[session]` of a session's file or of a study's file."""
-
-    seed: int = key(1, "the seeds of all runs are derived from it", low=0, high=2**63 - 1)
-    speed: float = key(1.0, "simulated per wall second; 0: as fast as possible", low=0, high=1000)
-    allocation: str = key(
-        RANDOM,
-        "random: participants take the rows of the design in an order drawn from the seed; in turn: 1, 2, ...",
-        choices=(RANDOM, IN_TURN),
-    )
-    arrivals: str = key(
-        CROSSED,
-        "crossed: one stream of arrivals per condition, balanced over conditions and places; own: new ones each run",
-        choices=(CROSSED, OWN),
-    )
-    consent: str = key("", "a text file that a participant must agree to before the first run")
-    set: tuple[str, ...] = key((), "scenario keys of all runs, as key=value; a run's own set goes last")
-    language: str = key("", "language of the page, as operator.page.language; a file is in the same folder")
-    form: tuple[SessionFormSettings, ...] = key((), "forms that are filled in besides the runs")
-    training: TrainingSettings = key(
-        TrainingSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
-    )
-    condition: tuple[ConditionSettings, ...] = key((), "the runs, whose order is balanced over participants")
-
-    def problems(self) -> list[Problem]:
-        """Check the number of conditions, and that their labels differ."""
-        labels = [condition.label for condition in (self.training, *self.condition)]
-        problems = []
-        if not 1 <= len(self.condition) <= MAX_CONDITIONS:
-            allowed = f"must be 1 to {MAX_CONDITIONS} tables [[session.condition]]"
-            problems.append(Problem("condition", f"{len(self.condition)}", allowed))
-        if len(set(labels)) < len(labels):
-            problems.append(Problem("condition", ", ".join(labels), "must have different labels"))
-        forms = [form.name for form in self.form]
-        if len(set(forms)) < len(forms):
-            problems.append(Problem("form", ", ".join(forms), "must have different names"))
-        return problems
-
-
-@dataclass(frozen=True)
-class PlannedRun:
-    """One run of a participant."""
-
-    label: str
-    """The condition's label."""
     folder: str
     """The folder's name."""
+    summary: dict[str, Any]
+    """With the answers that were given later."""
     scenario: Scenario
-    """That of the first attempt."""
-    position: int
-    """Its place among the participant's runs; the training is 0."""
-    stream: int | None
-    """The stream of arrivals; None: one of its own."""
-    seeds: tuple[int, int]
-    """The session's seed, and the number from which the run's seed is derived."""
-    set: tuple[str, ...] = ()
-    """The condition's own scenario keys."""
-    once: tuple[str, ...] = ()
-    """Names of forms that are not filled in again, once the run is complete."""
-    criterion: CriterionSettings | None = None
-    """When the run need not be done again; None: once it is complete."""
+    """As it was planned."""
+    answered: frozenset[str]
+    """Names of the probes that have an answer."""
 
-    def attempt(self, number: int, *, is_repeat: bool = False) -> Scenario:
-        """Return the scenario of an attempt (1, 2, ...): a repeated run has other arrivals.
+    @property
+    def is_complete(self) -> bool:
+        """Whether the run reached its last step."""
+        return bool(self.summary["complete"])
 
-        `is_repeat`: an earlier attempt is complete, so consent and the forms before the session are not asked for.
+    @property
+    def answers_missing(self) -> int | None:
+        """The number of questions without an answer; None if no person took part."""
+        missing: int | None = (self.summary.get("person") or {}).get("answers_missing")
+        return missing
+
+    @property
+    def score(self) -> FormSettings | None:
+        """The page that tells the person how the task went; None if there was none."""
+        return score_form(self.summary)
+
+    @property
+    def unanswered(self) -> ProbeSettings | None:
+        """What to ask again; None if nothing is missing.
+
+        ISA, SAGAT and SPAM are about a moment of the run, and are not asked again.
         """
-        scenario = replace(self.scenario, seed=_seed(*self.seeds, number))
-        if not is_repeat:
-            return scenario
-        probes = scenario.operator.probes
-        forms = tuple(form for form in probes.form if form.name not in self.once)
-        probes = replace(probes, consent="", form=forms)
-        return replace(scenario, operator=replace(scenario.operator, probes=probes))
+        probes, has = self.scenario.operator.probes, self.answered
+        forms = tuple(replace(form, when=AFTER) for form in probes.form if form.question and form.name not in has)
+        has_tlx = probes.tlx and TLX not in has
+        if not has_tlx and not forms:
+            return None
+        return ProbeSettings(isa_every_s=0.0, tlx=has_tlx, tlx_weights=probes.tlx_weights, form=forms)
 
 
-def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
-    """Plan all runs of a participant, the training first; relative paths start at `beside`.
+def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
+    """Return the page that tells the person how the task of a run went; None if there was none."""
+    task = summary.get("task")
+    if not task:
+        return None
+    right = task["hits"] + task["correct_rejections"]
+    return FormSettings(SCORE, SCORE_TITLE, SCORE_TEXT.format(right=right, **task))
 
-    Raises:
-        SettingsError: a scenario is invalid, or the consent text cannot be read.
-    """
-    count, criterion = len(settings.condition), settings.training.criterion
-    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
-    runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
-    consent = _text(settings.consent, beside)
-    runs = []
-    for place, (condition, stream) in enumerate(runs_of):
-        name, label = condition.scenario, condition.label
-        if name not in scenarios.BUILT_IN:
-            name = str((beside / name).resolve())
-        sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
-        ends = criterion is not None and criterion.if_not_reached == END and place == 0
-        shown = {"title": label, "end_text": THANKS if place == count else WAIT if ends else MORE}
-        if settings.language:
-            shown["language"] = scenarios.language_at(settings.language, beside)
-        overrides = [
-            *DEFAULTS,
-            *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),
-            *settings.set,
-            *condition.set,
+
+@dataclass(frozen=True)
+class DoRun:
+    """Next: do a run, or do it again."""
+
+    run: PlannedRun
+    text: str
+    """What it is, and why it is repeated."""
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Next: show a page after a run, with the score or with questions that have no answer."""
+
+    attempt: Attempt
+    probes: ProbeSettings
+    text: str
+    """What is asked; empty for the score."""
+
+
+@dataclass(frozen=True)
+class Say:
+    """Next: tell the experimenter what is wrong."""
+
+    text: str
+    is_end: bool = False
+    """Whether the session ends here."""
+
+
+class Session:
+    """The state of a session. Its user carries out each step, and puts the attempts that exist then into `attempts`."""
+
+    def __init__(self, participant: int, runs: Sequence[PlannedRun]) -> None:
+        self.participant = participant
+        self.runs = runs
+        self.attempts: dict[str, list[Attempt]] = {run.folder: [] for run in runs}
+        """All attempts at each run that have ended, in order, by the folder of the run."""
+
+    def steps(self) -> Iterator[DoRun | Ask | Say]:
+        """Yield what is left to do, one step after the other: runs that are open, and answers that are missing."""
+        for run in self.runs:
+            for attempt in self._complete(run):
+                yield from self._asked(run, attempt)
+            while self.outcome(run) == OPEN:
+                yield DoRun(run, f"run {run.position} of {len(self.runs) - 1}: {run.label}{self._repeated(run)}")
+                for attempt in self.attempts[run.folder][-1:]:
+                    yield from self._after(run, attempt)
+                if run.criterion is None:
+                    break
+            if run.criterion and self.outcome(run) == NOT_REACHED:
+                ends = run.criterion.if_not_reached == END
+                then = "the session ends here" if ends else "the session goes on"
+                judged = self._judged(run, run.criterion)
+                yield Say(f"the criterion of the training is not reached: {judged}; {then}", ends)
+
+    def outcome(self, run: PlannedRun) -> str:
+        """Return OPEN if the run must be done, or done again; REACHED or NOT_REACHED if it is finished."""
+        complete = self._complete(run)
+        if run.criterion is None:
+            return REACHED if complete else OPEN
+        return run.criterion.outcome([run.criterion.value(attempt.summary) for attempt in complete])
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The order of the conditions, and the attempts at each run."""
+        return {
+            "participant": self.participant,
+            "language": self.runs[0].scenario.operator.page.language.tag,
+            "runs": [self._row(run) for run in self.runs],
+        }
+
+    def _row(self, run: PlannedRun) -> dict[str, Any]:
+        criterion = run.criterion
+        rows = [
+            {
+                "folder": attempt.folder,
+                "complete": attempt.summary["complete"],
+                "digest": attempt.summary["digest"],
+                "answers_missing": attempt.answers_missing,
+                **({"training_value": criterion.value(attempt.summary)} if criterion else {}),
+            }
+            for attempt in self.attempts[run.folder]
         ]
-        overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]
-        if place == 0:
-            number = 0  # all train with the same arrivals
-        elif settings.arrivals == CROSSED and stream is not None:
-            number = stream + 1
-        else:
-            number, stream = participant * (MAX_CONDITIONS + 1) + place, None
-        scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
-        scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
-        folder = f"{place}-{label.replace(' ', '-')}"
-        run = PlannedRun(label, folder, scenario, place, stream, (settings.seed, number), condition.set)
-        if place == 0:
-            run = replace(
-                run,
-                once=tuple(form.name for form in settings.form if form.when == FIRST),
-                criterion=_checked(criterion, scenario),
-            )
-        runs.append(run)
-        consent = ""  # asked for once
-    return runs
+        row = {
+            "place": run.position,
+            "condition": run.label,
+            "scenario": run.scenario.name,
+            "set": list(run.set),
+            "stream": run.stream,
+            "attempts": rows,
+        }
+        return row | ({"outcome": self.outcome(run)} if criterion else {})
+
+    def _complete(self, run: PlannedRun) -> list[Attempt]:
+        return [attempt for attempt in self.attempts[run.folder] if attempt.is_complete]
+
+    def _after(self, run: PlannedRun, attempt: Attempt) -> Iterator[Ask | Say]:
+        """Yield what follows a run that has just ended: the score, questions without an answer, and what they lack."""
+        if score := attempt.score:
+            yield Ask(attempt, ProbeSettings(isa_every_s=0.0, form=(score,)), "")
+        yield from self._asked(run, attempt)
+        if missing := self.attempts[run.folder][-1].answers_missing:
+            yield Say(f"answers missing in run {run.position}, {run.label}: {missing}")
+
+    @staticmethod
+    def _asked(run: PlannedRun, attempt: Attempt) -> Iterator[Ask]:
+        if probes := attempt.unanswered:
+            asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
+            yield Ask(attempt, probes, f"asking again after run {run.position}, {run.label}: {asked}")
+
+    def _repeated(self, run: PlannedRun) -> str:
+        """Say why training is repeated, and how often; empty: it is not."""
+        count = len(self._complete(run))
+        if run.criterion is None or not count:
+            return ""
+        return f" again ({count + 1} of at most {run.criterion.max_runs}), since {self._judged(run, run.criterion)}"
+
+    def _judged(self, run: PlannedRun, criterion: CriterionSettings) -> str:
+        values = [criterion.value(attempt.summary) for attempt in self._complete(run)]
+        got = ", ".join("none" if value is None else f"{value:g}" for value in values)
+        return f"{criterion.metric} must be {criterion.bounds} (got {got})"
 
 
-def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:
-    """Return the criterion. Raises SettingsError: the training's runs have no such metric."""
-    if criterion and (problems := criterion.problems_with(training)):
-        raise SettingsError([replace(p, path=f"session.training.criterion.{p.path}") for p in problems])
-    return criterion
-
-
-def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool, is_last: bool) -> Scenario:
-    """Add the session's forms that are filled in before or after this run."""
-    times = {FIRST: BEFORE if is_first else None, EACH: None if is_first else AFTER, LAST: AFTER if is_last else None}
-    forms = tuple(form.at(when) for form in settings.form if (when := times[form.when]))
-    probes = replace(scenario.operator.probes, form=scenario.operator.probes.form + forms)
-    if problems := probes.problems():
-        raise SettingsError(problems)
-    return replace(scenario, operator=replace(scenario.operator, probes=probes))
-
-
-def _seed(seed: int, number: int, attempt: int) -> int:
-    """Derive the seed of an attempt at a run."""
-    return agent_seed(seed, number + (attempt - 1) * MAX_RUNS) % MAX_SEED
-
-
-def _text(name: str, beside: Path) -> str:
-    if not name:
-        return ""
-    try:
-        return (beside / name).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise SettingsError([Problem("session.consent", repr(name), f"must be a text file: {error}")]) from None
-
-
-def load_session(file: str) -> tuple[SessionSettings, Path]:
-    """Load a session from a file; return it with the folder that its paths start from.
-
-    Raises:
-        SettingsError: it lists every mistake in the file.
-    """
-    table, path = scenarios.read_toml("session", file, {})
-    assert path is not None
-    if "session" not in table:
-        raise SettingsError([Problem("session", "missing", "must be a table [session]")])
-    return checked.load(SessionSettings, table["session"], "session"), path.parent
+def changed_keys(planned: Scenario, done: Scenario) -> list[str]:
+    """Return the scenario keys whose values differ."""
+    plans, values = (
+        {path: value for path, _, _, value in keys_of(scenario, "") if "[]" not in path} for scenario in (planned, done)
+    )
+    return [path for path, value in plans.items() if values[path] != value]

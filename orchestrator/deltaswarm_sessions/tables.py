@@ -12,8 +12,7 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_orchestrator.results.situation import PROBES
 from deltaswarm_scenario.person_tables import TABLES, columns_of
-from deltaswarm_sessions.again import answers
-from deltaswarm_sessions.record import RECORD, read_record, summary_of
+from deltaswarm_sessions.folder import RECORD, answers, read_record, summary_of
 from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN, value_at
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"

@@ -13,7 +13,8 @@ import tomli_w
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, load_scenario, read_toml
 from deltaswarm_scenario.page_language import page_texts
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.session import load_session, plan
+from deltaswarm_sessions.plan import plan
+from deltaswarm_sessions.settings import load_session
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import find_controller

@@ -13,9 +13,9 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.design import order_of
-from deltaswarm_sessions.record import RECORD
-from deltaswarm_sessions.session import load_session, plan
+from deltaswarm_sessions.folder import RECORD
+from deltaswarm_sessions.plan import order_of, plan
+from deltaswarm_sessions.settings import load_session
 from deltaswarm_wire.checked import load
 from tests.support.pages import ROOT, commands
 

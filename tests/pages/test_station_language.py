@@ -12,7 +12,7 @@ from selenium.webdriver.support.ui import Select
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.page_language import TEXTS, page_texts
 from deltaswarm_scenario.task import GOAL
-from deltaswarm_sessions import again
+from deltaswarm_sessions import session
 from tests.support.page_texts import texts
 from tests.support.station_feed import CONSENT, FORMS, Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
@@ -169,7 +169,7 @@ def test_every_question_is_translated(pseudo: Callable[..., Page]) -> None:
     page.at("form-send").click()
     page.until(lambda: page.text("form-missing"))
     assert untranslated(page) == []
-    told = again.SCORE_TEXT.format(right=4, events=9, hits=3, misses=2, false_alarms=2, unjudged=1)
+    told = session.SCORE_TEXT.format(right=4, events=9, hits=3, misses=2, false_alarms=2, unjudged=1)
     asks_form(page, number=2, form={"name": "score", "title": "Your score", "text": told, "question": []})
     page.until(lambda: "score" in page.text("form-title"))
     assert untranslated(page) == []

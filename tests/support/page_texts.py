@@ -19,7 +19,7 @@ from deltaswarm_operator.station import rules, server
 from deltaswarm_scenario import questions
 from deltaswarm_scenario.operator_settings import SAGAT, ProbeSettings
 from deltaswarm_scenario.task import GOAL
-from deltaswarm_sessions import again, session
+from deltaswarm_sessions import plan, session
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 
@@ -86,12 +86,12 @@ def _built_in() -> Iterator[str]:
     yield from questions.QUARTERS
     yield from (command_log.SENT, command_log.KNOWN, command_log.EXPIRED)
     yield from (
-        again.SCORE_TITLE,
-        again.SCORE_TEXT,
+        session.SCORE_TITLE,
+        session.SCORE_TEXT,
         GOAL,
-        session.MORE,
-        session.WAIT,
-        session.THANKS,
+        plan.MORE,
+        plan.WAIT,
+        plan.THANKS,
         potential.SPREADING,
         replay.REFUSED,
     )

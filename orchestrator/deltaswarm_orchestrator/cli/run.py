@@ -1,14 +1,11 @@
 """The command `deltaswarm run`."""
 
 import argparse
-import json
-import sys
-from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.cli.arguments import (
     LOCAL,
     add_dry_run,
@@ -172,75 +169,19 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
+    from deltaswarm_orchestrator.run import report
+
     if problem := _problem(arguments):
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
     options = _options_of(arguments, scenario)
-    check_run(scenario, options)
+    report.check_run(scenario, options)
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
-    if options.station and (warning := isa_warning(scenario, options.station.speed)):
+    if options.station and (warning := report.isa_warning(scenario, options.station.speed)):
         notice(warning)
-    return run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
-
-
-def check_run(scenario: Scenario, options: "RunOptions") -> None:
-    """Make every check of a run.
-
-    Raises:
-        SettingsError, CommandError: the run would be refused.
-    """
-    from deltaswarm_orchestrator.doctor import check_parts_can_start
-    from deltaswarm_orchestrator.run.options import check
-
-    if options.engine:
-        check_parts_can_start(0, linked=scenario.agents.count)
-    elif not options.in_process:
-        check_parts_can_start(scenario.agents.count - len(options.boards.agents if options.boards else ()))
-    check(scenario, options)
-
-
-def isa_warning(scenario: Scenario, speed: float) -> str | None:
-    """Return a warning if ISA questions come faster than their time to answer passes; None if they do not."""
-    probes = scenario.operator.probes
-    if not probes.isa_every_s or 0 < speed * probes.isa_wait_s <= probes.isa_every_s:
-        return None
-    pace = f"at {speed:g} times real time" if speed else "as fast as possible"
-    return (
-        f"operator.probes.isa_every_s should be at least the speed times isa_wait_s (got {probes.isa_every_s:g} s "
-        f"and {probes.isa_wait_s:g} s {pace}): otherwise a question is nearly always open, and the next comes late"
-    )
-
-
-def run_and_report(scenario: Scenario, options: "RunOptions", *, quiet: bool, as_json: bool = False) -> int:
-    """Do a checked run and print its results; return the exit code."""
-    from rich.console import Console
-
-    from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
-    from deltaswarm_orchestrator.run.progress import Display, result_table
-    from deltaswarm_orchestrator.run.reporter import Reporter
-
-    with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
-        result = run_scenario(scenario, options, display)
-    for message in result.messages:
-        complain(message)
-    if as_json:
-        print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
-    elif not result.summary["steps"]:
-        complain(f"{result.exit_reason}: no step is on file; see {result.folder}")
-        return result.code
-    else:
-        Console().print(result_table(result.summary))
-        print(result.folder)
-        if sys.stderr.isatty():
-            recording = "" if scenario.record == "off" else f"; open {result.folder / 'recording.mcap'} in a viewer"
-            notice(f"next: deltaswarm info {result.folder}{recording}")
-    if overruns := result.summary["realtime_overruns"]:
-        complain(f"{overruns} steps took longer than real time")
-    for reason in result.summary["invalid_because"]:
-        complain(f"not valid: {reason}")
-    return result.code
+    return report.run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
 
 
 def _problem(arguments: argparse.Namespace) -> str | None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from deltaswarm_orchestrator.results.judgements import judgement_rows, score
 from deltaswarm_scenario.person_tables import JudgementRow
 from deltaswarm_scenario.task import DECOY, TARGET
-from deltaswarm_sessions.again import score_form
+from deltaswarm_sessions.session import score_form
 
 
 def rows(hits: int, misses: int, false_alarms: int, rejections: int, unjudged: int = 0) -> list[JudgementRow]:

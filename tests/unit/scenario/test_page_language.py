@@ -12,7 +12,8 @@ from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.page_language import LanguageSettings, page_texts, placeholders
 from deltaswarm_scenario.scenario import Scenario, scenario_digest
-from deltaswarm_sessions.session import load_session, plan
+from deltaswarm_sessions.plan import plan
+from deltaswarm_sessions.settings import load_session
 from deltaswarm_sessions.translation import main
 from deltaswarm_wire.checked import SettingsError
 

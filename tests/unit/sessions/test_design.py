@@ -6,7 +6,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_sessions.design import Placed, order_of, square
+from deltaswarm_sessions.plan import Placed, order_of, square
 
 counts = st.integers(1, 12)
 seeds = st.none() | st.integers(0, 2**40)

@@ -13,7 +13,7 @@ from scipy import stats as scipy_stats
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_sessions import power
-from deltaswarm_sessions.design import group_of, order_of
+from deltaswarm_sessions.plan import group_of, order_of
 from deltaswarm_sessions.power import (
     ADJUSTED,
     MAX_PARTICIPANTS,

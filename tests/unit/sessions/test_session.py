@@ -8,14 +8,14 @@ import pytest
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
+from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.design import order_of
-from deltaswarm_sessions.session import MAX_SEED, load_session, plan
+from deltaswarm_sessions.plan import MAX_SEED, order_of, plan
+from deltaswarm_sessions.settings import load_session
 from deltaswarm_studies.load import load_study
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import Printed
@@ -128,7 +128,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
         (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
         return 0 if is_whole else 1
 
-    monkeypatch.setattr(cli_run, "run_and_report", pretend)
+    monkeypatch.setattr(report, "run_and_report", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
     assert main([*command, "--dry-run"]) == 0
     printed = capsys.readouterr().out.splitlines()
@@ -174,7 +174,7 @@ def test_runs_of_another_design_do_not_pass_for_the_planned_ones(
         (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
         return 0
 
-    monkeypatch.setattr(cli_run, "run_and_report", pretend)
+    monkeypatch.setattr(report, "run_and_report", pretend)
     file = tmp_path / "design.toml"
     conditions = "".join(
         f'[[session.condition]]\nlabel = "{label}"\nscenario = "smoke"\nset = ["run.duration_s=20"]\n'
@@ -201,7 +201,7 @@ def test_a_participant_has_one_session_at_a_time(
     command = ["session", str(a_file(tmp_path)), "--out", str(tmp_path / "out"), "--participant"]
     folder = tmp_path / "out" / "participant-001"
     folder.mkdir(parents=True)
-    monkeypatch.setattr(cli_run, "run_and_report", lambda *_, **__: 1)
+    monkeypatch.setattr(report, "run_and_report", lambda *_, **__: 1)
     lock = FolderLock(folder)
     assert main([*command, "1"]) == 2
     assert "under way" in capsys.readouterr().err
@@ -222,7 +222,7 @@ def test_a_run_whose_questions_lack_answers_is_named(
         (options.out / "summary.json").write_text(json.dumps(summary))
         return 0
 
-    monkeypatch.setattr(cli_run, "run_and_report", pretend)
+    monkeypatch.setattr(report, "run_and_report", pretend)
     out = tmp_path / "out"
     assert main(["session", str(a_file(tmp_path)), "--participant", "1", "--out", str(out)]) == 0
     assert ", B: 1" in capsys.readouterr().err
@@ -265,7 +265,7 @@ def test_questions_that_come_too_fast_are_warned_of(speed: float, every_s: float
     scenario = load_scenario(
         "smoke", [f"operator.probes.isa_every_s={every_s}", f"operator.probes.isa_wait_s={wait_s}"]
     )
-    assert bool(cli_run.isa_warning(scenario, speed)) == warns
+    assert bool(report.isa_warning(scenario, speed)) == warns
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
-from deltaswarm_sessions.record import RECORD
+from deltaswarm_sessions.folder import RECORD
 from deltaswarm_sessions.variables import KEYS
 from tests.support.complaints import Printed
 from tests.unit.sessions.test_session import a_file

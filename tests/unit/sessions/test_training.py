@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli import run as cli_run
+from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.record import summary_of
-from deltaswarm_sessions.session import MORE, WAIT, load_session, plan
-from deltaswarm_sessions.training import NOT_REACHED, OPEN, REACHED, CriterionSettings
+from deltaswarm_sessions.folder import summary_of
+from deltaswarm_sessions.plan import MORE, WAIT, plan
+from deltaswarm_sessions.settings import NOT_REACHED, OPEN, REACHED, CriterionSettings, load_session
 from deltaswarm_sessions.variables import MEASURES, SITUATION_RIGHT_SHARE
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.complaints import Printed
@@ -179,7 +179,7 @@ def test_training_is_repeated_until_it_is_enough(
 ) -> None:
     """With other arrivals; runs that were complete before a cut count, and the runs follow only once it is enough."""
     runs = Runs(2, None, 4, 6)
-    monkeypatch.setattr(cli_run, "run_and_report", runs)
+    monkeypatch.setattr(report, "run_and_report", runs)
     file = a_file(tmp_path, 2, with_criterion())
     command = ["session", str(file), "--participant", "1", "--out", str(tmp_path / "out")]
     assert main(command) == 1
@@ -213,7 +213,7 @@ def test_a_session_whose_training_is_not_enough(
 ) -> None:
     """It goes on or ends, as the file says, says so, and marks the participant; the same when it is continued."""
     runs = Runs(1, 2)
-    monkeypatch.setattr(cli_run, "run_and_report", runs)
+    monkeypatch.setattr(report, "run_and_report", runs)
     file = a_file(tmp_path, 2, with_criterion(more=f'max_runs = 2\nif_not_reached = "{then}"'))
     command = ["session", str(file), "--participant", "1", "--out", str(tmp_path / "out")]
     for _ in range(2):

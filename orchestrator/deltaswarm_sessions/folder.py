@@ -1,0 +1,127 @@
+"""A participant's folder: the record `session.json`, the attempts at each run, and all answers given in it or later."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.recording.names import SCENARIO
+from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.situation import PROBES, SITUATION
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.operator_settings import TLX
+from deltaswarm_scenario.questions import tlx_scores
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_sessions.plan import PlannedRun
+from deltaswarm_sessions.session import Attempt, Session, changed_keys
+
+RECORD, SUMMARY = "session.json", "summary.json"
+
+Row = dict[str, str]
+
+
+def check_design(folder: Path, session: Session) -> None:
+    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one.
+
+    Raises:
+        CommandError: the order of the conditions, or the scenario of a complete run, is another one.
+    """
+    hint = "undo the change of the session's file, or choose another folder by --out"
+    if (folder / RECORD).exists():
+        before = [run["condition"] for run in read_record(folder)["runs"]]
+        if before != (now := [run.label for run in session.runs]):
+            raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
+    for attempt in (attempt for attempts in session.attempts.values() for attempt in attempts if attempt.is_complete):
+        file = folder / attempt.folder / SCENARIO
+        if changed := changed_keys(attempt.scenario, load_scenario(str(file))):
+            raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Return the record in a participant's folder. Raises CommandError: it cannot be read."""
+    return _read_file(folder / RECORD, "runs")
+
+
+def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
+    """Return all attempts at a run that have ended, in order. Raises CommandError: a summary cannot be read."""
+    found: list[Attempt] = []
+    for name in _names_of_attempts(folder, run):
+        here = folder / name
+        if (here / SUMMARY).exists():
+            answered = frozenset(row["probe"] for row in answers(here) if row["answered_utc"])
+            found.append(Attempt(name, summary_of(here), scenario_of(run, name, found), answered))
+    return found
+
+
+def scenario_of(run: PlannedRun, folder: str, earlier: Sequence[Attempt]) -> Scenario:
+    """Return the scenario of the attempt in a folder of this name, after these."""
+    return run.attempt(_attempt_number(folder, run), is_repeat=any(attempt.is_complete for attempt in earlier))
+
+
+def summary_of(run: Path) -> dict[str, Any]:
+    """Return the summary of a run with what was known only after it: later answers, and how many were right.
+
+    Raises CommandError, as above.
+    """
+    summary = _with_later_answers(run, _read_file(run / SUMMARY, "complete"))
+    if rows := read_rows(run / SITUATION):
+        share = sum(row["is_right"] == "1" for row in rows) / len(rows)
+        summary["person"] = {**(summary.get("person") or {}), "situation_right_share": share}
+    return summary
+
+
+def answers(folder: Path) -> list[Row]:
+    """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
+    later = _later(folder)
+    given = {(row["probe"], row["item"]) for row in later}
+    first = [
+        row for row in read_rows(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given
+    ]
+    return [*first, *later]
+
+
+def folders_of_later_answers(folder: Path) -> list[Path]:
+    """Return the folders of the pages that asked again after a run, in order."""
+    return sorted(folder.parent.glob(f"{folder.name}.again-*"), key=lambda path: int(path.name.rpartition("-")[2]))
+
+
+def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
+    later = _later(folder)
+    person = summary.get("person")
+    if not later or not isinstance(person, dict):
+        return summary
+    missing = (person.get("answers_missing") or 0) - len({row["probe"] for row in later})
+    changed = {**person, "answers_missing": max(0, missing)}
+    if scales := {row["item"]: float(row["value"]) for row in later if row["probe"] == TLX}:
+        changed["tlx"] = tlx_scores(scales)
+    return {**summary, "person": changed}
+
+
+def _later(folder: Path) -> list[Row]:
+    """Return the answers that were given after a run."""
+    return [row for page in folders_of_later_answers(folder) for row in read_rows(page / PROBES) if row["answered_utc"]]
+
+
+def _names_of_attempts(folder: Path, run: PlannedRun) -> list[str]:
+    """Return the names of the folders of all attempts at a run: further attempts have a number behind the name."""
+    names = {path.name.removesuffix(".part") for path in folder.iterdir()} if folder.exists() else set()
+    return sorted((name for name in names if _attempt_number(name, run)), key=lambda name: _attempt_number(name, run))
+
+
+def _attempt_number(name: str, run: PlannedRun) -> int:
+    """Return which attempt at a run a folder of this name is; 0: none."""
+    number = name.removeprefix(f"{run.folder}-")
+    return 1 if name == run.folder else int(number) if number != name and number.isdecimal() else 0
+
+
+def _read_file(file: Path, needed: str) -> dict[str, Any]:
+    """Return a JSON file that has this key. Raises CommandError: it cannot be read, or was cut off."""
+    try:
+        content = dict(json.loads(file.read_text(encoding="utf-8")))
+        content[needed]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise CommandError(
+            f"{file} must be a whole file of this session ({error!r}); restore it, or move it away"
+        ) from None
+    return content

@@ -1,0 +1,217 @@
+"""What one participant does: conditions and streams of arrivals in a balanced order, and the scenario of each run.
+
+Orders are rows of a Williams design, a Latin square balanced for carry-over effects: over the rows, each condition
+occurs equally often at each place, and equally often directly after each other condition (Williams 1949). Streams are
+crossed with it: over two passes through the rows, each stream occurs equally often with each condition and at each
+place, so that the effects of stream, place and condition can be told apart. No I/O except reading files.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from json import dumps
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+from deltaswarm_orchestrator.scenarios import load as scenarios
+from deltaswarm_scenario.operator_settings import begun_with
+from deltaswarm_scenario.questions import AFTER, BEFORE
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_sessions.settings import (
+    CROSSED,
+    EACH,
+    END,
+    FIRST,
+    LAST,
+    MAX_CONDITIONS,
+    MAX_PARTICIPANT,
+    RANDOM,
+    CriterionSettings,
+    SessionSettings,
+)
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.commands import forms_of
+from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.seeds import agent_seed
+
+MAX_RUNS = (MAX_PARTICIPANT + 2) * (MAX_CONDITIONS + 1)
+MAX_SEED = 2**53
+"""Seeds stay below it, so that programs that read numbers as floating point lose no digit."""
+
+MORE = "Please wait: the next run follows by itself."
+WAIT = "Please wait."
+THANKS = "Thank you: that was the last run."
+
+DEFAULTS = ("operator.page.pace=false", "operator.probes.isa_jitter_s=30")
+"""Scenario keys of all runs, which a condition's `set` may change.
+
+A participant must not pause or speed up a run, nor foresee a question.
+"""
+
+
+class Placed(NamedTuple):
+    """A condition and a stream of arrivals, by number from 0."""
+
+    condition: int
+    stream: int
+
+
+def square(count: int) -> list[list[int]]:
+    """Return the rows of a Williams design of `count` conditions: `count` rows if that is even, else twice as many."""
+    first = [0, *(place // 2 + 1 if place % 2 == 0 else count - place // 2 - 1 for place in range(count - 1))]
+    rows = [[(condition + shift) % count for condition in first] for shift in range(count)]
+    return rows if count % 2 == 0 else rows + [row[::-1] for row in rows]
+
+
+def group_of(count: int, *, is_crossed: bool) -> int:
+    """Return how many participants do every order of `count` conditions equally often; with crossed streams, these too.
+
+    Recruit participants in multiples of it.
+    """
+    return len(square(count)) * (2 if is_crossed else 1)
+
+
+def order_of(participant: int, count: int, seed: int | None = None) -> list[Placed]:
+    """Return what a participant (1, 2, ...) does, in order.
+
+    Each pass through the rows is in an order drawn from `seed`; without a seed, participants take the rows in turn.
+    """
+    rows = square(count)
+    cycle, place = divmod(participant - 1, len(rows))
+    numbers = list(range(len(rows)))
+    if seed is not None:
+        Random(f"deltaswarm/{seed}/allocation/{cycle}").shuffle(numbers)
+    row = numbers[place]
+    return [Placed(condition, (condition + row + cycle) % count) for condition in rows[row]]
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One run of a participant."""
+
+    label: str
+    """The condition's label."""
+    folder: str
+    """The folder's name."""
+    scenario: Scenario
+    """That of the first attempt."""
+    position: int
+    """Its place among the participant's runs; the training is 0."""
+    stream: int | None
+    """The stream of arrivals; None: one of its own."""
+    seeds: tuple[int, int]
+    """The session's seed, and the number from which the run's seed is derived."""
+    set: tuple[str, ...] = ()
+    """The condition's own scenario keys."""
+    once: tuple[str, ...] = ()
+    """Names of forms that are not filled in again, once the run is complete."""
+    criterion: CriterionSettings | None = None
+    """When the run need not be done again; None: once it is complete."""
+
+    def attempt(self, number: int, *, is_repeat: bool = False) -> Scenario:
+        """Return the scenario of an attempt (1, 2, ...): a repeated run has other arrivals.
+
+        `is_repeat`: an earlier attempt is complete, so consent and the forms before the session are not asked for.
+        """
+        scenario = replace(self.scenario, seed=_seed(*self.seeds, number))
+        if not is_repeat:
+            return scenario
+        probes = scenario.operator.probes
+        forms = tuple(form for form in probes.form if form.name not in self.once)
+        probes = replace(probes, consent="", form=forms)
+        return replace(scenario, operator=replace(scenario.operator, probes=probes))
+
+
+def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
+    """Plan all runs of a participant, the training first; relative paths start at `beside`.
+
+    Raises:
+        SettingsError: a scenario is invalid, or the consent text cannot be read.
+    """
+    count, criterion = len(settings.condition), settings.training.criterion
+    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
+    runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
+    consent = _text(settings.consent, beside)
+    runs = []
+    for place, (condition, stream) in enumerate(runs_of):
+        name, label = condition.scenario, condition.label
+        if name not in scenarios.BUILT_IN:
+            name = str((beside / name).resolve())
+        sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
+        ends = criterion is not None and criterion.if_not_reached == END and place == 0
+        shown = {"title": label, "end_text": THANKS if place == count else WAIT if ends else MORE}
+        if settings.language:
+            shown["language"] = scenarios.language_at(settings.language, beside)
+        overrides = [
+            *DEFAULTS,
+            *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),
+            *settings.set,
+            *condition.set,
+        ]
+        overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]
+        if place == 0:
+            number = 0  # all train with the same arrivals
+        elif settings.arrivals == CROSSED and stream is not None:
+            number = stream + 1
+        else:
+            number, stream = participant * (MAX_CONDITIONS + 1) + place, None
+        scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
+        scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
+        folder = f"{place}-{label.replace(' ', '-')}"
+        run = PlannedRun(label, folder, scenario, place, stream, (settings.seed, number), condition.set)
+        if place == 0:
+            run = replace(
+                run,
+                once=tuple(form.name for form in settings.form if form.when == FIRST),
+                criterion=_checked(criterion, scenario),
+            )
+        runs.append(run)
+        consent = ""  # asked for once
+    return runs
+
+
+def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:
+    """Return the criterion. Raises SettingsError: the training's runs have no such metric."""
+    if criterion and (problems := criterion.problems_with(training)):
+        raise SettingsError([replace(p, path=f"session.training.criterion.{p.path}") for p in problems])
+    return criterion
+
+
+def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool, is_last: bool) -> Scenario:
+    """Add the session's forms that are filled in before or after this run."""
+    times = {FIRST: BEFORE if is_first else None, EACH: None if is_first else AFTER, LAST: AFTER if is_last else None}
+    forms = tuple(form.at(when) for form in settings.form if (when := times[form.when]))
+    probes = replace(scenario.operator.probes, form=scenario.operator.probes.form + forms)
+    if problems := probes.problems():
+        raise SettingsError(problems)
+    return replace(scenario, operator=replace(scenario.operator, probes=probes))
+
+
+def _seed(seed: int, number: int, attempt: int) -> int:
+    """Derive the seed of an attempt at a run."""
+    return agent_seed(seed, number + (attempt - 1) * MAX_RUNS) % MAX_SEED
+
+
+def _text(name: str, beside: Path) -> str:
+    if not name:
+        return ""
+    try:
+        return (beside / name).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise SettingsError([Problem("session.consent", repr(name), f"must be a text file: {error}")]) from None
+
+
+def order_warning(planned: Sequence[PlannedRun]) -> str | None:
+    """Return a warning if the page offers an order that sets what the conditions vary; None if it does not."""
+    values: dict[tuple[str, str], set[object]] = {}
+    for run in planned:
+        control = run.scenario.control
+        forms = begun_with(forms_of(find_controller(control.mode)), control.options)
+        for form in run.scenario.for_operator(forms, 1.0).offered if run.position else ():
+            for argument in form.arguments:
+                values.setdefault((form.name, argument.name), set()).add(argument.default)
+    found = next((names for names, defaults in values.items() if len(defaults) > 1), None)
+    return found and (
+        f"the conditions vary {found[1]}, which the participant reads and can change in the order {found[0]!r}: "
+        'operator.page.orders = ["none"], or a list without it, leaves it out'
+    )

@@ -1,0 +1,132 @@
+"""Carry out the steps of a session: do runs, each with a station at the same address, and ask for missing answers."""
+
+import os
+import secrets
+import subprocess
+import sys
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.signals import heed_signals_again
+from deltaswarm_orchestrator.cli.arguments import free_folder
+from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address, write_briefing
+from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
+from deltaswarm_orchestrator.results.run_tables import write_json
+from deltaswarm_orchestrator.run import report
+from deltaswarm_orchestrator.run.options import RunOptions
+from deltaswarm_sessions.folder import RECORD, attempts_at, check_design, folders_of_later_answers, scenario_of
+from deltaswarm_sessions.plan import PlannedRun, order_warning
+from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
+from deltaswarm_wire.session import PASSWORD_VARIABLE
+
+
+@dataclass(kw_only=True)
+class Runner:
+    """Does the session of one participant in a folder of its own."""
+
+    session: Session
+    folder: Path
+    speed: float
+    """Simulated per wall second to begin with; 0: as fast as possible."""
+    listen: str = LOOPBACK
+    """HOST:PORT of the page; a free port is chosen once, for all runs."""
+    markers: str = ""
+    researcher: bool = False
+    quiet: bool = False
+    command: str = ""
+    """The command that continues the session, for the experimenter."""
+    _token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
+    _opens_browser: bool = field(default=True, init=False)
+
+    def __post_init__(self) -> None:
+        self.listen = free_address(self.listen)
+
+    def check(self) -> list[str]:
+        """Make every check of all runs, before a participant has done the first; return warnings.
+
+        Raises:
+            SettingsError, CommandError: a run would be refused.
+        """
+        for run in self.session.runs:
+            report.check_run(run.scenario, self._options(run))
+        slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
+        return [*dict.fromkeys(warning for warning in [*slow, order_warning(self.session.runs)] if warning)]
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the session has been begun, so that its order is no longer concealed."""
+        return (self.folder / RECORD).exists()
+
+    def run(self) -> int:
+        """Do what is left of the session, and keep its record; return the exit code.
+
+        Raises:
+            CommandError: another session of this participant is under way, or this one was begun with another design.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            lock = FolderLock(self.folder)
+        except HeldError:
+            raise CommandError(
+                f"{self.folder} must be free: another session of this participant is under way"
+            ) from None
+        try:
+            return self._do_steps()
+        finally:
+            lock.release()
+
+    def _do_steps(self) -> int:
+        self._read()
+        check_design(self.folder, self.session)
+        self._write()
+        for step in self.session.steps():
+            if isinstance(step, DoRun):
+                notice(step.text)
+                if code := self._do_run(step.run):
+                    complain(f"the session stops here; to go on: {self.command}")
+                    return code
+            elif isinstance(step, Ask):
+                if step.text:
+                    notice(step.text)
+                self._ask(step)
+            else:
+                complain(step.text)
+                if step.is_end:
+                    return FAILED
+            self._read()
+            self._write()
+        return OK
+
+    def _read(self) -> None:
+        for run in self.session.runs:
+            self.session.attempts[run.folder] = attempts_at(self.folder, run)
+
+    def _write(self) -> None:
+        write_json(self.folder / RECORD, self.session.record)
+
+    def _options(self, run: PlannedRun) -> RunOptions:
+        station = Station(self.speed, self.listen, self._token, self.markers, self._opens_browser)
+        return RunOptions(out=free_folder(self.folder / run.folder), station=station, researcher=self.researcher)
+
+    def _do_run(self, run: PlannedRun) -> int:
+        options = self._options(run)
+        self._opens_browser = False
+        scenario = scenario_of(run, options.out.name, self.session.attempts[run.folder])
+        code = report.run_and_report(scenario, options, quiet=self.quiet)
+        self._read()
+        self._write()
+        heed_signals_again()
+        return code
+
+    def _ask(self, step: Ask) -> None:
+        """Ask on the station's page, until all is answered, the time is over or a signal ends it."""
+        folder, scenario = self.folder / step.attempt.folder, step.attempt.scenario
+        name = f"again-{len(folders_of_later_answers(folder)) + 1}" if step.text else SCORE
+        out = folder.with_name(f"{folder.name}.{name}")
+        out.mkdir()
+        asked = replace(scenario, operator=replace(scenario.operator, probes=step.probes))
+        briefing = write_briefing(out, asked, None)
+        command = [sys.executable, "-P", "-m", "deltaswarm_operator.io.asking"]
+        options = ["--briefing", str(briefing), "--out", str(out), "--listen", self.listen]
+        subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: self._token}, check=False)
