@@ -38,13 +38,16 @@ def _version(distribution: str) -> str | None:
 
 
 def host() -> dict[str, str | int | None]:
-    """Return the machine's system, architecture and number of cores, but not its name."""
-    return {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()}
+    """Return the machine's system, architecture and the number of cores that this process may use, but not its name."""
+    return {"system": platform.platform(), "machine": platform.machine(), "cores": len(os.sched_getaffinity(0))}
 
 
 @cache
 def commit() -> str | None:
-    """Return the git commit of the sources, with `-dirty` if they differ from it; None outside a git checkout."""
+    """Return the git commit of the sources, with `-dirty` if they differ from it; None if it is not known.
+
+    In a checkout git says it; an installation has it in a file, which the build wrote.
+    """
     here = Path(__file__)
 
     def git(*arguments: str) -> str:
@@ -55,7 +58,8 @@ def commit() -> str | None:
         git("ls-files", "--error-unmatch", here.name)
         return git("describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
     except (OSError, subprocess.SubprocessError):
-        return None
+        installed = here.parents[1] / "commit.txt"
+        return installed.read_text(encoding="ascii").strip() if installed.exists() else None
 
 
 @cache
