@@ -34,6 +34,10 @@ BOUNDS = ("none", "density", "everything")
 """Everything: the density, and every event from its arrival. A bound is computed in one process only."""
 
 
+MAX_AREA_M2 = 1e8
+"""Greatest area of the arena, on which densities and covered areas are computed by the square metre."""
+
+
 @dataclass(frozen=True)
 class RunSettings:
     """Duration and pace."""
@@ -153,6 +157,8 @@ class Scenario:
                 problems.append(Problem(f"operator.probes.{name}", late, allowed))
         problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
+        if (area_m2 := self.arena.width_m * self.arena.height_m) > MAX_AREA_M2:
+            problems.append(Problem("arena", f"{area_m2:g} m2", f"must have an area of at most {MAX_AREA_M2:g} m2"))
         problems += obstacle_problems(self.arena.obstacles, size_m)
         problems += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         problems += uplink_problems(self.uplink, size_m, self.run.step_s)

@@ -6,7 +6,6 @@ instead of stopping at the first.
 
 import dataclasses
 import difflib
-import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -20,6 +19,10 @@ PAPER, OURS = "paper", "our reading"
 
 MAX_LINE = 1000
 """Characters of each part of a message: a wrong value may be huge."""
+
+
+MAX_NUMBER, MIN_POSITIVE = 1e9, 1e-9
+"""Limits of every number that states none of its own: with what is allowed, nothing that is computed overflows."""
 
 
 def one_line(text: str) -> str:
@@ -200,37 +203,34 @@ def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple
     return (None if None in checked_values else tuple(checked_values)), problems
 
 
+def _bounds(limits: Mapping[str, Any]) -> tuple[float, float, float | None]:
+    """Return the least and the greatest value of a number, and the value that it must exceed, if any."""
+    low, high, above = limits.get("low"), limits.get("high"), limits.get("above")
+    high = MAX_NUMBER if high is None else high
+    if low is None:
+        low = -MAX_NUMBER if above is None else above + MIN_POSITIVE
+    return low, high, above
+
+
 def _within(value: Any, limits: Mapping[str, Any]) -> bool:
     if limits.get("choices") is not None:
         return value in limits["choices"]
     if isinstance(value, bool | str):
         return True
-    low, high, above = limits.get("low"), limits.get("high"), limits.get("above")
-    return (
-        _is_finite(value)
-        and (low is None or value >= low)
-        and (high is None or value <= high)
-        and (above is None or value > above)
-    )
-
-
-def _is_finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer beyond every float
-        return False
+    low, high, above = _bounds(limits)
+    return bool(low <= value <= high and (above is None or value > above))
 
 
 def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
     if limits.get("choices") is not None:
         return "one of " + ", ".join(limits["choices"])
     noun = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}[hint]
-    low, high = limits.get("low"), limits.get("high")
-    if low is not None and high is not None:
-        return shown_limit(low) if low == high else f"{noun} from {shown_limit(low)} to {shown_limit(high)}"
-    words = (("above", "above"), ("low", "of at least"), ("high", "at most"))
-    bounds = [f"{word} {shown_limit(limits[name])}" for name, word in words if limits.get(name) is not None]
-    return " ".join((noun, " and ".join(bounds))).rstrip()
+    if hint in (str, bool):
+        return noun
+    low, high, above = _bounds(limits)
+    if above is not None:
+        return f"{noun} above {shown_limit(above)} and at most {shown_limit(high)}"
+    return shown_limit(low) if low == high else f"{noun} from {shown_limit(low)} to {shown_limit(high)}"
 
 
 def shown_limit(limit: float) -> str:

@@ -17,7 +17,8 @@ REFERENCE_HEAD = """\
 # Scenario keys
 
 A scenario is a TOML file with `schema = 1`. Every key can also be set by `--set key=value`. `name[].key` is a key of
-each table `[[name]]`. A key without a default is absent unless you set it. Limits of a list apply to its items. The
+each table `[[name]]`. A key without a default is absent unless you set it. Limits of a list apply to its items.
+Where no limit is stated, a number is from -1,000,000,000 to 1,000,000,000; above 0 means at least 0.000000001. The
 source says whether a default is the paper's or our reading of what the paper leaves open ([readings](READINGS.md)).
 """
 

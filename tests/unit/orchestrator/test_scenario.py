@@ -188,7 +188,7 @@ overrides = st.fixed_dictionaries(
         "control.d_min_m": st.floats(0, 8.9),
         "radio.loss": st.floats(0, 1),
         "run.duration_s": st.integers(1, 10**8).map(float),
-        "agents.speed_mps": st.floats(1e-300, 100),
+        "agents.speed_mps": st.floats(1e-9, 100),
         "events.density.mean_m": st.lists(st.floats(0, 40), min_size=2, max_size=2),
         "name": st.from_regex(r"[a-z][a-z0-9-]{0,20}", fullmatch=True),
     },
