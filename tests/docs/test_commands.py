@@ -108,12 +108,14 @@ def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
 
 def test_the_commands_for_pages_made_from_the_code_write_them(tmp_path: Path) -> None:
     """Those of EXTENDING.md."""
-    shutil.copy(ROOT / "docs" / "RESULTS.md", tmp_path)
+    for name in ("RESULTS.md", "STATION.md"):
+        shutil.copy(ROOT / "docs" / name, tmp_path)
     for command in commands(page("docs/EXTENDING.md")):
         done = shell(re.sub(r"docs/(\w+\.md)", rf"{tmp_path}/\1", command), ROOT)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "SCENARIO.md").read_text() == reference()
-    assert (tmp_path / "RESULTS.md").read_text() == page("docs/RESULTS.md")
+    for name in ("RESULTS.md", "STATION.md"):
+        assert (tmp_path / name).read_text() == page(f"docs/{name}")
 
 
 @pytest.mark.slow

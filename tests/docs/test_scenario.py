@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from docs.extensions import page_messages
 from docs.extensions.person_tables import with_reference
 from docs.extensions.scenario_keys import reference
 
@@ -17,3 +18,10 @@ def test_the_page_of_result_files_is_up_to_date() -> None:
     """docs/RESULTS.md has every column of the tables about a person at the console."""
     page = (DOCS / "RESULTS.md").read_text()
     assert page == with_reference(page)
+
+
+def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:
+    """Both are what the table of messages makes."""
+    page = (DOCS / "STATION.md").read_text()
+    assert page == page_messages.with_tables(page)
+    assert page_messages.TYPES.read_text() == page_messages.types()

@@ -146,7 +146,7 @@ def test_everything_on_the_live_page_is_translated(pseudo: Callable[..., Page]) 
     page.at("help-close").click()
     for why, told in (
         ("this question is no longer open", "[[this question is no longer open]]"),
-        ("the speed must be from 0 to 1000 (got 2000)", "[[the speed must be from 0 to 1000 (got ]]2000[[)]]"),
+        ("the radius must be above 0 m (got -2)", "[[the radius must be above 0 m (got ]]-2[[)]]"),
     ):
         page.feed.send({"type": "refused", "id": None, "why": why})
         page.until(lambda told=told: page.text("said") == f"[[Not accepted: ]]{told}[[.]]")

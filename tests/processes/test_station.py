@@ -360,7 +360,7 @@ def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
     assert briefing.title.startswith("smoke")
     replay = Replay(briefing, found)
     replay.seek(math.inf)
-    [command] = json.loads(replay.show())["commands"]
+    [command] = replay.show()["commands"]
     assert command[:4] == [0, "hold", ["circle", 5, 6, 7], {"for_s": 9}]
     assert first in {item for step in found for item in step.read}
     assert [step.clock.step for step in found] == list(range(len(found)))

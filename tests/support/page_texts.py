@@ -14,9 +14,9 @@ from types import ModuleType
 from typing import Any
 
 from deltaswarm_agent.controllers import potential
-from deltaswarm_operator.core import autonomy, command_log, intents, probes, replay
+from deltaswarm_operator.core import autonomy, command_log, intents, probes
 from deltaswarm_operator.station import rules, server
-from deltaswarm_scenario import questions
+from deltaswarm_scenario import page_messages, questions
 from deltaswarm_scenario.operator_settings import SAGAT, ProbeSettings
 from deltaswarm_scenario.task import GOAL
 from deltaswarm_sessions import plan, session
@@ -93,7 +93,7 @@ def _built_in() -> Iterator[str]:
         plan.WAIT,
         plan.THANKS,
         potential.SPREADING,
-        replay.REFUSED,
+        *(why for why in page_messages.WHY_NOT.values() if not why.startswith(NOT_OURS)),
     )
 
 

@@ -20,6 +20,7 @@ from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, ISA, SAGAT, SET_DELTA, Briefing
+from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
@@ -265,12 +266,12 @@ class Console:
         """Return a form for the page; the page need not know the control mode."""
         return {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)}
 
-    def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> bytes:
+    def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> Message:
         """Return the message that describes the run to the page."""
         briefing = self.briefing
         probes, page = briefing.operator.probes, briefing.operator.page
-        return compact(
-            type="hello",
+        return made(
+            "hello",
             kind=kind,
             run=run,
             title=page.title or briefing.title,
@@ -296,7 +297,7 @@ class Console:
             },
         )
 
-    def show(self, wall_s: float, **more: Any) -> bytes:
+    def show(self, wall_s: float, **more: Any) -> Message:
         """Return the newest picture."""
         picture, workload = self.picture, self._workload
         first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also after a replay went back
@@ -304,8 +305,7 @@ class Console:
         if self.attention is not None:
             self.attention.show(picture, wall_s)
         above_s = [steps * self.briefing.step_s for steps in self._steps_above]
-        told = dict(
-            type="picture",
+        fields = dict(
             step=self.step,
             time_s=round(picture.now_s, 3),
             over=self._is_over,
@@ -327,7 +327,7 @@ class Console:
             probe=self.probes.open(wall_s),
             proposal=self._proposal,
         )
-        return compact(**{**told, **more})
+        return made("picture", **{**fields, **more})
 
     @property
     def _proposal(self) -> dict[str, Any] | None:
@@ -343,8 +343,3 @@ def _target_columns(target: Target) -> dict[str, Any]:
     if target.kind in (AGENT, TREE):
         return {"target": target.kind, "agent": int(target.numbers[0])}
     return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}
-
-
-def compact(**message: Any) -> bytes:
-    """Encode a message for the station."""
-    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()

@@ -4,14 +4,14 @@ Pure: the steps of a run in, the station's datagrams out. A replay shows nothing
 """
 
 import copy
-import json
-import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from deltaswarm_operator.core.console import Console, compact
-from deltaswarm_operator.core.intents import carry_out
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.intents import INTENTS
 from deltaswarm_scenario.operator_settings import Briefing
+from deltaswarm_scenario.page_messages import REPLAY, Message, answers, made
+from deltaswarm_scenario.person_tables import PERSON
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 KEPT_EVERY_STEPS = 200
@@ -21,8 +21,6 @@ FASTEST = 200.0
 """Simulated seconds per wall second, if the speed is "as fast as possible"."""
 
 SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
-
-REFUSED = "this is a replay: nothing can be commanded or answered"
 
 
 class RecordedStep(NamedTuple):
@@ -93,51 +91,36 @@ class Replay:
     def _time_s(self, done: int) -> float:
         return self._steps[done - 1].clock.time_s
 
-    def hello(self, run: str) -> bytes:
+    def hello(self, run: str) -> Message:
         """Return the message that describes the run to the page."""
         return self._console.hello(run, "replay", SPEEDS)
 
-    def news(self) -> list[bytes]:
+    def news(self) -> list[Message]:
         """Return what the page must not miss: the items that were read since."""
         read, self._news = self._news, []
-        return [compact(type="read", items=read)] if read else []
+        return [made("read", items=read)] if read else []
 
-    def show(self) -> bytes:
+    def show(self) -> Message:
         """Return the picture at the present time."""
         bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
         self._console.pace = self._console.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
         return self._console.show(0.0, replay=bar, probe=None)
 
-    def intend(self, data: bytes) -> list[bytes]:
-        """Carry out an intent of the page; return the answers."""
-        try:
-            raw: Any = json.loads(data)
-            kind = raw["type"]
-            if kind == "seek":
-                self.seek(finite(raw["time_s"]))
-            elif kind == "pace" and "speed" in raw:
-                self.speed = min(max(finite(raw["speed"]), -FASTEST), FASTEST)
-            elif kind == "pace" and "steps" in raw:
-                self.seek(self._now_s + finite(raw["steps"]) * self._step_s)
-                self.is_paused = True
-            elif kind == "pace":
-                self.is_paused = bool(raw["paused"])
-            elif kind in ("catch_up", "read"):
-                return carry_out(self._console, data, 0.0)
-            elif kind != "page":
-                refused = {"type": "refused", "to": raw.get("from"), "id": raw.get("id", ""), "why": REFUSED}
-                return [json.dumps(refused).encode()]
-        except (ValueError, TypeError, KeyError):
-            return []
+    def intend(self, data: bytes) -> list[Message]:
+        """Carry out what the page sent; return the answers."""
+        return answers(data, REPLAY, self._act)
+
+    def _act(self, raw: Message) -> list[Message]:
+        kind = raw["type"]
+        if kind == "seek":
+            self.seek(raw["time_s"])
+        elif kind != "pace":
+            return INTENTS[kind](self._console, raw, {"by": PERSON, "monotonic_s": 0.0, "page": raw["from"]})
+        elif "speed" in raw:
+            self.speed = min(max(raw["speed"], -FASTEST), FASTEST)
+        elif "steps" in raw:
+            self.seek(self._now_s + raw["steps"] * self._step_s)
+            self.is_paused = True
+        else:
+            self.is_paused = raw.get("paused", self.is_paused)
         return []
-
-
-def finite(value: Any) -> float:
-    """Convert a value from the page to a finite number. Raises ValueError or TypeError if that is impossible."""
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError("a number must be finite")
-    return number

@@ -1,10 +1,12 @@
 """The operator's end of the socket pair to its station. Sending never waits; what does not fit is dropped."""
 
+import json
 import socket
 import threading
 from collections.abc import Callable
 
-MAX_INTENT_BYTES = 64 * 1024
+from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, Message
+
 SEND_BUFFER_BYTES = 1024 * 1024
 
 
@@ -21,17 +23,17 @@ class Channel:
         self._take = take
         threading.Thread(target=self._receive, daemon=True).start()
 
-    def send(self, datagram: bytes) -> None:
-        """Send one datagram; drop it if the station is behind or gone."""
+    def send(self, message: Message) -> None:
+        """Send one message; drop it if the station is behind or gone."""
         try:
-            self._end.send(datagram, socket.MSG_DONTWAIT)
+            self._end.send(json.dumps(message, separators=(",", ":"), allow_nan=False).encode(), socket.MSG_DONTWAIT)
         except OSError:
             return
 
     def _receive(self) -> None:
         while True:
             try:
-                data = self._end.recv(MAX_INTENT_BYTES)
+                data = self._end.recv(MAX_DATAGRAM_BYTES)
             except OSError:
                 data = b""
             self._take(data or None)

@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console, compact
+from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.channel import Channel
 from deltaswarm_operator.io.markers import Markers
 from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.page_messages import made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON, OperatorAction
 from deltaswarm_wire.commands import Pace, Turn, decode_turn, encode_turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -128,7 +129,7 @@ class ConsoleServer:
             for answer in carry_out(console, intent, time.monotonic(), by):
                 if by == PERSON:
                     channel.send(answer)
-                if self._conductor is not None and (by == CONDUCTOR or "to" not in json.loads(answer)):
+                if self._conductor is not None and (by == CONDUCTOR or "to" not in answer):
                     self._conductor.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
@@ -162,7 +163,7 @@ class ConsoleServer:
         rows = self._tables.write(self.console)
         if self._conductor is not None:
             for act in self.console.mirror.take(rows):
-                self._conductor.send(compact(type="act", act=act))
+                self._conductor.send(made("act", act=act))
         while self.console.probes.opened:
             asked = self.console.probes.opened.popleft()
             self._mark(asked.asked_monotonic_s, {"kind": "question", "time_s": asked.asked_s, **asked._asdict()})

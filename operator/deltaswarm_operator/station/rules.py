@@ -4,20 +4,14 @@ import base64
 import hmac
 import ipaddress
 from collections.abc import Mapping
-from typing import Any
 from urllib.parse import urlsplit
 
 import orjson
 
-INTENTS = frozenset(
-    {"command", "veto", "judge", "pace", "read", "isa", "tlx", "form", "note", "page", "sheet", "catch_up", "seek"}
-)
+from deltaswarm_scenario.page_messages import MAX_BYTES, MAX_DATAGRAM_BYTES, WATCHER, RefusedError, checked, name_of
 
 OPERATE, WATCH = "operate", "watch"
-ALLOWED: Mapping[str, frozenset[str]] = {OPERATE: INTENTS, WATCH: frozenset({"catch_up"})}
-"""The messages that each role may send. Every role has a token, and so an address, of its own."""
-
-MAX_INTENT_BYTES = 16 * 1024
+"""Every role has a token, and so an address, of its own."""
 
 MAX_INTENTS_PER_S = 60
 """Limit for one browser; a person who drags a slider stays far below it."""
@@ -34,15 +28,6 @@ HEADERS: Mapping[str, str] = {
     "Cache-Control": "no-store",
 }
 """Headers of every answer: nothing from elsewhere, no inline script, no frame, and the token does not leak."""
-
-
-class RefusedError(ValueError):
-    """A browser's message that is not forwarded."""
-
-    def __init__(self, why: str, command: str | None = None) -> None:
-        super().__init__(why)
-        self.command = command
-        """The browser's own id of the command, or the type of another message: what was refused."""
 
 
 def is_our_host(host: str | None, listen: str) -> bool:
@@ -89,35 +74,22 @@ def role_and_path(tokens: Mapping[str, str], path: str) -> tuple[str, str] | Non
 def intent_of(message: str | bytes, browser: int, role: str = OPERATE) -> bytes:
     """Convert a browser's message to a datagram for the feed, with the browser's number.
 
-    The feed checks everything again; this check only rejects what is no intent at all, or not one of the role's.
+    Whether its page may send it is for the feed to say, except for one that only watches.
 
     Raises:
-        RefusedError: the message is too long, no JSON object, of no known type, or not allowed for the role.
+        RefusedError: the message is too long, no JSON object, of no known type, wrong, or not for who only watches.
     """
     if not isinstance(message, str):
         raise RefusedError("a message must be text")
     try:
-        intent = orjson.loads(message)
+        raw = orjson.loads(message)
     except orjson.JSONDecodeError:
         raise RefusedError("a message must be JSON") from None
-    if not isinstance(intent, dict):
-        raise RefusedError("a message must be a JSON object")
-    command = id_of(intent)
-    if not isinstance(intent.get("type"), str) or intent["type"] not in INTENTS:
-        raise RefusedError(f"a message's type must be one of {', '.join(sorted(INTENTS))}", command)
-    if intent["type"] not in ALLOWED[role]:
-        raise RefusedError("this address only watches", command)
-    intent["from"] = browser
-    datagram = orjson.dumps(intent)
-    if len(datagram) > MAX_INTENT_BYTES + 64:
-        raise RefusedError(f"a message must be at most {MAX_INTENT_BYTES} bytes long", command)
+    intent = checked(raw, WATCHER if role == WATCH else None)
+    datagram = orjson.dumps({**intent, "from": browser})
+    if len(datagram) > MAX_DATAGRAM_BYTES:
+        raise RefusedError(f"a message must be at most {MAX_BYTES} bytes long", name_of(intent))
     return datagram
-
-
-def id_of(intent: Mapping[str, Any]) -> str | None:
-    """Return what a refusal of an intent names: its own id, or else its type."""
-    found = intent.get("id") or intent.get("type")
-    return found if isinstance(found, str) else None
 
 
 def _is_loopback(host: str) -> bool:

@@ -21,6 +21,7 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from deltaswarm_operator.station import rules
+from deltaswarm_scenario.page_messages import MAX_BYTES, RefusedError, made, name_of
 from deltaswarm_wire.ready import say_ready
 
 log = logging.getLogger("deltaswarm.station")
@@ -48,8 +49,8 @@ OPEN_WITHIN_S = 5.0
 LINGER_S = 5.0
 """Time that the station stays after its feed has closed, for a page that is still loading [s]."""
 
-ENDED = '{"type":"ended"}'
-WATCHES = '{"type":"role","role":"watch"}'
+ENDED = orjson.dumps(made("ended")).decode()
+WATCHES = orjson.dumps(made("role", role="watch")).decode()
 NEWEST_ONLY = (b'{"type":"picture"', b'{"type":"truth"')
 """Beginnings of messages of which each replaces the one before. Only the conductor's station is sent the truth."""
 
@@ -132,7 +133,7 @@ class Station:
             process_request=self._answer,
             extensions=COMPRESSION,
             compression=None,
-            max_size=rules.MAX_INTENT_BYTES,
+            max_size=MAX_BYTES,
             open_timeout=OPEN_WITHIN_S,
             close_timeout=1.0,
             server_header=None,
@@ -258,7 +259,7 @@ class Station:
         """Tell the feed that a page of the participant came or went, if it can take that now."""
         if visitor.role == rules.WATCH:
             return
-        with suppress(rules.RefusedError):
+        with suppress(RefusedError):
             self._to_feed(orjson.dumps({"type": "page", "event": event, "from": number}))
 
     async def _listen_to(self, browser: Visitor, number: int) -> None:
@@ -273,18 +274,18 @@ class Station:
                 return
             try:
                 self._to_feed(rules.intent_of(message, number, browser.role))
-            except rules.RefusedError as refusal:
+            except RefusedError as refusal:
                 self.dropped += 1
-                answer = {"type": "refused", "to": number, "id": refusal.command, "why": str(refusal)}
+                answer = made("refused", to=number, id=refusal.what, why=str(refusal))
                 self._tell([browser], orjson.dumps(answer).decode())
 
     def _to_feed(self, datagram: bytes) -> None:
         try:
             self._feed.send(datagram)
         except (BlockingIOError, InterruptedError):
-            raise rules.RefusedError("the operator is busy: try again", rules.id_of(orjson.loads(datagram))) from None
+            raise RefusedError("the operator is busy: try again", name_of(orjson.loads(datagram))) from None
         except OSError:
-            raise rules.RefusedError("the run has ended", rules.id_of(orjson.loads(datagram))) from None
+            raise RefusedError("the run has ended", name_of(orjson.loads(datagram))) from None
 
 
 def _response(status: HTTPStatus, mime_type: str = "text/plain; charset=utf-8", body: bytes | None = None) -> Response:

@@ -8,7 +8,7 @@ import errno
 import os
 import socket
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
@@ -16,6 +16,7 @@ from typing import Any, Self
 import orjson
 
 from deltaswarm_orchestrator.live.observers import Paced, Seen
+from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, RESEARCHER, Message, answers, made
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Truth
 
@@ -25,7 +26,6 @@ LIVE_SOCKET = "live.sock"
 MAX_READERS = 16
 """Further readers of the socket wait until another one leaves."""
 
-MAX_INTENT_BYTES = 16_384
 INTENTS_AT_A_TIME = 20
 """Further intents of the researcher's page wait until the next look."""
 
@@ -41,32 +41,25 @@ PLACE_DIGITS = 3
 HistoryRow = tuple[float, float, float]
 """Simulated time [s], and the rates over 1 s and 60 s [Hz]."""
 
-ONLY_LOOKS = "the researcher's view only looks on"
-FORMS = ("command", "pace", "isa", "tlx", "sheet", "note", "read", "seek")
-"""Intents that ask for an action."""
-
 
 def hello(run: str, scenario: Scenario) -> bytes:
     """Encode what does not change during a run: its name, arena and length."""
     arena, uplink = scenario.arena, scenario.uplink
     return orjson.dumps(
-        {
-            "type": "hello",
-            "kind": "researcher",  # a feed that shows what no operator knows
-            "run": run,
-            "title": f"{scenario.name}, {scenario.control.mode}",
-            "step_s": scenario.run.step_s,
-            "duration_s": scenario.run.steps * scenario.run.step_s,
-            "arena_m": [arena.width_m, arena.height_m],
-            "obstacles": [obstacle.corners_m for obstacle in arena.obstacles],
-            "base_m": uplink.base_m,
-            "range_m": uplink.range_m,
-            "agents": scenario.agents.count,
-            "thresholds_hz": [scenario.operator.threshold_hz],
-            "commands": [],
-            "speeds": [],
-            "session": None,
-        }
+        made(
+            "hello",
+            kind=RESEARCHER,
+            run=run,
+            title=f"{scenario.name}, {scenario.control.mode}",
+            step_s=scenario.run.step_s,
+            duration_s=scenario.run.steps * scenario.run.step_s,
+            arena_m=[arena.width_m, arena.height_m],
+            obstacles=[obstacle.corners_m for obstacle in arena.obstacles],
+            base_m=uplink.base_m,
+            range_m=uplink.range_m,
+            agents=scenario.agents.count,
+            thresholds_hz=[scenario.operator.threshold_hz],
+        )
     )
 
 
@@ -76,31 +69,25 @@ def picture(seen: Seen) -> bytes | None:
     newest = truth or workload or status
     if newest is None:
         return None
-    message: dict[str, Any] = {
-        "type": "picture",
-        "step": newest.step,
-        "time_s": newest.time_s,
-        "over": status is not None and status.phase == "ended",
-        "agents": [],
-        "events": [],
-        "inbox": [],
-        "unread": 0,
-        "workload": {
-            "messages": seen.messages,
-            "rate_1s_hz": workload.rate_1s_hz if workload else 0.0,
-            "rate_60s_hz": workload.rate_60s_hz if workload else 0.0,
-            "senders": workload.senders if workload else 0,
-            "residue": 0.0,
-            "above_s": [workload.time_above_s if workload else 0.0],
-        },
-        "commands": [],
-        "pace": {"paused": False, "speed": 0.0},
-        "probe": None,
-        "truth": _truth(truth) if truth else None,
-    }
-    if status is not None:
-        message["status"] = status._asdict()
-    return orjson.dumps(message)
+    more: dict[str, Any] = {} if status is None else {"status": status._asdict()}
+    return orjson.dumps(
+        made(
+            "picture",
+            step=newest.step,
+            time_s=newest.time_s,
+            over=status is not None and status.phase == "ended",
+            workload={
+                "messages": seen.messages,
+                "rate_1s_hz": workload.rate_1s_hz if workload else 0.0,
+                "rate_60s_hz": workload.rate_60s_hz if workload else 0.0,
+                "senders": workload.senders if workload else 0,
+                "residue": 0.0,
+                "above_s": [workload.time_above_s if workload else 0.0],
+            },
+            truth=_truth(truth) if truth else None,
+            **more,
+        )
+    )
 
 
 def _truth(truth: Truth) -> dict[str, Any]:
@@ -149,7 +136,7 @@ class ViewStream:
     def received(self) -> bytes | None:
         """Return the next datagram from the other end; None if there is none."""
         try:
-            data = self._end.recv(MAX_INTENT_BYTES, socket.MSG_DONTWAIT)
+            data = self._end.recv(MAX_DATAGRAM_BYTES, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return None
         except OSError:
@@ -190,31 +177,20 @@ class ResearcherFeed:
             return
         if self._is_beside_operator:
             if (truth := seen.newest_truth) is not None:
-                self._reader.show(orjson.dumps({"type": "truth", "time_s": truth.time_s, **_truth(truth)}))
+                self._reader.show(orjson.dumps(made("truth", time_s=truth.time_s, **_truth(truth))))
             return
         if (counted := seen.newest_workload) and (not self._history or counted.time_s - self._history[-1][0] >= 1.0):
             self._history.append((counted.time_s, counted.rate_1s_hz, counted.rate_60s_hz))
         for _ in range(INTENTS_AT_A_TIME):
             if (asked := self._reader.received()) is None:
                 break
-            if (reply := answer(asked, self._history)) is not None:
-                self._reader.send(reply)
+            for answer in answers(asked, RESEARCHER, self._catch_up):
+                self._reader.send(orjson.dumps(answer))
         if seen.newest_truth is not None and (shown := picture(seen)) is not None:
             self._reader.show(shown)
 
-
-def answer(asked: bytes, history: Iterable[HistoryRow]) -> bytes | None:
-    """Return the answer to an intent from the researcher's page; None for an intent that is not understood."""
-    try:
-        intent: Any = orjson.loads(asked)
-        kind, to = intent["type"], intent["from"]
-    except (ValueError, TypeError, KeyError):
-        return None
-    if kind == "catch_up":
-        return orjson.dumps({"type": "catch_up", "to": to, "inbox": [], "read": [], "history": [*history]})
-    if kind in FORMS:
-        return orjson.dumps({"type": "refused", "to": to, "id": intent.get("id"), "why": ONLY_LOOKS})
-    return None
+    def _catch_up(self, asked: Message) -> list[Message]:
+        return [made("catch_up", to=asked["from"], history=[*self._history])]
 
 
 class LiveSocket:

@@ -116,7 +116,7 @@ def test_who_may_set_delta_is_whom_the_page_offers_it() -> None:
     order = {"name": "set delta", "target": {"kind": "all"}, "arguments": {"delta": 2}}
     for who, offered in (("operator", ["set delta", "go"]), ("system", ["go"]), ("swarm", ["go"])):
         one = console(sets_delta=who)
-        hello = json.loads(one.hello("run"))
+        hello = one.hello("run")
         assert ([form["name"] for form in hello["commands"]], hello["sets_delta"]) == (offered, who)
         assert say(one, "command", **order)[0]["type"] == ("accepted" if who == "operator" else "refused")
         assert say(one, "veto")[0]["type"] == "refused"

@@ -39,12 +39,11 @@ ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
 
 
 def say(console: Console, kind: Any, wall_s: float = 0.0, **intent: Any) -> list[dict[str, Any]]:
-    answers = carry_out(console, json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
-    return [json.loads(answer) for answer in answers]
+    return carry_out(console, json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
 
 
 def shown(console: Console, wall_s: float = 0.0) -> dict[str, Any]:
-    return dict(json.loads(console.show(wall_s)))
+    return dict(console.show(wall_s))
 
 
 def numbers(turn: Turn) -> list[int]:
@@ -84,7 +83,7 @@ TASK = {"operator": {"task": {"target_share": 0.5, "goal": "Find the targets."}}
 def test_a_reported_event_is_judged_and_another_is_not() -> None:
     """The page has the goal and the judgement; a console that takes over has it too; the conductor does not judge."""
     one = Console(briefing(**TASK))
-    assert json.loads(one.hello("run"))["goal"] == "Find the targets."
+    assert one.hello("run")["goal"] == "Find the targets."
     close(one, 0, report(1, 0))
     assert say(one, "judge", event=1, answer="decoy") == say(one, "judge", event=1, answer="target") == []
     for wrong in (
@@ -95,8 +94,8 @@ def test_a_reported_event_is_judged_and_another_is_not() -> None:
     ):
         [refused] = say(one, "judge", **wrong)
         assert refused["type"] == "refused"
-    by_conductor = json.dumps({"type": "judge", "event": 1, "answer": "decoy"}).encode()
-    assert json.loads(carry_out(one, by_conductor, 0.0, CONDUCTOR)[0])["type"] == "refused"
+    by_conductor = json.dumps({"type": "judge", "from": 1, "event": 1, "answer": "decoy"}).encode()
+    assert carry_out(one, by_conductor, 0.0, CONDUCTOR)[0]["type"] == "refused"
     other = Console(briefing(**TASK))
     other.restore(0, json.loads(json.dumps(one.state())))
     assert shown(one)["judged"] == shown(other)["judged"] == [[1, "target"]]
@@ -107,7 +106,7 @@ def test_without_a_task_nothing_is_judged() -> None:
     """And the page has no goal."""
     one = Console(briefing())
     close(one, 0, report(1, 0))
-    assert json.loads(one.hello("run"))["goal"] == ""
+    assert one.hello("run")["goal"] == ""
     assert say(one, "judge", event=1, answer="target")[0]["type"] == "refused"
     assert not one.actions
 
@@ -252,7 +251,7 @@ def test_what_is_no_intent_changes_nothing(data: bytes) -> None:
     """It is refused, if it can be answered at all."""
     console = Console(briefing())
     before = console.pace
-    assert {json.loads(answer)["type"] for answer in carry_out(console, data, 0.0)} <= {"refused"}
+    assert {answer["type"] for answer in carry_out(console, data, 0.0)} <= {"refused"}
     assert console.pace == before
 
 
@@ -344,7 +343,7 @@ def test_a_command_that_every_agent_refuses_is_offered_as_such() -> None:
     made = briefing(mode="decentralised")
     go, form = made.forms
     console = Console(replace(made, forms=(replace(go, refused_in=("decentralised",)), form)))
-    offered = json.loads(console.hello("run"))["commands"]
+    offered = console.hello("run")["commands"]
     assert [row["refused"] for row in offered] == [True, False]
     assert [row["refused_in"] for row in offered] == [[], []]
     [refusal] = say(console, "command", name="go", target={"kind": "all"})
@@ -359,8 +358,7 @@ def test_the_conductor_may_pause_and_note_and_nothing_else() -> None:
     close(console, 0, report(1, 0))
 
     def conduct(kind: str, **intent: Any) -> list[dict[str, Any]]:
-        answers = carry_out(console, json.dumps({"type": kind, "from": 1, **intent}).encode(), 0.0, CONDUCTOR)
-        return [json.loads(answer) for answer in answers]
+        return carry_out(console, json.dumps({"type": kind, "from": 1, **intent}).encode(), 0.0, CONDUCTOR)
 
     for kind in INTENTS.keys() - {"pace", "note", "catch_up", "page"}:
         [refusal] = conduct(kind, items=[0], text="x", name="go", target={"kind": "all"})
@@ -379,6 +377,6 @@ def test_the_conductor_may_pause_and_note_and_nothing_else() -> None:
     ]
     assert conduct("catch_up")[0]["acts"] == told
     assert "acts" not in say(console, "catch_up")[0]
-    hello = json.loads(console.hello("run", CONDUCTOR_KIND))
-    assert hello["event_numbers"] == [[event, number] for event, number in console.picture.event_numbers.items()] != []
-    assert json.loads(console.hello("run"))["event_numbers"] == []
+    hello = console.hello("run", CONDUCTOR_KIND)
+    assert hello["event_numbers"] == list(console.picture.event_numbers.items()) != []
+    assert console.hello("run")["event_numbers"] == ()

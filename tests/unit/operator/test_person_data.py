@@ -92,8 +92,8 @@ def test_the_sheet_is_the_planned_one() -> None:
 def test_a_run_may_leave_the_pace_and_orders_out() -> None:
     """The page offers them no more, and the console takes them from nobody."""
     console = Console(briefing(operator={"page": {"pace": False, "orders": ["go"], "title": "Run B"}}))
-    hello = json.loads(console.hello("run"))
-    assert (hello["title"], hello["speeds"]) == ("Run B", [])
+    hello = console.hello("run")
+    assert (hello["title"], hello["speeds"]) == ("Run B", ())
     assert [form["name"] for form in hello["commands"]] == ["go"]
     for intent in ({"paused": True}, {"speed": 5}, {"steps": 1}):
         assert say(console, "pace", **intent)[0]["type"] == "refused"

@@ -76,7 +76,7 @@ def test_a_jump_shows_what_the_run_had_shown(times_s: list[float]) -> None:
         replay = a_replay()
         for time_s in times_s:
             replay.seek(time_s)
-            json.loads(replay.show())
+            replay.show()
             assert seen(replay._console) == straight(int(min(max(math.floor(time_s), 0), STEPS - 1)))
     finally:
         module.KEPT_EVERY_STEPS = kept
@@ -90,13 +90,13 @@ def test_items_are_read_when_they_were_read_in_the_run() -> None:
     told: set[int] = set()
     for time_s in (at - 1, at):
         replay.seek(time_s)
-        told.update(*(json.loads(news)["items"] for news in replay.news()))
+        told.update(*(news["items"] for news in replay.news()))
         assert told == {item.number for item in replay._console.picture.inbox} - replay._console.picture.unread
     assert told >= unread
     assert replay.news() == []
     replay.seek(20)
     replay.seek(at - 1)
-    told = {item for news in replay.news() for item in json.loads(news)["items"]}
+    told = {item for news in replay.news() for item in news["items"]}
     assert not unread & told
 
 
@@ -106,24 +106,24 @@ def test_time_passes_at_the_speed_that_is_asked_for() -> None:
     replay.tick(100.0)
     replay.intend(b'{"type":"pace","speed":4}')
     replay.tick(110.0)
-    assert json.loads(replay.show())["time_s"] == 40
+    assert replay.show()["time_s"] == 40
     replay.intend(b'{"type":"pace","paused":true}')
     replay.tick(150.0)
-    picture = json.loads(replay.show())
+    picture = replay.show()
     assert (picture["time_s"], picture["replay"]["paused"], picture["pace"]["paused"]) == (40, True, True)
     replay.intend(b'{"type":"pace","steps":1}')
-    assert json.loads(replay.show())["time_s"] == 41
+    assert replay.show()["time_s"] == 41
     replay.intend(b'{"type":"pace","steps":-11}')
-    assert json.loads(replay.show())["time_s"] == 30
+    assert replay.show()["time_s"] == 30
     replay.intend(b'{"type":"pace","paused":false}')
     replay.intend(b'{"type":"seek","time_s":9999}')
-    assert json.loads(replay.show())["time_s"] == STEPS - 1
+    assert replay.show()["time_s"] == STEPS - 1
 
 
 def test_time_passes_backwards() -> None:
     """At each moment the page sees what was known then, and the beginning is the end."""
     replay = a_replay()
-    assert min(json.loads(replay.hello("run"))["speeds"]) < 0
+    assert min(replay.hello("run")["speeds"]) < 0
     replay.seek(200)
     replay.intend(b'{"type":"pace","speed":-5}')
     for wall_s in range(30):
@@ -154,15 +154,14 @@ def test_no_intent_stops_a_replay(intent: Any) -> None:
     replay.tick(0.0)
     replay.intend(json.dumps(intent).encode())
     replay.tick(3.0)
-    assert json.loads(replay.show())["time_s"] == 3
+    assert replay.show()["time_s"] == 3
 
 
 @pytest.mark.parametrize("kind", ["command", "isa", "tlx", "sheet", "note"])
 def test_nothing_can_be_commanded_in_a_replay(kind: str) -> None:
     """Who tries is told so."""
     (answer,) = a_replay().intend(json.dumps({"type": kind, "from": 4, "id": "c"}).encode())
-    told = json.loads(answer)
-    assert (told["type"], told["to"], told["id"]) == ("refused", 4, "c")
+    assert (answer["type"], answer["to"], answer["id"]) == ("refused", 4, "c")
 
 
 def test_a_file_without_steps_is_refused(tmp_path: Any) -> None:

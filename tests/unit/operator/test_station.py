@@ -23,6 +23,7 @@ from websockets.typing import Origin
 
 from deltaswarm_operator.station import rules, server
 from deltaswarm_operator.station.__main__ import main
+from deltaswarm_scenario.page_messages import FROM_PAGE
 from tests.support.station_feed import PATIENCE_S, Feed, Message, Swarm
 
 pytestmark = pytest.mark.processes
@@ -147,7 +148,7 @@ def test_who_watches_is_told_everything_and_forwards_nothing(feed: Feed) -> None
     with browser(feed) as person, watching(feed) as watcher:
         assert told(watcher, "role")["role"] == "watch"
         assert told(watcher, "hello") == HELLO
-        for kind in sorted(rules.INTENTS - {"catch_up"}):
+        for kind in sorted(FROM_PAGE.keys() - {"catch_up"}):
             watcher.send(json.dumps({"type": kind, "id": "x"}))
             assert "watches" in told(watcher, "refused")["why"]
         watcher.send('{"type":"catch_up"}')
@@ -214,7 +215,11 @@ def test_what_is_no_intent_is_refused(feed: Feed) -> None:
             client.send(text)
         for _ in BAD:
             assert "must be" in told(client, "refused")["why"]
-        client.send('{"type":"command","id":"c7"}')
+        client.send('{"type":"command","id":"c6","name":"go"}')
+        while "target" not in (refused := told(client, "refused"))["why"]:
+            pass
+        assert refused["id"] == "c6"
+        client.send('{"type":"command","id":"c7","name":"go","target":{"kind":"all"}}')
         client.send('{"type":"sudo","id":"c8"}')
         assert feed.hear("command")["id"] == "c7"
         while told(client, "refused")["id"] != "c8":
@@ -323,7 +328,7 @@ def test_a_stopped_station_costs_the_feed_nothing(feed: Feed) -> None:
 
 def test_a_feed_that_does_not_listen_holds_nobody_up(feed: Feed) -> None:
     """The browser is told so, and pictures still come."""
-    text = json.dumps({"type": "note", "text": "a" * 15_000})
+    text = json.dumps({"type": "form", "form": "f", "answers": {"why": "a" * 15_000}})
     with browser(feed) as client:
         refused = None
         for _ in range(40):

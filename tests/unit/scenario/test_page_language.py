@@ -128,8 +128,8 @@ def test_the_conductor_reads_english_and_consent_is_what_was_read(file: Path) ->
     """The participant's hello has the language; the sheet's digest is that of the shown text."""
     settings = ["operator.probes.consent='Do you agree?'", "operator.probes.participant=P1"]
     console = Console(load_scenario(str(file), settings).for_operator((), 1.0))
-    assert json.loads(console.hello("a run", LIVE))["language"]["tag"] == "fr"
-    assert json.loads(console.hello("a run", CONDUCTOR_KIND))["language"] is None
+    assert console.hello("a run", LIVE)["language"]["tag"] == "fr"
+    assert console.hello("a run", CONDUCTOR_KIND)["language"] is None
     console.start(0.0)
     sheet = {"type": "sheet", "from": 1, "consent": True, "participant": "P1", "condition": ""}
     assert carry_out(console, json.dumps(sheet).encode(), 1.0) == []

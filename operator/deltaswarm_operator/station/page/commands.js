@@ -210,8 +210,9 @@ export class CommandPanel {
       this.sent += 1;
       const id = `c${Date.now().toString(36)}-${this.sent}`;
       this.waiting.set(id, command.name);
+      const aim = /** @type {import("./types.js").Target} */ ({ kind, ...target });
       this.answer(
-        this.app.send({ type: "command", id, name: command.name, target: { kind, ...target }, arguments: values })
+        this.app.send({ type: "command", id, name: command.name, target: aim, arguments: values })
           ? t("Sending …")
           : t("Not sent: there is no connection."),
       );

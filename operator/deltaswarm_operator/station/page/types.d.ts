@@ -1,4 +1,8 @@
-/** Messages between the feed and the page; the operator's `station` documentation says what each means. */
+/** What messages between feed and page hold, and what panels share; `messages.d.ts` has the messages. */
+
+import type { Intent } from "./messages.js";
+
+export type { CatchUp, Hello, Intent, Message, Picture } from "./messages.js";
 
 /** id, x [m], y [m], role, parent, root (-1: none), time of the newest word [s], 1 if by its own report, delta (0: unknown). */
 export type AgentRow = [number, number, number, string, number, number, number, number, number];
@@ -60,37 +64,6 @@ export interface Language {
   texts: Record<string, string>;
 }
 
-export interface Hello {
-  type: "hello";
-  /** Of the feed; `watch`: a page without the right to do anything. */
-  kind: "live" | "replay" | "researcher" | "conductor" | "watch";
-  run: string;
-  title: string;
-  step_s: number;
-  duration_s: number;
-  arena_m: Point;
-  obstacles: Point[][];
-  base_m: Point | null;
-  range_m: number | null;
-  agents: number;
-  thresholds_hz: number[];
-  /** For the conductor: the participant's number of each event of the truth. */
-  event_numbers?: [number, number][];
-  commands: Form[];
-  /** What the participant's task is; empty: none. */
-  goal?: string;
-  /** Who sets delta during the run. */
-  sets_delta?: "operator" | "swarm" | "system";
-  speeds: number[];
-  /** What the page says once the run has ended. */
-  end_text?: string;
-  /** In which language the page speaks; English if there is none. */
-  language?: Language | null;
-  /** Layers of the map that may be switched on; all if there is no list. */
-  layers?: string[];
-  session: Session | null;
-}
-
 export interface Workload {
   messages: number;
   rate_1s_hz: number;
@@ -124,29 +97,6 @@ export interface Truth {
   events: [number, number, number, number][];
 }
 
-export interface Picture {
-  type: "picture";
-  step: number;
-  time_s: number;
-  over: boolean;
-  agents: AgentRow[];
-  events: EventRow[];
-  inbox: InboxRow[];
-  unread: number;
-  /** Reported events and the class that the participant judged them to be of. */
-  judged?: [number, string][];
-  /** Events that nobody reports any more, and the mean time for which they were reported [s]. */
-  closed?: { events: number; after_s: number };
-  workload: Workload;
-  commands: CommandRow[];
-  pace: { paused: boolean; speed: number };
-  probe: Probe | null;
-  /** The change of delta that the person may veto. */
-  proposal?: { delta: number; left_s: number } | null;
-  replay?: { from_s: number; to_s: number; speed: number; paused: boolean };
-  truth?: Truth;
-}
-
 /** What the participant did or answered. */
 export interface Act {
   time_s: number;
@@ -160,34 +110,12 @@ export interface Act {
   text?: string;
 }
 
-export interface CatchUp {
-  type: "catch_up";
-  acts?: Act[];
-  inbox: InboxRow[];
-  read: number[];
-  history: HistoryRow[];
-}
-
-export type Message =
-  | Hello
-  | Picture
-  | CatchUp
-  | { type: "refused"; id: string | null; why: string }
-  | { type: "accepted"; id: string; number: number }
-  | { type: "read"; items: number[] }
-  | { type: "role"; role: "watch" }
-  | ({ type: "truth"; time_s: number } & Truth)
-  | { type: "act"; act: Act }
-  | { type: "ended" };
-
 export type Target =
   | { kind: "all" }
   | { kind: "circle"; x_m: number; y_m: number; radius_m: number }
   | { kind: "place"; x_m: number; y_m: number }
   | { kind: "tree"; root: number }
   | { kind: "agent"; agent: number };
-
-export type Intent = { type: string } & Record<string, unknown>;
 
 export interface Selection {
   kind: "agent" | "event";

@@ -1,5 +1,6 @@
 """Pictures of the truth for those who look on: what is in them, and that no reader makes a run wait."""
 
+import json
 import socket
 import stat
 from pathlib import Path
@@ -13,11 +14,11 @@ from deltaswarm_orchestrator.live.views import (
     LIVE_SOCKET,
     LiveSocket,
     ResearcherFeed,
-    answer,
     connected,
     hello,
     picture,
 )
+from deltaswarm_scenario.page_messages import FROM_PAGE
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from tests.support.looking import BODIES, EVENTS, STATUS, WORKLOAD, Seen, a_truth, always, pair, received, shown
@@ -108,17 +109,23 @@ def test_the_researchers_page_is_told_that_it_only_looks_on() -> None:
     feed = ResearcherFeed(ours, "here-1", SCENARIO, always())
     feed.look(Seen())
     received(theirs)
-    theirs.send(b'{"type":"command","id":"c1","from":17}')
-    theirs.send(b'{"type":"catch_up","from":18}')
-    theirs.send(b"\xff")
+    asked = sorted(FROM_PAGE.keys() - {"catch_up", "page"})
+    for kind in asked:
+        theirs.send(json.dumps({"type": kind, "from": 17}).encode())
+    for nonsense in (b"[]", b"7", b"\xff", b'{"type":"pace"}', b'{"type":"page","from":1}'):
+        theirs.send(nonsense)
     feed.look(Seen())
-    refused, caught_up, shown_next = received(theirs)
-    assert (refused["type"], refused["to"], refused["id"]) == ("refused", 17, "c1")
+    *refused, shown_next = received(theirs)
+    assert [(said["type"], said["to"], said["id"], said["why"]) for said in refused] == [
+        ("refused", 17, kind, "the researcher's view only looks on") for kind in asked
+    ]
+    assert shown_next["type"] == "picture"
+    theirs.send(b'{"type":"catch_up","from":18}')
+    feed.look(Seen())
+    caught_up, shown_next = received(theirs)
     assert (caught_up["type"], caught_up["to"], caught_up["inbox"]) == ("catch_up", 18, [])
     assert caught_up["history"] == [[WORKLOAD.time_s, WORKLOAD.rate_1s_hz, WORKLOAD.rate_60s_hz]]
     assert shown_next["type"] == "picture"
-    for nonsense in (b"", b"[]", b"7", b'{"type":"pace"}', b'{"type":"dance","from":1}', b'{"type":[],"from":1}'):
-        assert answer(nonsense, []) is None
     ours.close()
 
 

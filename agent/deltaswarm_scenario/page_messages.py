@@ -1,0 +1,318 @@
+"""Define every message between a feed and the station's page: who sends it, its fields, their types and bounds.
+
+A feed is what a page shows: the operator's console, a replay, or the researcher's view. Every feed and the station's
+process check messages by these tables; the page's types and the tables of docs/STATION.md are written from them by
+`docs/extensions/page_messages.py`. This file imports no other part, since the station knows nothing of a run.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+Message = dict[str, Any]
+
+PARTICIPANT, WATCHER, CONDUCTOR = "participant", "watcher", "conductor"
+RESEARCHER, REPLAY = "researcher", "replay"
+
+WHY_NOT: Mapping[str, str] = {
+    PARTICIPANT: "a message of this type is for replays",
+    WATCHER: "this address only watches",
+    CONDUCTOR: "the conductor may pause and write notes; the participant does all else",
+    RESEARCHER: "the researcher's view only looks on",
+    REPLAY: "this is a replay: nothing can be commanded or answered",
+}
+"""What each page is told that sends what another page may send."""
+
+EVERYBODY = tuple(WHY_NOT)
+
+MAX_BYTES = 16 * 1024
+"""Longest message of a page."""
+MAX_DATAGRAM_BYTES = MAX_BYTES + 1024
+"""The same with what the station adds."""
+
+MAX_NOTE, MAX_PAGE_TEXT, MAX_CODE = 2000, 200, 64
+"""Characters; what is longer is cut off."""
+
+REQUIRED, LEFT_OUT = object(), object()
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a message: its type in TypeScript, and its default, if the sender may leave it out.
+
+    Of a page's message, numbers must be from `low` to `high`, and texts are cut after `most` characters.
+    """
+
+    type: str
+    default: Any = REQUIRED
+    """REQUIRED, or LEFT_OUT, or what stands in the place of a missing field."""
+    low: float = -math.inf
+    high: float = math.inf
+    most: int = MAX_CODE
+
+    @property
+    def is_required(self) -> bool:
+        """Whether no message may lack it."""
+        return self.default is REQUIRED
+
+    def checked(self, value: Any, name: str) -> Any:
+        """Return a page's value. Raises RefusedError: it is of another type or out of bounds."""
+        if self.type in ("number", "integer"):
+            is_number = type(value) is int or (type(value) is float and self.type == "number")
+            if not is_number or not self.low <= value <= self.high or not abs(value) < math.inf:
+                raise RefusedError(f"a message's {name} must be {self.described} (got {value!r:.40})")
+            return value
+        if self.type == "string":
+            if not isinstance(value, str) or not _is_text(value):
+                raise RefusedError(f"a message's {name} must be text")
+            return value[: self.most]
+        is_right = isinstance(value, {"boolean": bool, "integer[]": list}.get(self.type, dict))
+        if not is_right or (self.type == "integer[]" and any(type(item) is not int for item in value)):
+            raise RefusedError(f"a message's {name} must be {self.described}")
+        return value
+
+    @property
+    def described(self) -> str:
+        """The type and the bounds in words."""
+        if self.type in ("number", "integer"):
+            kind = "an integer" if self.type == "integer" else "a number"
+            return kind if self.high == math.inf else f"{kind} from {self.low:,g} to {self.high:,g}"
+        if self.type == "string":
+            return f"text of at most {self.most:,} characters"
+        return {"boolean": "true or false", "integer[]": "a list of integers"}.get(self.type, "an object")
+
+
+@dataclass(frozen=True)
+class MessageForm:
+    """One type of message. `pages` send it, or receive it; one that nobody waits for is refused without an answer."""
+
+    meaning: str
+    pages: tuple[str, ...]
+    fields: Mapping[str, Field]
+    is_notice: bool = False
+
+
+NUMBER, TEXT, FLAG = Field("number"), Field("string", most=MAX_PAGE_TEXT), Field("boolean")
+INTEGER, INTEGERS = Field("integer"), Field("integer[]")
+
+FROM_PAGE: Mapping[str, MessageForm] = {
+    "command": MessageForm(
+        "an order; its `id` returns with the answer",
+        (PARTICIPANT,),
+        {
+            "id": Field("string", LEFT_OUT),
+            "name": TEXT,
+            "target": Field("Target"),
+            "arguments": Field("Record<string, unknown>", LEFT_OUT),
+        },
+    ),
+    "veto": MessageForm("drop the change of delta that the system proposes", (PARTICIPANT,), {}),
+    "judge": MessageForm("what a reported event is judged to be", (PARTICIPANT,), {"event": INTEGER, "answer": TEXT}),
+    "pace": MessageForm(
+        "a speed, a number of steps, or a pause and its end; below 0 in a replay only",
+        (PARTICIPANT, CONDUCTOR, REPLAY),
+        {
+            "speed": Field("number", LEFT_OUT, -1000, 1000),
+            "steps": Field("integer", LEFT_OUT, -10_000, 10_000),
+            "paused": Field("boolean", LEFT_OUT),
+        },
+    ),
+    "read": MessageForm(
+        "items of the inbox that were read",
+        (PARTICIPANT, REPLAY),
+        {"items": Field("integer[]", LEFT_OUT), "all": Field("boolean", LEFT_OUT)},
+    ),
+    "isa": MessageForm(
+        "an answer to ISA", (PARTICIPANT,), {"number": INTEGER, "answer": Field("integer", low=1, high=5)}
+    ),
+    "tlx": MessageForm(
+        "NASA-TLX filled in",
+        (PARTICIPANT,),
+        {"scales": Field("Record<string, number>"), "weights": Field("Record<string, number>", LEFT_OUT)},
+    ),
+    "form": MessageForm(
+        "a form filled in", (PARTICIPANT,), {"form": TEXT, "answers": Field("Record<string, unknown>")}
+    ),
+    "note": MessageForm("a note", (PARTICIPANT, CONDUCTOR), {"text": Field("string", most=MAX_NOTE)}),
+    "page": MessageForm(
+        "what happened to the page",
+        (PARTICIPANT,),
+        {"event": TEXT, "text": Field("string", LEFT_OUT, most=MAX_PAGE_TEXT)},
+        is_notice=True,
+    ),
+    "sheet": MessageForm(
+        "the session's sheet filled in",
+        (PARTICIPANT,),
+        {"consent": FLAG, "participant": Field("string", LEFT_OUT), "condition": Field("string", LEFT_OUT)},
+    ),
+    "catch_up": MessageForm("a page was loaded, and asks for what it missed", EVERYBODY, {}),
+    "seek": MessageForm("go to a time", (REPLAY,), {"time_s": Field("number", low=0, high=1e9)}),
+}
+"""The messages that pages send, by type."""
+
+TO_PAGE: Mapping[str, MessageForm] = {
+    "hello": MessageForm(
+        "the run, the arena, the base, the thresholds, the forms of the orders, the questions, the translations",
+        EVERYBODY,
+        {
+            "kind": Field('"live" | "replay" | "researcher" | "conductor" | "watch"'),
+            "run": TEXT,
+            "title": TEXT,
+            "step_s": NUMBER,
+            "duration_s": NUMBER,
+            "arena_m": Field("Point"),
+            "obstacles": Field("Point[][]"),
+            "base_m": Field("Point | null"),
+            "range_m": Field("number | null"),
+            "agents": INTEGER,
+            "thresholds_hz": Field("number[]"),
+            "event_numbers": Field("[number, number][]", ()),
+            "commands": Field("Form[]", ()),
+            "goal": Field("string", ""),
+            "sets_delta": Field('"operator" | "swarm" | "system"', LEFT_OUT),
+            "speeds": Field("number[]", ()),
+            "layers": Field("string[]", LEFT_OUT),
+            "end_text": Field("string", ""),
+            "language": Field("Language | null", None),
+            "session": Field("Session | null", None),
+        },
+    ),
+    "picture": MessageForm(
+        "at most ten times per second: agents, events, the number of events that are no longer reported and how long "
+        "they were reported, new inbox items, workload, status of the orders, pace, the open question",
+        EVERYBODY,
+        {
+            "step": INTEGER,
+            "time_s": NUMBER,
+            "over": FLAG,
+            "agents": Field("AgentRow[]", ()),
+            "events": Field("EventRow[]", ()),
+            "inbox": Field("InboxRow[]", ()),
+            "judged": Field("[number, string][]", ()),
+            "unread": Field("integer", 0),
+            "closed": Field("{ events: number; after_s: number }", LEFT_OUT),
+            "workload": Field("Workload"),
+            "commands": Field("CommandRow[]", ()),
+            "pace": Field("{ paused: boolean; speed: number }", {"paused": False, "speed": 0.0}),
+            "probe": Field("Probe | null", None),
+            "proposal": Field("{ delta: number; left_s: number } | null", None),
+            "replay": Field("{ from_s: number; to_s: number; speed: number; paused: boolean }", LEFT_OUT),
+            "truth": Field("Truth | null", LEFT_OUT),
+            "status": Field("Record<string, unknown>", LEFT_OUT),
+        },
+    ),
+    "catch_up": MessageForm(
+        "the inbox and the history of rates, for a newly loaded page; to the conductor, the participant's acts",
+        EVERYBODY,
+        {
+            "inbox": Field("InboxRow[]", ()),
+            "read": Field("integer[]", ()),
+            "history": Field("HistoryRow[]", ()),
+            "acts": Field("Act[]", LEFT_OUT),
+        },
+    ),
+    "accepted": MessageForm("the answer to an order", (PARTICIPANT,), {"id": TEXT, "number": INTEGER}),
+    "refused": MessageForm(
+        "what is not accepted, by its `id` or its type, and why",
+        EVERYBODY,
+        {"id": Field("string | null"), "why": TEXT},
+    ),
+    "read": MessageForm("items marked as read", (PARTICIPANT, WATCHER, CONDUCTOR, REPLAY), {"items": INTEGERS}),
+    "act": MessageForm("what the participant did or answered", (CONDUCTOR,), {"act": Field("Act")}),
+    "truth": MessageForm(
+        "from the orchestrator: agents and events as they are",
+        (CONDUCTOR,),
+        {"time_s": NUMBER, "agents": Field('Truth["agents"]'), "events": Field('Truth["events"]')},
+    ),
+    "role": MessageForm("from the station: this page only watches", (WATCHER,), {"role": Field('"watch"')}),
+    "ended": MessageForm("from the station: the feed has closed", EVERYBODY, {}),
+}
+"""The messages that pages receive, by type."""
+
+
+class RefusedError(ValueError):
+    """A page's message that is not accepted; the text is for the page."""
+
+    def __init__(self, why: str, what: str | None = None, *, is_notice: bool = False) -> None:
+        super().__init__(why)
+        self.what = what
+        """What is refused: the message's own id, or else its type."""
+        self.is_notice = is_notice
+        """Whether nobody waits for an answer."""
+
+
+def checked(raw: Any, page: str | None = None) -> Message:
+    """Return a message that a page sent, with the fields of its type and the number of its browser (`from`).
+
+    Args:
+        raw: decoded JSON.
+        page: the page that sent it; None: any.
+
+    Raises:
+        RefusedError: it is of no known type, not for this page, or a field is missing or wrong.
+    """
+    if not isinstance(raw, dict):
+        raise RefusedError("a message must be a JSON object")
+    kind, what = raw.get("type"), name_of(raw)
+    form = FROM_PAGE.get(kind) if isinstance(kind, str) else None
+    if form is None:
+        raise RefusedError(f"a message's type must be one of {', '.join(sorted(FROM_PAGE))}", what)
+    if page is not None and page not in form.pages:
+        raise RefusedError(WHY_NOT[page], what, is_notice=form.is_notice)
+    message = {"type": kind, "from": raw.get("from") if type(raw.get("from")) is int else None}
+    try:
+        for name, field in form.fields.items():
+            if raw.get(name) is not None:
+                message[name] = field.checked(raw[name], name)
+            elif field.is_required:
+                raise RefusedError(f"a message of type {kind} must have the field {name}")
+    except RefusedError as error:
+        raise RefusedError(str(error), what, is_notice=form.is_notice) from None
+    return message
+
+
+def name_of(raw: Mapping[str, Any]) -> str | None:
+    """Return what a refusal of a message names: its own id, or else its type."""
+    found = raw.get("id") or raw.get("type")
+    return found[:MAX_CODE] if isinstance(found, str) and _is_text(found) else None
+
+
+def answers(data: bytes, page: str, carry_out: Callable[[Message], Iterable[Message]]) -> list[Message]:
+    """Carry out what a page sent to its feed; return the answers, a refusal if it is not accepted.
+
+    An answer without `to` is for every page. What names no browser gets no answer of its own.
+    """
+    raw: Any = None
+    try:
+        raw = json.loads(data)
+        return list(carry_out(checked(raw, page)))
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+        to = raw.get("from") if isinstance(raw, dict) else None
+        if type(to) is not int or (isinstance(error, RefusedError) and error.is_notice):
+            return []
+        why = str(error) if isinstance(error, ValueError) else "a message's target must be complete"
+        return [made("refused", to=to, id=name_of(raw), why=why)]
+
+
+def made(kind: str, /, *, to: int | None = None, **fields: Any) -> Message:
+    """Make a message to the page with the defaults of its type; `to`: one browser, default all.
+
+    Raises:
+        TypeError: a field is missing or of no such message.
+    """
+    form = TO_PAGE[kind].fields
+    if wrong := (fields.keys() - form.keys()) | {name for name, one in form.items() if one.is_required} - fields.keys():
+        raise TypeError(f"{kind} is no message with and without {', '.join(sorted(wrong))}")
+    message = {"type": kind} | ({} if to is None else {"to": to})
+    for name, field in form.items():
+        value = fields.get(name, field.default)
+        if value is not LEFT_OUT:
+            message[name] = value
+    return message
+
+
+def _is_text(value: str) -> bool:
+    """Whether a text can be written to a file: JSON may hold half of a surrogate pair."""
+    return not any("\ud800" <= character <= "\udfff" for character in value)

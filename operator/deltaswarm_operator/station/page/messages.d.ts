@@ -1,0 +1,101 @@
+/** Messages between feed and page. Written by docs/extensions/page_messages.py; do not change it by hand. */
+
+import type {
+  Act,
+  AgentRow,
+  CommandRow,
+  EventRow,
+  Form,
+  HistoryRow,
+  InboxRow,
+  Language,
+  Point,
+  Probe,
+  Session,
+  Target,
+  Truth,
+  Workload,
+} from "./types.js";
+
+/** the run, the arena, the base, the thresholds, the forms of the orders, the questions, the translations */
+export type Hello = {
+  type: "hello";
+  kind: "live" | "replay" | "researcher" | "conductor" | "watch";
+  run: string;
+  title: string;
+  step_s: number;
+  duration_s: number;
+  arena_m: Point;
+  obstacles: Point[][];
+  base_m: Point | null;
+  range_m: number | null;
+  agents: number;
+  thresholds_hz: number[];
+  event_numbers: [number, number][];
+  commands: Form[];
+  goal: string;
+  sets_delta?: "operator" | "swarm" | "system";
+  speeds: number[];
+  layers?: string[];
+  end_text: string;
+  language: Language | null;
+  session: Session | null
+};
+
+/** at most ten times per second: agents, events, the number of events that are no longer reported and how long they were reported, new inbox items, workload, status of the orders, pace, the open question */
+export type Picture = {
+  type: "picture";
+  step: number;
+  time_s: number;
+  over: boolean;
+  agents: AgentRow[];
+  events: EventRow[];
+  inbox: InboxRow[];
+  judged: [number, string][];
+  unread: number;
+  closed?: { events: number; after_s: number };
+  workload: Workload;
+  commands: CommandRow[];
+  pace: { paused: boolean; speed: number };
+  probe: Probe | null;
+  proposal: { delta: number; left_s: number } | null;
+  replay?: { from_s: number; to_s: number; speed: number; paused: boolean };
+  truth?: Truth | null;
+  status?: Record<string, unknown>
+};
+
+/** the inbox and the history of rates, for a newly loaded page; to the conductor, the participant's acts */
+export type CatchUp = {
+  type: "catch_up";
+  inbox: InboxRow[];
+  read: number[];
+  history: HistoryRow[];
+  acts?: Act[]
+};
+
+export type Message =
+  | Hello
+  | Picture
+  | CatchUp
+  | { type: "accepted"; id: string; number: number }
+  | { type: "refused"; id: string | null; why: string }
+  | { type: "read"; items: number[] }
+  | { type: "act"; act: Act }
+  | { type: "truth"; time_s: number; agents: Truth["agents"]; events: Truth["events"] }
+  | { type: "role"; role: "watch" }
+  | { type: "ended" };
+
+export type Intent =
+  | { type: "command"; id?: string | null; name: string; target: Target; arguments?: Record<string, unknown> | null }
+  | { type: "veto" }
+  | { type: "judge"; event: number; answer: string }
+  | { type: "pace"; speed?: number | null; steps?: number | null; paused?: boolean | null }
+  | { type: "read"; items?: number[] | null; all?: boolean | null }
+  | { type: "isa"; number: number; answer: number }
+  | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null }
+  | { type: "form"; form: string; answers: Record<string, unknown> }
+  | { type: "note"; text: string }
+  | { type: "page"; event: string; text?: string | null }
+  | { type: "sheet"; consent: boolean; participant?: string | null; condition?: string | null }
+  | { type: "catch_up" }
+  | { type: "seek"; time_s: number };
