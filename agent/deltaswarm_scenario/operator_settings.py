@@ -172,7 +172,7 @@ class Briefing:
 
     title: str = key("", "what the station calls the run")
     mode: str = key("", "control mode of the agents")
-    seed: int = key(0, "for the operator's own chance", low=0)
+    seed: int = key(0, "for the operator's own chance", low=0, high=2**63 - 1)
     duration_s: float = key(0.0, "simulated time of the run [s]")
     step_s: float = key(1.0, "length of a step [s]")
     width_m: float = key(100.0, "arena along x [m]")

@@ -220,7 +220,7 @@ class FigureSettings:
     lines: dict[str, Any] = key(dict, "horizontal lines: by text, a number, or a variant for its median")
     spans: tuple[SpanSettings, ...] = key((), "time: stretches to mark")
     at_s: float = key(600.0, "swarm: the moment to draw [s]", low=0)
-    seed: int = key(1, "swarm: the run's seed", low=0)
+    seed: int = key(1, "swarm: the run's seed", low=0, high=2**63 - 1)
 
     def problems(self) -> Iterator[Problem]:
         """List tables with values of the wrong form."""

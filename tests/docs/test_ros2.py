@@ -87,7 +87,7 @@ def test_the_turtles_file_drives_a_turtle(tmp_path: Path) -> None:
     text = blocks("toml")[0].replace("[body.options]", f'[body.options]\nconnect = ["{endpoint(router)}"]')
     (tmp_path / "turtle.toml").write_text(text.replace(":7450", f":{free_port()}"))
     check, start = (line.split()[1:] for line in commands(PAGE)[-2:])
-    agent = [sys.executable, "-P", "-m", "deltaswarm_agent"]
+    agent = [sys.executable, "-P", "-c", "from deltaswarm_board.__main__ import agent; raise SystemExit(agent())"]
     done = subprocess.run([*agent, *check], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, "body: ros2" in done.stdout) == (0, True), done.stderr
     with fleet(router, "/turtle1", odometry_type=POSE_STAMPED) as robots:
