@@ -49,7 +49,7 @@ def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
         ("run --dry-rn=yes", "--dry-run"),
         ("why runs/a --jsn", "--json"),
         ("world --expekt operator", "--expect"),
-        ("bench scal", "scale"),
+        ("bench rnu", "run"),
         ("agent board --chek", "--check"),
     ],
 )
