@@ -22,6 +22,7 @@ from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
@@ -111,4 +112,4 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
                 observer.work(0.02)
                 observer.leave_when_done()
                 swarm.ended()  # takes what the host says
-        return speed_of(run_tables.summary(run_tables.read_outcome(folder), scenario))
+        return speed_of(summarise(run_tables.read_outcome(folder), scenario))

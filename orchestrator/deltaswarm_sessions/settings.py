@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.results.metrics import Outcome
-from deltaswarm_orchestrator.results.run_tables import summary
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.summary import SITUATION_RIGHT_SHARE, summarise, value_at
 from deltaswarm_orchestrator.scenarios.load import read_toml
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.variables import MEASURES, SITUATION_RIGHT_SHARE, value_at
+from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
 
@@ -55,7 +55,7 @@ class CriterionSettings:
             SITUATION_RIGHT_SHARE: ("operator.probes.sagat_at_s or .spam_at_s", probes.sagat_at_s or probes.spam_at_s),
         }
         if self._path not in {variable.path for variable in MEASURES.values()} | {
-            *_numbers(summary(Outcome(), scenario))
+            *_numbers(summarise(Outcome(), scenario))
         }:
             known = f"must be a number in summary.json by its dotted name, or one of {', '.join(MEASURES)}"
             return [Problem("metric", repr(self.metric), known)]

@@ -11,9 +11,10 @@ from typing import Any
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_orchestrator.results.situation import PROBES
+from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.person_tables import TABLES, columns_of
 from deltaswarm_sessions.folder import RECORD, answers, read_record, summary_of
-from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN, value_at
+from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
 
@@ -56,7 +57,8 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
                 "training_value": attempt.get("training_value"),
             }
             summary = summary_of(place) | own
-            values = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
+            found = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
+            values = {name: int(value) if isinstance(value, bool) else value for name, value in found.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
 
 

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from deltaswarm_orchestrator.results.metrics import Outcome
-from deltaswarm_orchestrator.results.run_tables import summary
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
@@ -220,7 +220,7 @@ def _columns(study: Study) -> Iterator[Problem]:
 def _has_column(metric: Metric, scenario: Scenario, swept: Sequence[str]) -> bool:
     if metric.column.startswith("person."):
         return scenario.operator.person.is_on
-    return metric.column in swept or metric.column in dict(flattened(summary(Outcome(), scenario)))
+    return metric.column in swept or metric.column in dict(flattened(summarise(Outcome(), scenario)))
 
 
 def _incomparable(study: Study) -> Iterator[Problem]:

@@ -5,6 +5,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.results.metrics import COUNT, RATE
+from deltaswarm_orchestrator.results.metrics import PER_EVENT as BY_EVENT
+from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_wire.checked import Problem, key
 
 if TYPE_CHECKING:
@@ -89,42 +92,24 @@ WAITING_ALL, COMPLETION = "waiting_all", "completion_s"
 """Means over all events that could be followed for the horizon, which bounds each of them."""
 
 BUILT_IN: Mapping[str, Metric] = {
-    WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
-    WAITING_ALL: Metric("Mean waiting time of all events", "s", "waiting_time_s.restricted_mean", "waiting_time_s"),
-    COMPLETION: Metric("Mean time to complete an event", "s", "completion_s.mean", "completion_time_s"),
-    "completed": Metric("Events completed", "", "completed", "completed"),
-    "open_events": Metric("Open events", "", "open_events.mean", "events_open"),
-    "never_sensed": Metric("Events never sensed", "", "waiting_time_s.never_sensed", "never_sensed"),
-    "messages": Metric("Messages to the operator", "1/s", "operator_messages_per_s.mean", "operator_messages"),
-    "senders": Metric("Agents that report in a step", "", "operator_senders.mean"),
-    "frames_sent": Metric("Radio frames sent", "1/s", "frames_sent_per_s.mean", "frames_sent"),
-    "frames_received": Metric("Radio frames received", "1/s", "frames_received_per_s.mean", "frames_received"),
-    "agents_in_trees": Metric("Agents in trees", "", "agents_in_trees.mean", "agents_in_trees"),
-    "trees": Metric("Trees", "", "trees.mean", "trees"),
-    "root_distance": Metric(
-        "Distance of roots from the densest place", "m", "roots_from_densest_m.mean", "roots_from_densest_m"
-    ),
-    "delta": Metric("Delta that agents use", "", "delta.mean", "delta"),
-    "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
-    "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
-    "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
-    "person_utilisation": Metric("Operator busy, share of the time", "", "person.utilisation"),
-    "person_load": Metric("Mean load of the operator, from 0 to 1", "", "person.load"),
-    "person_high_load": Metric("Time at a load above 0.7", "s", "person.load_above_0_7_s"),
-    "person_unread": Metric("Unread items", "", "person.unread.mean"),
-    "person_missed": Metric("Items missed", "", "person.missed"),
-    "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
-    "person_commands": Metric("Commands", "", "person.commands"),
-    "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
-    "person_agents_in_turn": Metric("Agents whose items could be read in turn", "", "person.agents_in_turn"),
+    metric.study: Metric(metric.title, metric.unit, metric.key, metric.over.column if metric.over else "")
+    for metric in EVERY_KEY
+    if metric.study
 }
-PER_STEP = ("messages", "frames_sent", "frames_received")
+
+
+def _of_kind(kind: str) -> tuple[str, ...]:
+    """Return the metrics whose time series is of this kind."""
+    return tuple(metric.study for metric in EVERY_KEY if metric.over and metric.over.kind == kind)
+
+
+PER_STEP = _of_kind(RATE)
 """Metrics per second whose time series has numbers per step."""
 
-PER_EVENT = (WAITING_ALL, COMPLETION)
+PER_EVENT = _of_kind(BY_EVENT)
 """Metrics whose time series has means over the events that arrived in a window, and that the horizon bounds."""
 
-COUNTS = ("completed", "never_sensed")
+COUNTS = _of_kind(COUNT)
 """Metrics that are numbers of events: sums over time, where others are means."""
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from docs.extensions import page_messages
-from docs.extensions.person_tables import with_reference
+from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -14,10 +14,11 @@ def test_the_page_of_scenario_keys_is_up_to_date() -> None:
     assert (DOCS / "SCENARIO.md").read_text() == reference()
 
 
-def test_the_page_of_result_files_is_up_to_date() -> None:
-    """docs/RESULTS.md has every column of the tables about a person at the console."""
-    page = (DOCS / "RESULTS.md").read_text()
-    assert page == with_reference(page)
+def test_the_lists_of_metrics_and_columns_are_up_to_date() -> None:
+    """Every key of the summary, metric of a study and column of a table about a person is on its page."""
+    for name in PARTS:
+        page = (DOCS / name).read_text()
+        assert page == with_parts(name, page)
 
 
 def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:

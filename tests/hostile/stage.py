@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE, WHO
@@ -91,7 +92,7 @@ def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
                 peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
     outcome = run_tables.read_outcome(folder)
     log_kb = (folder / "logs" / "world-0.log").stat().st_size / 1000
-    return Ended(run_tables.summary(outcome, scenario), outcome, time.monotonic() - began, peak_mb, log_kb)
+    return Ended(summarise(outcome, scenario), outcome, time.monotonic() - began, peak_mb, log_kb)
 
 
 def _memory_mb(pid: int) -> float:

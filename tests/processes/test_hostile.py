@@ -13,6 +13,7 @@ import zenoh
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, Keys
@@ -50,7 +51,7 @@ class Stage:
         wait_for_end(self.swarm, self.observer)
         assert not wait_for(self.swarm.parts, PATIENCE_S)
         scenario = load_scenario("smoke", SETTINGS)
-        return run_tables.summary(run_tables.read_outcome(self.folder), scenario) | {
+        return summarise(run_tables.read_outcome(self.folder), scenario) | {
             "world": run_tables.read_outcome(self.folder).world,
             "operator": run_tables.read_outcome(self.folder).operator,
         }

@@ -10,7 +10,7 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.console_server import ConsoleServer
-from deltaswarm_orchestrator.results.run_tables import summary
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, PersonSettings
@@ -30,7 +30,7 @@ COMMANDER = (
 def inside(*overrides: str) -> dict[str, Any]:
     """The summary of a run of `smoke` in one process."""
     scenario = load_scenario("smoke", ["record=off", *overrides])
-    return summary(run_in_process(scenario), scenario)
+    return summarise(run_in_process(scenario), scenario)
 
 
 SYSTEM = (

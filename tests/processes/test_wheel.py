@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.processes.process import wait_for
-from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.run_tables import read_outcome
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 from tests.support.swarms import PATIENCE_S, run, started, wait_for_end
@@ -53,8 +54,8 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
             wait_for_end(swarm, observer)
             assert agent.wait(PATIENCE_S) == 0
         assert not wait_for(swarm.parts, 5)
-    outcome = run_tables.read_outcome(tmp_path)
-    summary = run_tables.summary(outcome, scenario)
+    outcome = read_outcome(tmp_path)
+    summary = summarise(outcome, scenario)
     assert summary["valid"], summary["invalid_because"]
     inside = run(tmp_path / "inside", "--in-process", "--record", "off", "--set", "run.duration_s=100")
     assert summary["digest"] == inside["digest"]

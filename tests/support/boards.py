@@ -10,7 +10,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Tls
 from tests.support.swarms import PATIENCE_S, run

@@ -8,7 +8,7 @@ import pytest
 
 from deltaswarm_agent.controllers.paper.states import WALKING
 from deltaswarm_orchestrator.recording.recorder import Recorder
-from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.truth import DROP_REASONS, StepRecord
@@ -51,7 +51,7 @@ class Watched:
 
 def summary(*faults: str, sets: tuple[str, ...] = BUSY) -> dict[str, Any]:
     scenario = load_scenario("smoke", [*sets, timeline(*faults)])
-    return run_tables.summary(run_in_process(scenario), scenario)
+    return summarise(run_in_process(scenario), scenario)
 
 
 def test_the_killed_are_no_accident() -> None:

@@ -18,6 +18,7 @@ from deltaswarm_orchestrator.bench.rounds import cpu_ticks, in_turns, median_of,
 from deltaswarm_orchestrator.bench.traffic import traffic_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.scenario import Scenario
@@ -125,7 +126,7 @@ def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
                     if (is_half_way or phase == "ended") and measured["open_files"] is None:
                         measured |= _resources(swarm)  # while all are running and share memory
                     observer.leave_when_done()
-        summary = run_tables.summary(run_tables.read_outcome(folder), scenario)
+        summary = summarise(run_tables.read_outcome(folder), scenario)
         return {"swarm": speed_of(summary), **measured}
 
 

@@ -11,8 +11,9 @@ from deltaswarm_orchestrator.base.text import aligned, shown
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_orchestrator.results.folder_lock import is_held
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import newest
+from deltaswarm_orchestrator.results.summary import main_rows, summarise
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 
@@ -32,7 +33,7 @@ def describe(folder: Path) -> dict[str, Any]:
     scenario, outcome = read_run(folder)
     manifest = _read(folder / "manifest.json", json.loads)
     written = folder / "summary.json"
-    summary = _read(written, json.loads) if written.exists() else run_tables.summary(outcome, scenario)
+    summary = _read(written, json.loads) if written.exists() else summarise(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     run = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
     try:
@@ -96,12 +97,8 @@ def text(run: dict[str, Any]) -> str:
     rows = [
         ("started", manifest["started"]),
         ("engine", manifest["engine"]),
-        ("steps", shown(summary["steps"])),
-        ("mean waiting time [s]", shown(summary["waiting_time_s"]["mean"])),
-        ("mean time to complete an event [s]", shown(summary["completion_s"]["mean"])),
-        ("operator messages [1/s]", shown(summary["operator_messages_per_s"]["mean"])),
+        *((f"{title} [{unit}]" if unit else title, shown(value)) for title, value, unit in main_rows(summary)),
         ("agents lost", ", ".join(map(str, summary["agents_lost"])) or "none"),
-        ("digest", shown(summary["digest"])),
         ("versions", ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number)),
         *(("ended because", line) for why in manifest.get("why", []) for line in why.splitlines()),
     ]

@@ -12,7 +12,7 @@ from statistics import NormalDist
 from typing import Any
 
 from deltaswarm_orchestrator.recording.names import ACTIONS
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.run_tables import read_rows, write_csv
 from deltaswarm_scenario.person_tables import JudgementRow
 from deltaswarm_scenario.task import DECOY, TARGET

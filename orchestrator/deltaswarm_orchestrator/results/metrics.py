@@ -1,150 +1,341 @@
-"""What one run recorded, and its metrics: the outcome of the task, the operator's workload, the swarm's traffic."""
+"""Every metric of a run: its name, unit, meaning and computation, and where it is shown.
 
-import hashlib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from statistics import fmean, median
-from typing import Any, NamedTuple
+A new metric is one entry of `METRICS`, with its computation in it. The summary of a run, the table and the time series
+of a sweep, studies, sessions, `deltaswarm info` and docs/RESULTS.md follow from the entry. `summary.py` has the other
+keys of the summary.
+"""
 
-from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, EventState, StepRecord
-from deltaswarm_wire import digest
-from deltaswarm_wire.operator_messages import Workload
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
 
+from deltaswarm_orchestrator.results.outcome import (
+    COMPLETED,
+    SENSED,
+    Moment,
+    RunData,
+    arrival_digests,
+    known,
+    mean_of,
+    median_of,
+    waits,
+)
+from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS
 
-@dataclass
-class Outcome:
-    """What the parts of one run recorded."""
+Compute = Callable[[RunData], Any]
 
-    step_records: list[StepRecord] = field(default_factory=list)
-    events: list[EventState] = field(default_factory=list)
-    workloads: list[Workload] = field(default_factory=list)
-    world: dict[str, Any] = field(default_factory=dict)
-    operator: dict[str, Any] = field(default_factory=dict)
-    messages: list[str] = field(default_factory=list)
-    """Messages for the user: agents that failed, and why."""
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether world and operator both reached the last step."""
-        return bool(self.world.get("complete") and self.operator.get("complete"))
-
-    @property
-    def digest(self) -> str | None:
-        """The run's digest; None if the world's or the operator's is missing."""
-        world, operator = self.world.get("digest"), self.operator.get("digest")
-        return digest.combine(world, operator) if world and operator else None
+PER_STEP, RATE, COUNT, PER_EVENT = "per step", "rate", "count", "per event"
 
 
-def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
-    """Compute the metrics of an outcome. They do not depend on who recorded it; a recording gives the same."""
-    records, workloads = outcome.step_records, outcome.workloads
-    step_s, horizon_s = scenario.run.step_s, scenario.metrics.horizon_s
-    events = followed(outcome.events, len(records) * step_s, horizon_s)
-    waits = [event.sensed_s - event.arrived_s for event in outcome.events if event.sensed_s is not None]
-    completions = [event.completion_s for event in events]
-    times, places = arrival_digests(outcome.events)
-    in_trees = _column(records, "agents_in_trees")
-    with_trees = [record for record in records if record.trees]
+@dataclass(frozen=True)
+class OverTime:
+    """A metric's column in a sweep's time series, whose rows are windows of time.
 
-    def total(name: str) -> int:
-        return sum(_column(records, name))
-
-    def mean(name: str) -> dict[str, float | None]:
-        return {"mean": _mean(_column(records, name))}
-
-    def mean_per_s(rows: Sequence[StepRecord] | Sequence[Workload], name: str) -> dict[str, float | None]:
-        per_step = _mean(_column(rows, name))
-        return {"mean": None if per_step is None else per_step / step_s}
-
-    return {
-        "waiting_time_s": {
-            "mean": _mean(waits),
-            "median": float(median(waits)) if waits else None,
-            "n": len(waits),
-            "never_sensed": len(outcome.events) - len(waits),
-            "restricted_mean": _mean(_column(events, "waiting_s")),
-        },
-        "completion_s": {
-            "mean": _mean(completions),
-            "median": float(median(completions)) if completions else None,
-        },
-        "completed": sum(event.completed_s is not None for event in outcome.events),
-        "open_events": mean("events_open"),
-        "arrivals": {"n": len(outcome.events), "followed": len(events), "times": times, "places": places},
-        "operator_messages_per_s": mean_per_s(workloads, "messages"),
-        "operator_senders": {"mean": _mean(_column(workloads, "senders"))},
-        "operator_time_above_threshold_s": workloads[-1].time_above_s if workloads else None,
-        "frames_sent_per_s": mean_per_s(records, "frames_sent"),
-        "frames_received_per_s": mean_per_s(records, "frames_received"),
-        "bytes_sent_per_s": mean_per_s(records, "bytes_sent"),
-        "frames": {
-            **{name: total(f"frames_{name}") for name in ("sent", "received", "duplicated")},
-            "in_flight": records[-1].frames_in_flight if records else 0,
-        },
-        "frames_dropped": {reason: total(f"dropped_{reason}") for reason in DROP_REASONS},
-        "reports": {
-            **{name: total(f"reports_{name}") for name in ("sent", "arrived")},
-            "in_flight": records[-1].reports_in_flight if records else 0,
-        },
-        "reports_dropped": {reason: total(f"reports_dropped_{reason}") for reason in UPLINK_REASONS},
-        "agents_in_trees": {"mean": _mean(in_trees), "last_third_mean": _mean(in_trees[len(in_trees) * 2 // 3 :])},
-        "trees": mean("trees"),
-        "roots_from_densest_m": mean("roots_from_densest_m"),
-        "delta": mean("delta"),
-        "covered_area_m2": {
-            **mean("covered_area_m2"),
-            "mean_while_trees": _mean(_column(with_trees, "covered_area_m2")),
-        },
-        "transport_lost": total("transport_lost") + sum(workload.lost for workload in workloads),
-        "samples_rejected": total("rejected") + sum(workload.rejected for workload in workloads),
-        "steps": len(records),
-    }
-
-
-class FollowedEvent(NamedTuple):
-    """An event that arrived early enough to be followed for the horizon; each time is at most the horizon [s]."""
-
-    arrived_s: float
-    waiting_s: float
-    """Until an agent first sensed it."""
-    completion_s: float
-    """Until it was complete."""
-
-
-def followed(events: Iterable[EventState], end_s: float, horizon_s: float) -> list[FollowedEvent]:
-    """Restrict events to a horizon, so that neither late arrivals nor the length of a run bend their means.
-
-    Args:
-        events: all events of a run.
-        end_s: the end of the run [s]; events younger than the horizon then are left out.
-        horizon_s: how long each event is followed [s]; what has not happened by then counts as this.
+    The kind is PER_STEP, a mean over the steps of a window; RATE, the same, shown per second; COUNT, the number of
+    events whose moment lies in the window; or PER_EVENT, the mean time until their moment of the followed events that
+    arrived in the window, with the horizon as ceiling.
     """
-    return [
-        FollowedEvent(
-            event.arrived_s,
-            *(
-                horizon_s if then_s is None else min(then_s - event.arrived_s, horizon_s)
-                for then_s in (event.sensed_s, event.completed_s)
-            ),
-        )
-        for event in events
-        if event.arrived_s + horizon_s <= end_s
-    ]
+
+    column: str
+    kind: str = PER_STEP
+    moment: Moment = COMPLETED
 
 
-def arrival_digests(events: Iterable[EventState]) -> tuple[str, str]:
-    """Return a digest of the times and one of the places of all arrivals, to check that two runs had the same."""
-    ordered = sorted(events, key=lambda event: (event.arrived_s, event.event))
-    columns = ([event.arrived_s for event in ordered], [(event.x_m, event.y_m) for event in ordered])
-    times, places = (hashlib.blake2b(repr(column).encode(), digest_size=8).hexdigest() for column in columns)
-    return times, places
+@dataclass(frozen=True)
+class Metric:
+    """One number of a run."""
+
+    key: str
+    """Its dotted name in `summary.json` and in a sweep's table."""
+    meaning: str
+    unit: str = ""
+    compute: Compute | None = None
+    """None: a part of the run or a later stage computes it."""
+    label: str = ""
+    """Its name in the table that a run and `deltaswarm info` print; empty: it is not there."""
+    title: str = ""
+    """Its name on the axes and in the tables of studies, without the unit."""
+    study: str = ""
+    """Its name in studies; empty: studies do not use it."""
+    over: OverTime | None = None
+    """How it is followed over time; None: it is not."""
+    session: str = ""
+    """Its column in the table of a session's runs; empty: it has none."""
+    is_in_summary: bool = True
+    """False: only the table of a session's runs has it, since it is known only after the run."""
+    is_whole: bool = False
+    """Whether it is a whole number."""
 
 
-def _column(rows: Sequence[Any], name: str) -> list[Any]:
-    """Return what the rows know of one quantity."""
-    return [value for row in rows if (value := getattr(row, name)) is not None]
+# Computations
 
 
-def _mean(values: Sequence[float]) -> float | None:
-    return fmean(values) if values else None
+def mean(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgetter("steps")) -> Compute:
+    """Average a column over the steps that have a value."""
+    return lambda run: mean_of(known(rows(run), column))
+
+
+def per_second(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgetter("steps")) -> Compute:
+    """Average a count per step over the steps, per second."""
+
+    def compute(run: RunData) -> float | None:
+        per_step = mean_of(known(rows(run), column))
+        return None if per_step is None else per_step / run.scenario.run.step_s
+
+    return compute
+
+
+def total(column: str) -> Compute:
+    """Sum a column over the steps."""
+    return lambda run: sum(known(run.steps, column))
+
+
+def by_reason(prefix: str, reasons: Iterable[str]) -> Compute:
+    """Sum the columns of the reasons over the steps."""
+    return lambda run: {reason: total(prefix + reason)(run) for reason in reasons}
+
+
+def newest(column: str) -> Compute:
+    """Return a column's value in the last step."""
+    return lambda run: getattr(run.steps[-1], column) if run.steps else 0
+
+
+def restricted_mean(moment: Moment) -> Compute:
+    """Average the time until a moment over the followed events."""
+    return lambda run: mean_of(run.times_s(moment))
+
+
+# Metrics, in the order of the summary
+
+_WORKLOADS = attrgetter("workloads")
+
+METRICS = (
+    Metric(
+        "waiting_time_s.mean",
+        "from arrival until an agent first senses the event, over the events that were sensed",
+        "s",
+        lambda run: mean_of(waits(run)),
+        title="Mean waiting time of sensed events",
+        label="mean waiting time",
+        study="waiting",
+    ),
+    Metric(
+        "waiting_time_s.median",
+        "the same, median",
+        "s",
+        lambda run: median_of(waits(run)),
+        label="median waiting time",
+    ),
+    Metric(
+        "waiting_time_s.n",
+        "events that were sensed",
+        compute=lambda run: len(waits(run)),
+        label="events sensed",
+    ),
+    Metric(
+        "waiting_time_s.never_sensed",
+        "events that nobody sensed",
+        compute=lambda run: len(run.outcome.events) - len(waits(run)),
+        title="Events never sensed",
+        label="events never sensed",
+        study="never_sensed",
+        over=OverTime("never_sensed", COUNT, lambda event: event.arrived_s if event.sensed_s is None else None),
+    ),
+    Metric(
+        "waiting_time_s.restricted_mean",
+        "mean waiting time, restricted to the horizon",
+        "s",
+        restricted_mean(SENSED),
+        title="Mean waiting time of all events",
+        study="waiting_all",
+        over=OverTime("waiting_time_s", PER_EVENT, SENSED),
+        session="waiting_time_s",
+    ),
+    Metric(
+        "completion_s.mean",
+        "mean time to complete an event, restricted",
+        "s",
+        restricted_mean(COMPLETED),
+        title="Mean time to complete an event",
+        label="mean time to complete an event",
+        study="completion_s",
+        over=OverTime("completion_time_s", PER_EVENT, COMPLETED),
+        session="completion_s",
+    ),
+    Metric("completion_s.median", "the same, median", "s", lambda run: median_of(run.times_s(COMPLETED))),
+    Metric(
+        "completed",
+        "completed events",
+        compute=lambda run: len(known(run.outcome.events, "completed_s")),
+        title="Events completed",
+        label="events completed",
+        study="completed",
+        over=OverTime("completed", COUNT, COMPLETED),
+        session="completed",
+        is_whole=True,
+    ),
+    Metric(
+        "open_events.mean",
+        "events that have arrived and are not complete",
+        compute=mean("events_open"),
+        title="Open events",
+        label="open events",
+        study="open_events",
+        over=OverTime("events_open"),
+    ),
+    Metric("arrivals.n", "events", compute=lambda run: len(run.outcome.events)),
+    Metric("arrivals.followed", "events that could be followed", compute=lambda run: len(run.followed)),
+    Metric(
+        "arrivals.times",
+        "digest of the times of all events, to compare arrivals",
+        compute=lambda run: arrival_digests(run.outcome.events)[0],
+    ),
+    Metric("arrivals.places", "the same of their places", compute=lambda run: arrival_digests(run.outcome.events)[1]),
+    Metric(
+        "operator_messages_per_s.mean",
+        "messages to the operator",
+        "1/s",
+        per_second("messages", _WORKLOADS),
+        title="Messages to the operator",
+        label="operator messages",
+        study="messages",
+        over=OverTime("operator_messages", RATE),
+        session="messages_per_s",
+    ),
+    Metric(
+        "operator_senders.mean",
+        "agents that report in a step",
+        compute=mean("senders", _WORKLOADS),
+        title="Agents that report in a step",
+        study="senders",
+    ),
+    Metric(
+        "operator_time_above_threshold_s",
+        "time with the message rate above the threshold",
+        "s",
+        lambda run: run.workloads[-1].time_above_s if run.workloads else None,
+        title="Time with too many messages",
+        study="above_threshold",
+        session="time_above_threshold_s",
+    ),
+    Metric(
+        "frames_sent_per_s.mean",
+        "radio frames of all agents",
+        "1/s",
+        per_second("frames_sent"),
+        title="Radio frames sent",
+        label="radio frames sent",
+        study="frames_sent",
+        over=OverTime("frames_sent", RATE),
+    ),
+    Metric(
+        "frames_received_per_s.mean",
+        "receptions of radio frames",
+        "1/s",
+        per_second("frames_received"),
+        title="Radio frames received",
+        study="frames_received",
+        over=OverTime("frames_received", RATE),
+    ),
+    Metric(
+        "bytes_sent_per_s.mean",
+        "bytes in radio frames of all agents",
+        "bytes/s",
+        per_second("bytes_sent"),
+        label="radio bytes sent",
+    ),
+    Metric("frames.sent", "radio frames, over the run", compute=total("frames_sent")),
+    Metric("frames.received", "receptions", compute=total("frames_received")),
+    Metric("frames.duplicated", "extra receptions of duplicated frames", compute=total("frames_duplicated")),
+    Metric("frames.in_flight", "receptions pending at the end", compute=newest("frames_in_flight")),
+    Metric("frames_dropped", "receptions that did not happen, by reason", compute=by_reason("dropped_", DROP_REASONS)),
+    Metric(
+        "reports.sent",
+        "reports, over the run",
+        compute=total("reports_sent"),
+        label="reports sent",
+    ),
+    Metric(
+        "reports.arrived",
+        "reports that reached the operator",
+        compute=total("reports_arrived"),
+        label="reports arrived",
+    ),
+    Metric("reports.in_flight", "reports under way at the end", compute=newest("reports_in_flight")),
+    Metric(
+        "reports_dropped",
+        "reports that did not reach the operator, by reason",
+        compute=by_reason("reports_dropped_", UPLINK_REASONS),
+    ),
+    Metric(
+        "agents_in_trees.mean",
+        "agents in trees, roots included",
+        compute=mean("agents_in_trees"),
+        title="Agents in trees",
+        label="agents in trees",
+        study="agents_in_trees",
+        over=OverTime("agents_in_trees"),
+    ),
+    Metric(
+        "agents_in_trees.last_third_mean",
+        "the same over the last third of the run",
+        compute=lambda run: mean_of(known(run.steps[len(run.steps) * 2 // 3 :], "agents_in_trees")),
+    ),
+    Metric(
+        "trees.mean",
+        "number of trees",
+        compute=mean("trees"),
+        title="Trees",
+        label="trees",
+        study="trees",
+        over=OverTime("trees"),
+    ),
+    Metric(
+        "roots_from_densest_m.mean",
+        "distance of roots from the place where events are densest; if the density moves, at that time, to within 10 s",
+        "m",
+        mean("roots_from_densest_m"),
+        title="Distance of roots from the densest place",
+        study="root_distance",
+        over=OverTime("roots_from_densest_m"),
+    ),
+    Metric(
+        "delta.mean",
+        "mean delta of the agents that have one, which `adaptive` chooses while it runs",
+        compute=mean("delta"),
+        title="Delta that agents use",
+        study="delta",
+        over=OverTime("delta"),
+    ),
+    Metric(
+        "covered_area_m2.mean",
+        "area that agents in trees sense",
+        "m²",
+        mean("covered_area_m2"),
+        title="Area covered",
+        study="area",
+        over=OverTime("covered_area_m2"),
+    ),
+    Metric(
+        "covered_area_m2.mean_while_trees",
+        "the same over the steps with trees",
+        "m²",
+        mean("covered_area_m2", lambda run: [record for record in run.steps if record.trees]),
+        title="Area covered while there are trees",
+        label="area covered while trees exist",
+        study="tree_area",
+    ),
+    Metric(
+        "transport_lost",
+        "messages lost on the fabric",
+        compute=lambda run: total("transport_lost")(run) + sum(known(run.workloads, "lost")),
+        label="lost on the fabric",
+    ),
+    Metric(
+        "samples_rejected",
+        "messages that broke the protocol",
+        compute=lambda run: total("rejected")(run) + sum(known(run.workloads, "rejected")),
+    ),
+    Metric("steps", "steps done", compute=lambda run: len(run.steps), label="steps"),
+)

@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,12 +12,11 @@ import tomli_w
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.sources import files_of, source_digest
 from deltaswarm_orchestrator.recording.names import COMMANDS
-from deltaswarm_orchestrator.results.metrics import Outcome, metrics
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.files import write_whole
-from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import find_controller
 
@@ -33,12 +31,6 @@ OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if nam
 
 RUNNING = "running"
 """The exit reason of a run that has not ended. A killed run keeps it: see `folder_lock.is_held`."""
-
-MAX_NAMED = 5
-"""Maximum number of agents named in a reason."""
-
-OFTEN = 5
-"""Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
 
 Row = TypeVar("Row", StepRecord, Workload, EventState)
 
@@ -155,54 +147,3 @@ def read_rows(file: Path) -> list[dict[str, str]]:
         return []
     with file.open(newline="", encoding="utf-8") as stream:
         return list(csv.DictReader(stream))
-
-
-def _lost_by_agent(outcome: Outcome) -> str:
-    """Name the agents that lost most messages, most first; empty if that is not known."""
-    lost = Counter({agent: counts["lost"] for agent, counts in (outcome.operator.get("per_sender") or {}).items()})
-    lost.update(outcome.world.get("transport_lost", {}))
-    named = [f"{count} of agent {agent}" for agent, count in (+lost).most_common(MAX_NAMED) if agent != WORLD]
-    return f" ({', '.join(named)})" if named else ""
-
-
-def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
-    """Return the content of `summary.json`: the metrics, and how the run went."""
-    numbers = metrics(outcome, scenario)
-    wall_s, steps = outcome.world.get("wall_s"), numbers["steps"]
-    reasons = [] if outcome.is_complete else ["the run did not reach its last step"]
-    if numbers["transport_lost"]:
-        reasons.append(f"{numbers['transport_lost']} messages were lost on the fabric{_lost_by_agent(outcome)}")
-    reasons += [
-        f"agent {agent}'s sequence number reset {count} times; two processes may share its id"
-        for agent, count in outcome.world.get("fell_back", {}).items()
-        if count >= OFTEN
-    ]
-    reasons += [
-        f"agent {agent} sent {count} samples more than one radio frame, one report and one act in a step"
-        for agent, count in outcome.world.get("excess", {}).items()
-    ]
-    return {
-        "name": scenario.name,
-        "mode": scenario.control.mode,
-        "seed": scenario.seed,
-        **numbers,
-        "wall_s": wall_s,
-        "steps_per_s": steps / wall_s if wall_s else None,
-        "real_time_factor": steps * scenario.run.step_s / wall_s if wall_s else None,
-        "digest": outcome.digest,
-        "agents_lost": outcome.world.get("agents_lost", []),
-        "boards": outcome.world.get("boards", {}),
-        "faults": outcome.world.get("faults", []),
-        "agents_late": sum(record.agents_late for record in outcome.step_records),
-        "refused_claims": outcome.world.get("refused_claims"),
-        "events_cut": outcome.world.get("events_cut"),
-        "realtime_overruns": outcome.world.get("realtime_overruns", 0),
-        "rejected_by_agent": outcome.world.get("rejected", {}),
-        "excess_by_agent": outcome.world.get("excess", {}),
-        "late_acts_by_agent": outcome.world.get("late_acts", {}),
-        "operator": {name: outcome.operator.get(name) for name in ("messages", "steps_missed", "per_sender")},
-        **{name: told for name in ("person", "autonomy") if (told := outcome.operator.get(name))},
-        "complete": outcome.is_complete,
-        "valid": not reasons,
-        "invalid_because": reasons,
-    }

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.run_tables import read_rows, write_csv
 from deltaswarm_scenario.operator_settings import SAGAT, SPAM
 from deltaswarm_scenario.person_tables import SituationRow

@@ -29,9 +29,10 @@ from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.results.judgements import task_score, write_judgements
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.situation import write_situation
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunOptions, RunResult, check
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -326,7 +327,7 @@ class _Run:
         """Return the summary, and update the manifest to agree with it."""
         if self.outcome is None:
             self.outcome = run_tables.read_outcome(self.folder.path)
-        summary = run_tables.summary(self.outcome, self.scenario) | task_score(self.folder.path, self.outcome)
+        summary = summarise(self.outcome, self.scenario) | task_score(self.folder.path, self.outcome)
         by = self.stop.by
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
         if not summary["complete"]:

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColum
 from rich.table import Table
 
 from deltaswarm_orchestrator.base.text import shown
+from deltaswarm_orchestrator.results.summary import main_rows
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_wire.operator_messages import Status
 
@@ -105,43 +106,12 @@ def fitting(parts: Sequence[str], room: int) -> str:
     return next((text for text in texts if len(text) <= room), texts[-1])
 
 
-ROWS = (
-    ("mean waiting time", "waiting_time_s.mean", "s"),
-    ("median waiting time", "waiting_time_s.median", "s"),
-    ("events sensed", "waiting_time_s.n", ""),
-    ("events never sensed", "waiting_time_s.never_sensed", ""),
-    ("events completed", "completed", ""),
-    ("mean time to complete an event", "completion_s.mean", "s"),
-    ("open events", "open_events.mean", ""),
-    ("operator messages", "operator_messages_per_s.mean", "per s"),
-    ("reports sent", "reports.sent", ""),
-    ("reports arrived", "reports.arrived", ""),
-    ("radio frames sent", "frames_sent_per_s.mean", "per s"),
-    ("radio bytes sent", "bytes_sent_per_s.mean", "per s"),
-    ("agents in trees", "agents_in_trees.mean", ""),
-    ("trees", "trees.mean", ""),
-    ("area covered while trees exist", "covered_area_m2.mean_while_trees", "m²"),
-    ("lost on the fabric", "transport_lost", "messages"),
-    ("steps", "steps", ""),
-    ("speed", "steps_per_s", "steps/s"),
-    ("digest", "digest", ""),
-    ("valid", "valid", ""),
-)
-
-
 def result_table(summary: dict[str, Any]) -> Table:
     """Make a table of the summary's main metrics."""
     table = Table(title=f"{summary['name']}, {summary['mode']}, seed {summary['seed']}", show_header=False)
     table.add_column(style="dim")
     table.add_column(justify="right")
     table.add_column(style="dim")
-    for label, path, unit in ROWS:
-        value: Any = summary
-        for key in path.split("."):
-            value = value[key]
-        table.add_row(label, shown(value), unit)
-        if path == "reports.arrived":
-            for reason, count in summary["reports_dropped"].items():
-                if count:
-                    table.add_row(f"reports dropped: {reason}", shown(count), "")
+    for title, value, unit in main_rows(summary):
+        table.add_row(title, shown(value), unit)
     return table

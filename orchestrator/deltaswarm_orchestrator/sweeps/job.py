@@ -13,6 +13,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,15 @@ import orjson
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.metrics import FollowedEvent, Outcome, followed
+from deltaswarm_orchestrator.results.metrics import COUNT, METRICS, PER_EVENT
+from deltaswarm_orchestrator.results.outcome import Outcome, RunData, time_until
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import StepRecord
+from deltaswarm_scenario.truth import EventState, StepRecord
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
@@ -76,7 +79,7 @@ def work(task: Task) -> Result:
         outcome, summary = _by_processes(task)
     else:
         outcome = run_in_process(scenario)
-        summary = run_tables.summary(outcome, scenario)
+        summary = summarise(outcome, scenario)
     if not summary["valid"]:
         raise RunError(f"not valid: {'; '.join(summary['invalid_because'])}")
     return {
@@ -142,9 +145,8 @@ def how_ended(code: int) -> str:
 def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str, list[float | None]]:
     """Average every column of `series.csv` over windows of `every_s` seconds; `time_s` is each window's start [s].
 
-    Add the numbers of events that were completed in the window (`completed`), that arrived in it and were never sensed
-    (`never_sensed`), and that arrived in it and could be followed for the horizon (`events_followed`); of the last, the
-    restricted means `waiting_time_s` and `completion_time_s` [s].
+    Add the metrics of events that are followed over time, and the number of events that arrived in the window and could
+    be followed for the horizon (`events_followed`).
     """
     if every_s == 0:
         return {}
@@ -164,16 +166,20 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     def window_of(time_s: float) -> int:
         return bisect_right(edges_s, time_s) - 1
 
-    completed = Counter(window_of(event.completed_s) for event in outcome.events if event.completed_s is not None)
-    never_sensed = Counter(window_of(event.arrived_s) for event in outcome.events if event.sensed_s is None)
-    for column, counts in (("completed", completed), ("never_sensed", never_sensed)):
-        columns[column] = [float(counts[index]) for index in range(len(starts))]
-    windows: list[list[FollowedEvent]] = [[] for _ in starts]
-    for event in followed(outcome.events, len(outcome.step_records) * step_s, scenario.metrics.horizon_s):
+    over_time = [metric.over for metric in METRICS if metric.over]
+    for over in sorted((over for over in over_time if over.kind == COUNT), key=attrgetter("column")):
+        moments_s = [time_s for event in outcome.events if (time_s := over.moment(event)) is not None]
+        counts = Counter(map(window_of, moments_s))
+        columns[over.column] = [float(counts[index]) for index in range(len(starts))]
+    windows: list[list[EventState]] = [[] for _ in starts]
+    for event in RunData(outcome, scenario).followed:
         windows[window_of(event.arrived_s)].append(event)
     columns["events_followed"] = [float(len(window)) for window in windows]
-    columns["waiting_time_s"] = [_mean(np.array([event.waiting_s for event in window])) for window in windows]
-    columns["completion_time_s"] = [_mean(np.array([event.completion_s for event in window])) for window in windows]
+    horizon_s = scenario.metrics.horizon_s
+    for over in over_time:
+        if over.kind == PER_EVENT:
+            times_s = ([time_until(event, over.moment, horizon_s) for event in window] for window in windows)
+            columns[over.column] = [_mean(np.array(window)) for window in times_s]
     return columns
 
 

@@ -19,7 +19,7 @@ from deltaswarm_agent.controllers.central.overview import Overview
 from deltaswarm_agent.controllers.central.planner import AT_EVENT_SHARE, POST_SHARE, Planner
 from deltaswarm_agent.controllers.central.posts import posts
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
@@ -220,7 +220,7 @@ SHORT = ["run.duration_s=1500", "control.mode=central", "radio.range_m=150"]
 def waiting_s(*overrides: str) -> float:
     scenario = load_scenario("paper-25", [*overrides], 3)
     outcome = run_in_process(scenario)
-    found: float = run_tables.summary(outcome, scenario)["waiting_time_s"]["restricted_mean"]
+    found: float = summarise(outcome, scenario)["waiting_time_s"]["restricted_mean"]
     return found
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.autonomy import Autonomy, next_delta
 from deltaswarm_operator.core.console import Console
-from deltaswarm_orchestrator.results.run_tables import summary
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.autonomy import ISA_ANSWER, SYSTEM, AutonomySettings
@@ -127,7 +127,7 @@ def test_a_run_by_the_system_repeats_itself() -> None:
     keys = ["record=off", "run.duration_s=300", "control.delta=4", "operator.threshold_hz=0.5"]
     system = [*keys, "operator.autonomy.sets_delta=system"]
     first, again, alone = (load_scenario("smoke", overrides) for overrides in (system, system, keys))
-    told = [summary(run_in_process(scenario), scenario) for scenario in (first, again, alone)]
+    told = [summarise(run_in_process(scenario), scenario) for scenario in (first, again, alone)]
     assert told[0]["digest"] == told[1]["digest"] != told[2]["digest"]
     assert told[0]["autonomy"]["changes"] > 0
     assert "autonomy" not in told[2]

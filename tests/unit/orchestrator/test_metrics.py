@@ -11,7 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.results.metrics import Outcome, arrival_digests, followed, metrics
+from deltaswarm_orchestrator.results.outcome import (
+    COMPLETED,
+    SENSED,
+    Outcome,
+    RunData,
+    arrival_digests,
+    followed,
+    time_until,
+)
+from deltaswarm_orchestrator.results.summary import computed
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -23,6 +32,10 @@ from tests.unit.orchestrator.test_results import STEP_S, event, whole, workload
 
 def a_scenario(horizon_s: float = 1.0) -> Scenario:
     return load(Scenario, {"run": {"step_s": STEP_S}, "metrics": {"horizon_s": horizon_s}})
+
+
+def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
+    return computed(RunData(outcome, scenario))
 
 
 def test_waiting_times_are_until_first_sensed() -> None:
@@ -69,8 +82,15 @@ def test_neither_late_arrivals_nor_a_longer_run_bend_the_means(
 
     short = followed(seen_until(100.0), 100.0, horizon_s)
     long = followed(seen_until(100.0 + longer_s), 100.0 + longer_s, horizon_s)
-    assert [one for one in long if one.arrived_s + horizon_s <= 100.0] == short
-    assert all(0 <= one.waiting_s <= one.completion_s <= horizon_s for one in long)
+    known = {number.event: times_s(number, horizon_s) for number in long}
+    assert [known[number.event] for number in short] == [times_s(number, horizon_s) for number in short]
+    assert {number.event for number in short} == {e.event for e in long if e.arrived_s + horizon_s <= 100.0}
+    assert all(0 <= waiting_s <= completion_s <= horizon_s for waiting_s, completion_s in known.values())
+
+
+def times_s(event: EventState, horizon_s: float) -> tuple[float, float]:
+    """Until it was sensed and until it was complete."""
+    return time_until(event, SENSED, horizon_s), time_until(event, COMPLETED, horizon_s)
 
 
 def test_rates_are_per_second_not_per_step() -> None:

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.results.metrics import Outcome, metrics
-from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS, read_outcome, summary, write_json, write_tables
+from deltaswarm_orchestrator.results.outcome import Outcome, RunData
+from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS, read_outcome, write_json, write_tables
+from deltaswarm_orchestrator.results.summary import computed, summarise
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -88,7 +89,7 @@ KEYS = {
 
 def test_a_summary_has_its_keys() -> None:
     """With just these parts; further keys may come, none of these may go."""
-    found = summary(whole(), a_scenario())
+    found = summarise(whole(), a_scenario())
     assert KEYS.keys() <= found.keys()
     for name, parts in KEYS.items():
         if parts is not None:
@@ -98,13 +99,13 @@ def test_a_summary_has_its_keys() -> None:
 
 def test_speed_is_told_both_ways() -> None:
     """Steps per wall second, and simulated per wall second."""
-    found = summary(whole(), a_scenario())
+    found = summarise(whole(), a_scenario())
     assert (found["steps"], found["wall_s"], found["steps_per_s"], found["real_time_factor"]) == (6, 2.0, 3.0, 1.5)
 
 
 def test_a_whole_run_is_valid_and_has_a_digest() -> None:
     """Made of the world's and the operator's."""
-    found = summary(whole(), a_scenario())
+    found = summarise(whole(), a_scenario())
     assert (found["valid"], found["invalid_because"]) == (True, [])
     assert found["digest"] == combine("aa", "bb") != combine("bb", "aa")
 
@@ -124,7 +125,7 @@ def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reaso
     outcome = whole()
     for name, value in change.items():
         setattr(outcome, name, value)
-    found = summary(outcome, a_scenario())
+    found = summarise(outcome, a_scenario())
     assert not found["valid"]
     assert any(reason in because for because in found["invalid_because"])
 
@@ -135,7 +136,7 @@ def test_a_loss_names_its_agents() -> None:
     outcome.step_records = [record(0, transport_lost=9)]
     outcome.world |= {"transport_lost": {"3": 3, "5": 4}}
     outcome.operator |= {"per_sender": {"5": {"lost": 2}, "9": {"lost": 0}}}
-    (reason,) = summary(outcome, a_scenario())["invalid_because"]
+    (reason,) = summarise(outcome, a_scenario())["invalid_because"]
     assert re.findall(r"\d+", reason) == ["9", "6", "5", "3", "3"]
 
 
@@ -143,7 +144,7 @@ def test_an_agent_that_may_be_two_is_named() -> None:
     """Also if nothing is lost; to fall back a few times is no sign of it."""
     outcome = whole()
     outcome.world |= {"fell_back": {"2": 4, "5": 5}}
-    (reason,) = summary(outcome, a_scenario())["invalid_because"]
+    (reason,) = summarise(outcome, a_scenario())["invalid_because"]
     assert "agent 5" in reason
     assert "5 times" in reason
 
@@ -232,7 +233,7 @@ def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) ->
     assert recorded.complete
     again = load(Scenario, tomllib.loads(recorded.scenario))
     assert again == scenario
-    found = metrics(Outcome(recorded.step_records, recorded.events, recorded.workloads), again)
+    found = computed(RunData(Outcome(recorded.step_records, recorded.events, recorded.workloads), again))
     told = json.loads((result.folder / "summary.json").read_text())
     assert found == {name: told[name] for name in found}
     assert found["waiting_time_s"]["n"] > 10

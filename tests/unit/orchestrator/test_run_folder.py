@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.results import folder as run_folder
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError, FolderTakenError, RunFolder
 from deltaswarm_orchestrator.results.folder_lock import LOCK, is_held
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 

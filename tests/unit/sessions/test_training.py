@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.results.summary import SITUATION_RIGHT_SHARE
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
@@ -18,7 +19,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_sessions.folder import summary_of
 from deltaswarm_sessions.plan import MORE, WAIT, plan
 from deltaswarm_sessions.settings import NOT_REACHED, OPEN, REACHED, CriterionSettings, load_session
-from deltaswarm_sessions.variables import MEASURES, SITUATION_RIGHT_SHARE
+from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.complaints import Printed
 from tests.support.pages import ROOT

@@ -1,0 +1,114 @@
+"""What one run recorded, and what metrics are computed from."""
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from operator import attrgetter
+from statistics import fmean, median
+from typing import Any
+
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState, StepRecord
+from deltaswarm_wire import digest
+from deltaswarm_wire.operator_messages import Workload
+
+Moment = Callable[[EventState], float | None]
+"""A moment in the life of an event [s]; None: it has not come."""
+
+SENSED: Moment = attrgetter("sensed_s")
+COMPLETED: Moment = attrgetter("completed_s")
+
+
+@dataclass
+class Outcome:
+    """What the parts of one run recorded."""
+
+    step_records: list[StepRecord] = field(default_factory=list)
+    events: list[EventState] = field(default_factory=list)
+    workloads: list[Workload] = field(default_factory=list)
+    world: dict[str, Any] = field(default_factory=dict)
+    operator: dict[str, Any] = field(default_factory=dict)
+    messages: list[str] = field(default_factory=list)
+    """Messages for the user: agents that failed, and why."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether world and operator both reached the last step."""
+        return bool(self.world.get("complete") and self.operator.get("complete"))
+
+    @property
+    def digest(self) -> str | None:
+        """The run's digest; None if the world's or the operator's is missing."""
+        world, operator = self.world.get("digest"), self.operator.get("digest")
+        return digest.combine(world, operator) if world and operator else None
+
+
+@dataclass(eq=False)
+class RunData:
+    """What metrics are computed from."""
+
+    outcome: Outcome
+    scenario: Scenario
+
+    @property
+    def steps(self) -> list[StepRecord]:
+        """The world's record of each step."""
+        return self.outcome.step_records
+
+    @property
+    def workloads(self) -> list[Workload]:
+        """The operator's record of each step."""
+        return self.outcome.workloads
+
+    @cached_property
+    def followed(self) -> list[EventState]:
+        """The events that could be followed for the horizon."""
+        run = self.scenario.run
+        return followed(self.outcome.events, len(self.steps) * run.step_s, self.scenario.metrics.horizon_s)
+
+    def times_s(self, moment: Moment) -> list[float]:
+        """Return the time from each followed event's arrival to a moment, at most the horizon [s]."""
+        return [time_until(event, moment, self.scenario.metrics.horizon_s) for event in self.followed]
+
+
+def median_of(values: Sequence[float]) -> float | None:
+    """Return the median; None of nothing."""
+    return float(median(values)) if values else None
+
+
+def mean_of(values: Sequence[float]) -> float | None:
+    """Return the mean; None of nothing."""
+    return fmean(values) if values else None
+
+
+def known(rows: Sequence[Any], column: str) -> list[Any]:
+    """Return a column's values in the rows that have one."""
+    return [value for row in rows if (value := getattr(row, column)) is not None]
+
+
+def waits(run: RunData) -> list[float]:
+    """Return the waiting time of each event that was sensed [s]."""
+    return [event.sensed_s - event.arrived_s for event in run.outcome.events if event.sensed_s is not None]
+
+
+def followed(events: Iterable[EventState], end_s: float, horizon_s: float) -> list[EventState]:
+    """Return the events that arrived early enough before the end of the run [s] to be followed for the horizon.
+
+    So neither late arrivals nor the length of a run bend the means over events.
+    """
+    return [event for event in events if event.arrived_s + horizon_s <= end_s]
+
+
+def time_until(event: EventState, moment: Moment, horizon_s: float) -> float:
+    """Return the time from an event's arrival to a moment; at most the horizon, also if the moment has not come [s]."""
+    then_s = moment(event)
+    return horizon_s if then_s is None else min(then_s - event.arrived_s, horizon_s)
+
+
+def arrival_digests(events: Iterable[EventState]) -> tuple[str, str]:
+    """Return a digest of the times and one of the places of all arrivals, to check that two runs had the same."""
+    ordered = sorted(events, key=lambda event: (event.arrived_s, event.event))
+    columns = ([event.arrived_s for event in ordered], [(event.x_m, event.y_m) for event in ordered])
+    times, places = (hashlib.blake2b(repr(column).encode(), digest_size=8).hexdigest() for column in columns)
+    return times, places

@@ -1,0 +1,255 @@
+"""The summary of a run: its metrics, what its parts found, and whether its numbers may be used."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from deltaswarm_orchestrator.results.metrics import METRICS, Compute, Metric
+from deltaswarm_orchestrator.results.outcome import Outcome, RunData
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.keys import WORLD
+
+MAX_NAMED = 5
+"""Maximum number of agents named in a reason."""
+
+OFTEN = 5
+"""Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
+
+SITUATION_RIGHT_SHARE = "person.situation_right_share"
+"""The share of right answers about the situation, which is known only after the run."""
+
+
+def of_world(name: str, default: Any = None) -> Compute:
+    """Return what the world counted."""
+    return lambda run: run.outcome.world.get(name, default)
+
+
+def of_operator(name: str) -> Compute:
+    """Return what the operator counted."""
+    return lambda run: run.outcome.operator.get(name)
+
+
+def steps_per_s(run: RunData) -> float | None:
+    """Return the speed of the run."""
+    wall_s = run.outcome.world.get("wall_s")
+    return len(run.steps) / wall_s if wall_s else None
+
+
+def real_time_factor(run: RunData) -> float | None:
+    """Return simulated per wall time."""
+    wall_s = run.outcome.world.get("wall_s")
+    return len(run.steps) * run.scenario.run.step_s / wall_s if wall_s else None
+
+
+def why_invalid(run: RunData) -> list[str]:
+    """Return why the run's numbers may not be used; empty if they may."""
+    outcome = run.outcome
+    reasons = [] if outcome.is_complete else ["the run did not reach its last step"]
+    if lost := lost_on_fabric(run):
+        reasons.append(f"{lost} messages were lost on the fabric{_lost_by_agent(outcome)}")
+    reasons += [
+        f"agent {agent}'s sequence number reset {count} times; two processes may share its id"
+        for agent, count in outcome.world.get("fell_back", {}).items()
+        if count >= OFTEN
+    ]
+    reasons += [
+        f"agent {agent} sent {count} samples more than one radio frame, one report and one act in a step"
+        for agent, count in outcome.world.get("excess", {}).items()
+    ]
+    return reasons
+
+
+def lost_on_fabric(run: RunData) -> int:
+    """Return the number of messages that were lost on the fabric."""
+    [metric] = [metric for metric in METRICS if metric.key == "transport_lost"]
+    assert metric.compute is not None
+    return int(metric.compute(run))
+
+
+def _lost_by_agent(outcome: Outcome) -> str:
+    """Name the agents that lost most messages, most first; empty if that is not known."""
+    lost = Counter({agent: counts["lost"] for agent, counts in (outcome.operator.get("per_sender") or {}).items()})
+    lost.update(outcome.world.get("transport_lost", {}))
+    named = [f"{count} of agent {agent}" for agent, count in (+lost).most_common(MAX_NAMED) if agent != WORLD]
+    return f" ({', '.join(named)})" if named else ""
+
+
+ORIGIN = (
+    Metric("name", "of the scenario", compute=lambda run: run.scenario.name),
+    Metric("mode", "the scenario's `control.mode`", compute=lambda run: run.scenario.control.mode),
+    Metric("seed", "of the scenario", compute=lambda run: run.scenario.seed),
+)
+
+ACCOUNT = (
+    Metric("wall_s", "wall time of the run", "s", of_world("wall_s")),
+    Metric("steps_per_s", "speed of the run", "1/s", steps_per_s, label="speed"),
+    Metric("real_time_factor", "simulated time per wall time", compute=real_time_factor),
+    Metric(
+        "digest",
+        "hash over all acts, radio frames, reports and delivered commands; equal for equal runs",
+        compute=lambda run: run.outcome.digest,
+        label="digest",
+    ),
+    Metric("agents_lost", "agents that failed or were lost", compute=of_world("agents_lost", [])),
+    Metric("boards", "agents on boards, with what is known of each", compute=of_world("boards", {})),
+    Metric("faults", "injected faults", compute=of_world("faults", [])),
+    Metric("agents_late", "late answers", compute=lambda run: sum(record.agents_late for record in run.steps)),
+    Metric("refused_claims", "observed events out of sensing range", compute=of_world("refused_claims")),
+    Metric("events_cut", "sensed events that did not fit into a frame", compute=of_world("events_cut")),
+    Metric("realtime_overruns", "steps that took longer than real time", compute=of_world("realtime_overruns", 0)),
+    Metric("rejected_by_agent", "messages that broke the protocol, by sender", compute=of_world("rejected", {})),
+    Metric("excess_by_agent", "excess samples, by sender", compute=of_world("excess", {})),
+    Metric("late_acts_by_agent", "late acts, by sender", compute=of_world("late_acts", {})),
+    Metric("operator.messages", "reports that the operator counted", compute=of_operator("messages")),
+    Metric("operator.steps_missed", "steps that the operator missed", compute=of_operator("steps_missed")),
+    Metric(
+        "operator.per_sender", "`messages`, `lost` and `rejected` of each sender", compute=of_operator("per_sender")
+    ),
+)
+"""What the parts counted, and how the run went."""
+
+
+def _of_person(name: str, meaning: str, unit: str = "", **more: Any) -> Metric:
+    return Metric(f"person.{name}", meaning, unit, **more)
+
+
+def _of_task(name: str, meaning: str, *, is_whole: bool = True) -> Metric:
+    return Metric(f"task.{name}", meaning, session=name, is_whole=is_whole)
+
+
+PERSON = (
+    _of_person(
+        "utilisation",
+        "share of time in which the person is busy",
+        title="Operator busy, share of the time",
+        study="person_utilisation",
+    ),
+    _of_person(
+        "load",
+        "mean of the load x, from 0 to 1",
+        title="Mean load of the operator, from 0 to 1",
+        study="person_load",
+    ),
+    _of_person(
+        "load_above_0_7_s", "time with x above 0.7", "s", title="Time at a load above 0.7", study="person_high_load"
+    ),
+    _of_person("items", "items of the inbox", session="items", is_whole=True),
+    _of_person("read", "items that were read", session="read", is_whole=True),
+    _of_person(
+        "missed",
+        "items that were unread for too long",
+        title="Items missed",
+        study="person_missed",
+        session="missed",
+        is_whole=True,
+    ),
+    _of_person("missed_share", "items that were unread for too long, as a share of all", session="missed_share"),
+    _of_person("replaced", "items that a newer item replaced before they were read", is_whole=True),
+    _of_person("unread.mean", "unread items at the ends of steps", title="Unread items", study="person_unread"),
+    _of_person("unread.max", "the same, most", is_whole=True),
+    _of_person("unread.last", "the same, at the end of the run", is_whole=True),
+    _of_person(
+        "acknowledge_s",
+        "mean time until an item was read",
+        "s",
+        title="Time until an item is read",
+        study="person_acknowledge",
+        session="acknowledge_s",
+    ),
+    _of_person(
+        "commands", "commands given", title="Commands", study="person_commands", session="commands", is_whole=True
+    ),
+    _of_person("commands_by_state.done", "commands carried out by an agent", session="commands_done", is_whole=True),
+    _of_person("commands_by_state", "commands by outcome at the end: sent, heard, done or expired"),
+    _of_task("share_right", "reported events that were judged right", is_whole=False),
+    _of_task("hits", "targets that were judged to be targets"),
+    _of_task("misses", "targets that were judged to be decoys"),
+    _of_task("false_alarms", "decoys that were judged to be targets"),
+    _of_task("correct_rejections", "decoys that were judged to be decoys"),
+    _of_task("unjudged", "reported events without a judgement"),
+    Metric("task.events", "reported events", is_whole=True),
+    _of_task("d_prime", "sensitivity d' of the judgements, log-linear", is_whole=False),
+    _of_task("criterion", "criterion c of the judgements; above 0: rather decoy", is_whole=False),
+    Metric(
+        SITUATION_RIGHT_SHARE,
+        "right answers about the situation (SAGAT, SPAM), as a share of those asked for",
+        session="situation_right_share",
+        is_in_summary=False,
+    ),
+    _of_person(
+        "isa",
+        "mean ISA answer, from 1 to 5",
+        title="Mean ISA answer, from 1 to 5",
+        study="person_isa",
+        session="isa",
+    ),
+    _of_person("questions", "questions asked", session="questions", is_whole=True),
+    _of_person("answers_missing", "questions without an answer", session="answers_missing", is_whole=True),
+    _of_person("tlx.raw", "NASA-TLX, mean of the six scales, from 0 to 100", session="tlx_raw"),
+    _of_person("tlx.weighted", "NASA-TLX, weighted by the 15 pairs", session="tlx_weighted"),
+    _of_person("interaction_s", "mean time spent on an item", "s"),
+    _of_person(
+        "between_items_s", "mean time from the end of an item to the beginning of the next item of the same agent", "s"
+    ),
+    _of_person(
+        "agents_in_turn",
+        "`between_items_s` / `interaction_s` + 1: agents whose items the person could read in turn",
+        title="Agents whose items could be read in turn",
+        study="person_agents_in_turn",
+    ),
+    Metric("autonomy.changes", "changes of delta by the system", is_whole=True),
+    Metric("autonomy.vetoes", "vetoes of the person against them", is_whole=True),
+)
+"""What the operator's process and the person's tables tell of a person at the console, if there was one."""
+
+VALIDITY = (
+    Metric("complete", "whether all steps are there", compute=lambda run: run.outcome.is_complete),
+    Metric("valid", "whether the numbers may be used", compute=lambda run: not why_invalid(run), label="valid"),
+    Metric("invalid_because", "if not, why", compute=why_invalid),
+)
+
+ENDING = (
+    Metric("exit_reason", "how the run ended"),
+    Metric("why", "which parts ended early and how"),
+    Metric("operator_restarts", "restarts of the operator", is_whole=True),
+    Metric("resumed", "where the run was resumed"),
+)
+"""What the run's manifest has, too."""
+
+EVERY_KEY = (*ORIGIN, *METRICS, *ACCOUNT, *PERSON, *VALIDITY, *ENDING)
+"""Every key of the summary."""
+
+
+def summarise(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
+    """Return the content of `summary.json`: the metrics, and how the run went."""
+    run = RunData(outcome, scenario)
+    by_operator = {name: told for name in ("person", "autonomy") if (told := outcome.operator.get(name))}
+    return computed(run, (*ORIGIN, *METRICS, *ACCOUNT)) | by_operator | computed(run, VALIDITY)
+
+
+def computed(run: RunData, metrics: tuple[Metric, ...] = METRICS) -> dict[str, Any]:
+    """Compute metrics, keyed by their names; a name with a dot is a key within a key."""
+    values: dict[str, Any] = {}
+    for metric in metrics:
+        if metric.compute is not None:
+            above, _, name = metric.key.rpartition(".")
+            (values.setdefault(above, {}) if above else values)[name] = metric.compute(run)
+    return values
+
+
+def value_at(summary: Mapping[str, Any], key: str) -> Any:
+    """Return what a summary has at a dotted name; None if it has nothing there."""
+    value: Any = summary
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, Mapping) else None
+    return value
+
+
+def main_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
+    """Yield the summary's main metrics: label, value, unit; each reason of drops as well."""
+    for metric in EVERY_KEY:
+        if metric.label:
+            yield metric.label, value_at(summary, metric.key), metric.unit
+        if metric.key == "reports_dropped":
+            reasons: dict[str, int] = summary[metric.key]
+            yield from ((f"reports dropped: {reason}", count, "") for reason, count in reasons.items() if count)
