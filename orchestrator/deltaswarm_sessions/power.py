@@ -7,12 +7,13 @@ with a random intercept per participant does.
 """
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.linalg import orth
+from statsmodels.regression.linear_model import OLS
 
 from deltaswarm_studies.stats import rejected_walsh
 
@@ -43,32 +44,27 @@ class Power(NamedTuple):
     """Standard error of the power, from the number of resamples."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pilot:
+class Pilot(NamedTuple):
     """A pilot's differences: their mean, and what is left of each."""
 
     mean: float
-    residuals: Array
     error: float
     """Standard error of the mean."""
-    parameters: int
-    """Number of parameters that were fitted: the mean, and those of position and stream."""
+    interval: tuple[float, float]
+    """The 95 % interval of the mean, for normal differences."""
+    residuals: Array
+    degrees: int
+    """Degrees of freedom of the residuals: less than their number by the mean, and by what was fitted besides."""
 
     @property
-    def degrees(self) -> int:
-        """Degrees of freedom of the residuals."""
-        return len(self.residuals) - self.parameters
+    def parameters(self) -> int:
+        """Number of parameters that were fitted: the mean, and those of position and stream."""
+        return len(self.residuals) - self.degrees
 
     @property
     def deviation(self) -> float:
         """Standard deviation of the residuals."""
         return math.sqrt(float(np.sum(self.residuals**2)) / self.degrees)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the mean, for normal differences."""
-        half = float(stats.t.isf(0.025, self.degrees)) * self.error
-        return self.mean - half, self.mean + half
 
 
 def fit(differences: Array, others: Array | None = None) -> Pilot | None:
@@ -76,16 +72,15 @@ def fit(differences: Array, others: Array | None = None) -> Pilot | None:
 
     Returns None where the mean cannot be told apart from what the others add, or where no degree of freedom is left.
     """
-    nuisances = np.zeros((len(differences), 0)) if others is None else others
-    columns = np.column_stack([np.ones(len(differences)), nuisances])
-    rank = int(np.linalg.matrix_rank(columns))
-    if len(differences) <= rank or (nuisances.size and np.linalg.matrix_rank(nuisances) == rank):
+    columns = np.ones((len(differences), 1))
+    if others is not None:
+        columns = np.hstack([columns, orth(others)])  # streams are redundant columns: each run has one of them
+    model = OLS(differences, columns)
+    if model.df_resid < 1 or model.df_resid > len(differences) - columns.shape[1]:
         return None
-    inverse = np.linalg.pinv(columns)
-    found = inverse @ differences
-    residuals = differences - columns @ found
-    variance = float(np.sum(residuals**2)) / (len(differences) - rank)
-    return Pilot(float(found[0]), residuals, math.sqrt(variance * float(np.sum(inverse[0] ** 2))), rank)
+    found = model.fit()
+    low, high = map(float, found.conf_int(0.05)[0])
+    return Pilot(float(found.params[0]), float(found.bse[0]), (low, high), found.resid, int(model.df_resid))
 
 
 def powers(
