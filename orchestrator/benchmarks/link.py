@@ -13,10 +13,8 @@ from statistics import median
 from typing import Any
 
 from benchmarks.delaying_proxy import delaying_proxy
-from deltaswarm_cluster.agents import Host, Placement, RemoteAgents
-from deltaswarm_cluster.credentials import Credentials
-from deltaswarm_cluster.host import AgentHost
-from deltaswarm_cluster.host_job import HostJob, News
+from deltaswarm_cluster.actor import AgentsJob, SupervisorActor, Update
+from deltaswarm_cluster.agents import Credentials, Placement, RemoteAgents, Supervisor
 from deltaswarm_cluster.plan import Worker
 from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
@@ -66,24 +64,24 @@ class _Here:
     problem = ""
 
     def __init__(self) -> None:
-        self._host: AgentHost | None = None
+        self._actor: SupervisorActor | None = None
 
-    def start(self, job: HostJob) -> None:
-        self._host = AgentHost(job)
+    def start(self, job: AgentsJob) -> None:
+        self._actor = SupervisorActor(job)
 
     def is_started(self) -> bool:
-        return self._host is not None
+        return self._actor is not None
 
-    def news(self) -> News | None:
-        return self._host.poll() if self._host else None
+    def poll(self) -> Update | None:
+        return self._actor.poll() if self._actor else None
 
     def stop(self) -> None:
-        if self._host:
-            self._host.stop()
+        if self._actor:
+            self._actor.stop()
 
     def close(self) -> None:
-        if self._host:
-            self._host.close()
+        if self._actor:
+            self._actor.close()
 
 
 def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
@@ -91,10 +89,10 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
         (folder / "scenario.toml").write_text(to_toml(scenario), encoding="utf-8")
-        run, host, remote = f"bench-{secrets.token_hex(4)}", _Here(), None
+        run, supervisor, remote = f"bench-{secrets.token_hex(4)}", _Here(), None
         if rtt_ms is not None:
-            blocks: dict[Host, range] = {host: range(scenario.agents.count)}
-            placement = Placement(host, blocks, f"tls/{LOOPBACK}:0", Credentials.create(LOOPBACK))
+            blocks: dict[Supervisor, range] = {supervisor: range(scenario.agents.count)}
+            placement = Placement(supervisor, blocks, f"tls/{LOOPBACK}:0", Credentials.create(LOOPBACK))
             remote = RemoteAgents(scenario, placement, folder / "logs")
         with ExitStack() as stack:
             swarm = stack.enter_context(Swarm(scenario, run, folder, remote=remote))
@@ -111,5 +109,5 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
             while swarm.part(WORLD).exit_code is None:
                 observer.work(0.02)
                 observer.leave_when_done()
-                swarm.ended()  # takes what the host says
+                swarm.ended()  # takes its updates
         return speed_of(summarise(run_tables.read_outcome(folder), scenario))

@@ -1,63 +1,113 @@
 """The agents of a run on other machines, as the orchestrator sees them: parts that start, end and leave logs."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import tomli_w
 
-from deltaswarm_cluster.credentials import Credentials
-from deltaswarm_cluster.host_job import AgentFiles, HostJob, HostLostError, News
+from deltaswarm_cluster.actor import AgentFiles, AgentsJob, Update, WorkerLostError
 from deltaswarm_cluster.plan import Worker, spans
+from deltaswarm_orchestrator.processes.certificates import LOCAL_HOSTS, Authority, check_host, pem_of
 from deltaswarm_orchestrator.processes.elsewhere import SCHEDULER, WORKER
 from deltaswarm_orchestrator.processes.process import UNKNOWN, RunPart
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError, StoppedError
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
-from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.access import user_name
+from deltaswarm_wire.files import write_secret
+from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.session import Tls
+
+CERTIFICATE_DAYS = 365
+"""The links are cut when certificates expire, so they outlast any run."""
 
 POLL_S = 0.05
 DOUBT_S = 1.0
-"""Time for which a host must have seemed lost to count as lost [s]: until then the scheduler may prove to be lost."""
+"""Time after which a supervisor that seems lost counts as lost [s]; meanwhile the scheduler may prove to be lost."""
 
 STOP_WITHIN_S = END_WITHIN_S + 5.0
-"""Maximum wait for all hosts to have ended their agents [s]."""
+"""Maximum wait for all supervisors to have ended their agents [s]."""
 
 
-class Host(Protocol):
-    """One worker, which hosts agents."""
+@dataclass(frozen=True, repr=False)
+class Credentials:
+    """The certificates of one run, which are made for it and are worth nothing after it.
+
+    The authority's key is never written. World and agents trust this authority alone.
+    """
+
+    authority: Authority
+    host: str
+    """The name or address by which agents know the world's machine."""
+
+    @classmethod
+    def create(cls, host: str) -> "Credentials":
+        """Create the authority of a run.
+
+        Raises:
+            ValueError: the host is not a name or address.
+        """
+        check_host(host)
+        return cls(Authority.create(CERTIFICATE_DAYS), host)
+
+    @property
+    def ca(self) -> bytes:
+        """The authority's certificate (PEM)."""
+        return pem_of(self.authority.key, self.authority.certificate)[1]
+
+    def of_agents(self, agents: Iterable[int]) -> dict[int, tuple[bytes, bytes]]:
+        """Make private key and certificate (PEM) of each agent."""
+        return {agent: pem_of(*self.authority.sign(user_name(AGENT, agent), CERTIFICATE_DAYS)) for agent in agents}
+
+    def write_worlds(self, folder: Path) -> Tls:
+        """Write the world's files into a private folder, from which they can go once the router has read them.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        hosts = tuple(dict.fromkeys((*LOCAL_HOSTS, self.host)))
+        key, certificate = pem_of(*self.authority.sign(WORLD, CERTIFICATE_DAYS, hosts))
+        ca = folder / "ca.pem"
+        files = {ca: self.ca, folder / f"{WORLD}.pem": certificate, folder / f"{WORLD}.key": key}
+        for file, content in files.items():
+            write_secret(file, content)
+        return Tls(*map(str, files))
+
+
+class Supervisor(Protocol):
+    """One worker, which supervisors agents."""
 
     worker: Worker
 
-    def start(self, job: HostJob) -> None:
+    def start(self, job: AgentsJob) -> None:
         """Begin to start the agents of a job."""
 
     def is_started(self) -> bool:
-        """Whether the host has the job.
+        """Whether the supervisor has the job.
 
         Raises:
-            HostLostError: the host did not take it.
+            WorkerLostError: the supervisor did not take it.
         """
 
-    def news(self) -> News | None:
+    def poll(self) -> Update | None:
         """Return what has happened, or None if nothing new has arrived.
 
         Raises:
-            HostLostError: the host is lost.
+            WorkerLostError: the supervisor is lost.
         """
 
     def stop(self) -> None:
-        """Ask the host to end its agents.
+        """Ask the supervisor to end its agents.
 
         Raises:
-            HostLostError: the host is lost.
+            WorkerLostError: the supervisor is lost.
         """
 
     def close(self) -> None:
-        """Let go of the host, which then ends what it still runs and removes the agents' files."""
+        """Release the supervisor, which then ends what it still runs and removes the agents' files."""
 
 
 class Cluster(Protocol):
@@ -70,11 +120,11 @@ class Cluster(Protocol):
 
 @dataclass(frozen=True)
 class Placement:
-    """The hosts of a run's agents."""
+    """The supervisors of a run's agents."""
 
     cluster: Cluster
-    blocks: Mapping[Host, Sequence[int]]
-    """The agents of each host."""
+    blocks: Mapping[Supervisor, Sequence[int]]
+    """The agents of each supervisor."""
     listen: str
     """Where the world listens for them."""
     credentials: Credentials
@@ -82,7 +132,7 @@ class Placement:
     @property
     def workers(self) -> dict[str, list[int]]:
         """The agents of each worker, as the manifest lists them."""
-        return {str(host.worker): [*block] for host, block in self.blocks.items()}
+        return {str(supervisor.worker): [*block] for supervisor, block in self.blocks.items()}
 
     def agents(self, scenario: Scenario, logs: Path) -> "RemoteAgents":
         """Return the agents at their places, not started yet; their logs come into the folder `logs`."""
@@ -135,13 +185,13 @@ class RemoteAgents:
         numbers = [agent for block in placement.blocks.values() for agent in block]
         self._agents = {agent: RemoteAgent(agent, self._log(agent)) for agent in numbers}
         self._machines = {
-            host: Machine(WORKER, number, f"the Dask worker {host.worker}")
-            for number, host in enumerate(placement.blocks)
+            supervisor: Machine(WORKER, number, f"the Dask worker {supervisor.worker}")
+            for number, supervisor in enumerate(placement.blocks)
         }
-        self._live: set[Host] = set()
-        """Hosts that have started their agents, which have not all ended."""
-        self._missed_at: dict[Host, float] = {}
-        """Since when a host has seemed lost."""
+        self._live: set[Supervisor] = set()
+        """Supervisors that have started their agents, which have not all ended."""
+        self._missed_at: dict[Supervisor, float] = {}
+        """Since when a supervisor has seemed lost."""
 
     def _log(self, agent: int) -> Path:
         return self._logs / f"{AGENT}-{agent}.log"
@@ -173,11 +223,11 @@ class RemoteAgents:
         """Start all agents, each with its own certificate, at the world's endpoint.
 
         Raises:
-            LaunchError: a host was lost, or did not take its agents in time.
+            LaunchError: a supervisor was lost, or did not take its agents in time.
             StoppedError: the user asked to stop.
         """
         scenario = self._scenario
-        for host, block in self.placement.blocks.items():
+        for supervisor, block in self.placement.blocks.items():
             secrets = self.placement.credentials.of_agents(block)
             agents = {
                 agent: AgentFiles(tomli_w.dumps(checked.plain(scenario.for_agent(agent))), certificate, key)
@@ -185,9 +235,9 @@ class RemoteAgents:
             }
             timeout_s = scenario.run.start_timeout_s
             ca = self.placement.credentials.ca
-            host.start(HostJob(run, endpoint, scenario.control.mode, timeout_s, ca, agents, tuple(zenoh)))
+            supervisor.start(AgentsJob(run, endpoint, scenario.control.mode, timeout_s, ca, agents, tuple(zenoh)))
         deadline = time.monotonic() + scenario.run.start_timeout_s
-        while waiting := [host for host in self.placement.blocks if host not in self._live]:
+        while waiting := [supervisor for supervisor in self.placement.blocks if supervisor not in self._live]:
             if was_stopped():
                 raise StoppedError
             if time.monotonic() > deadline:
@@ -196,54 +246,54 @@ class RemoteAgents:
                     f"{scenario.run.start_timeout_s:g} s; is it busy with other tasks?"
                 )
             time.sleep(POLL_S)
-            self._live.update([host for host in waiting if self._is_started(host)])
+            self._live.update([supervisor for supervisor in waiting if self._is_started(supervisor)])
 
-    def _is_started(self, host: Host) -> bool:
+    def _is_started(self, supervisor: Supervisor) -> bool:
         try:
-            return host.is_started()
-        except HostLostError as error:
+            return supervisor.is_started()
+        except WorkerLostError as error:
             if problem := self.placement.cluster.problem:
                 raise LaunchError(f"the Dask scheduler was lost before all agents had started: {problem}") from None
-            raise LaunchError(f"the Dask worker {host.worker} could not start its agents: {error}") from None
+            raise LaunchError(f"the Dask worker {supervisor.worker} could not start its agents: {error}") from None
 
     def look(self) -> None:
-        """Take the news of all hosts: ends, logs, and hosts that are lost."""
+        """Take the updates of all supervisors: ends, logs, and supervisors that are lost."""
         if self._live and (problem := self.placement.cluster.problem):
             self._scheduler.problem = f" with all agents: {problem}"
-            for host in list(self._live):
-                self._lose(host, "")
+            for supervisor in list(self._live):
+                self._lose(supervisor, "")
             return
-        for host in list(self._live):
+        for supervisor in list(self._live):
             try:
-                news = host.news()
-            except HostLostError as error:
+                update = supervisor.poll()
+            except WorkerLostError as error:
                 now = time.monotonic()
-                if now - self._missed_at.setdefault(host, now) >= DOUBT_S:
-                    self._lose(host, f": {error}" if str(error) else "")
+                if now - self._missed_at.setdefault(supervisor, now) >= DOUBT_S:
+                    self._lose(supervisor, f": {error}" if str(error) else "")
                 continue
-            self._missed_at.pop(host, None)
-            if news is not None:
-                self._take(host, news)
+            self._missed_at.pop(supervisor, None)
+            if update is not None:
+                self._take(supervisor, update)
 
-    def _take(self, host: Host, news: News) -> None:
-        for agent, text in news.logs.items():
+    def _take(self, supervisor: Supervisor, update: Update) -> None:
+        for agent, text in update.logs.items():
             with self._log(agent).open("ab") as file:
                 file.write(text)
-        for agent, code in news.ended.items():
+        for agent, code in update.ended.items():
             self._agents[agent].code = code
-        if news.failed:
-            self._lose(host, f": {news.failed}")
-        elif news.is_over:
-            self._live.discard(host)
+        if update.failed:
+            self._lose(supervisor, f": {update.failed}")
+        elif update.is_over:
+            self._live.discard(supervisor)
 
-    def _lose(self, host: Host, why: str) -> None:
-        """Note that a host is lost with the agents that had not ended; its own line names them."""
-        self._live.discard(host)
-        lost = [agent for agent in self.placement.blocks[host] if self._agents[agent].code is None]
+    def _lose(self, supervisor: Supervisor, why: str) -> None:
+        """Note that a supervisor is lost with the agents that had not ended; its own line names them."""
+        self._live.discard(supervisor)
+        lost = [agent for agent in self.placement.blocks[supervisor] if self._agents[agent].code is None]
         for agent in lost:
             self._agents[agent].code, self._agents[agent].ends_as_planned = UNKNOWN, True
         if not self._scheduler.problem and lost:
-            self._machines[host].problem = f" with {spans(lost)}{why}"
+            self._machines[supervisor].problem = f" with {spans(lost)}{why}"
 
     def end(self, *, at_once: bool = False) -> None:
         """End all agents and take their last words; with `at_once`, without waiting for these."""
@@ -251,16 +301,16 @@ class RemoteAgents:
             if not at_once:
                 self._stop()
         finally:
-            for host in self.placement.blocks:
-                host.close()
+            for supervisor in self.placement.blocks:
+                supervisor.close()
 
     def _stop(self) -> None:
         self.look()
-        for host in list(self._live):
+        for supervisor in list(self._live):
             try:
-                host.stop()
-            except HostLostError:
-                self._lose(host, "")
+                supervisor.stop()
+            except WorkerLostError:
+                self._lose(supervisor, "")
         deadline = time.monotonic() + STOP_WITHIN_S
         while self._live and time.monotonic() < deadline:
             time.sleep(POLL_S)

@@ -1,10 +1,13 @@
-"""The workers of a Dask scheduler as hosts of agents."""
+"""The workers of a Dask scheduler, on which supervisors run agents."""
 
 import asyncio
+import gc
+import logging
 import os
 import socket
 import sys
 import time
+import warnings
 from asyncio import CancelledError
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -13,10 +16,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from distributed import Client
+from distributed.versions import VersionMismatchWarning
 
-from deltaswarm_cluster.dask_client import client_of, silence_dask
-from deltaswarm_cluster.host import AgentHost
-from deltaswarm_cluster.host_job import HostJob, HostLostError, News
+from deltaswarm_cluster.actor import AgentsJob, SupervisorActor, Update, WorkerLostError
 from deltaswarm_cluster.plan import (
     NOTHING,
     ClusterError,
@@ -37,6 +39,7 @@ POLL_S = 0.2
 SILENCE_S = 30.0
 """A worker that does not answer for this long is lost [s]."""
 
+CONNECT_WITHIN_S = 10.0
 REACH_WITHIN_S = 5.0
 PACKAGES = ("deltaswarm", "deltaswarm_wire")
 """The distribution, and a module with its version."""
@@ -45,8 +48,8 @@ PRIVATE = ("tls://", "tcp://127.")
 """How addresses of schedulers begin whose links are encrypted or within this machine."""
 
 
-class DaskHost:
-    """A worker that hosts agents by an actor, which Dask neither moves nor starts again."""
+class DaskSupervisor:
+    """The supervisor on one worker: an actor, which Dask neither moves nor starts again."""
 
     def __init__(self, client: Client, worker: Worker, is_there: Callable[[Worker], bool]) -> None:
         self.worker = worker
@@ -57,17 +60,17 @@ class DaskHost:
         self._call: Any = None
         self._called_at = 0.0
 
-    def start(self, job: HostJob) -> None:
+    def start(self, job: AgentsJob) -> None:
         """Submit the actor, to this worker and no other, without retries."""
         key = f"deltaswarm-agents-{job.run}-{min(job.agents)}"
         place = {"workers": [self.worker.address], "allow_other_workers": False, "retries": 0}
-        self._future = self._client.submit(AgentHost, job, key=key, pure=False, actor=True, **place)
+        self._future = self._client.submit(SupervisorActor, job, key=key, pure=False, actor=True, **place)
 
     def is_started(self) -> bool:
         """Whether the actor is there.
 
         Raises:
-            HostLostError: it failed, or the worker was lost.
+            WorkerLostError: it failed, or the worker was lost.
         """
         try:
             is_there = self._is_there(self.worker)
@@ -75,26 +78,26 @@ class DaskHost:
                 return False
             self._actor = self._future.result() if is_there else None
         except (Exception, CancelledError) as error:  # the actor's own, or whatever Dask's code raises
-            raise HostLostError(f"{type(error).__name__}: {error}") from None
+            raise WorkerLostError(f"{type(error).__name__}: {error}") from None
         if not is_there:
-            raise HostLostError("it has left the cluster")
+            raise WorkerLostError("it has left the cluster")
         return True
 
-    def news(self) -> News | None:
+    def poll(self) -> Update | None:
         """Return what the last call brought, if it has, and make the next one."""
         if self._future.status != "finished":
-            raise HostLostError
+            raise WorkerLostError
         now, found = time.monotonic(), None
         if self._call is not None and self._call.done():
             try:
                 found = self._call.result()
             except Exception as error:  # whatever its worker, the scheduler or Dask's own code raised
-                raise HostLostError(str(error)) from None
+                raise WorkerLostError(str(error)) from None
             self._call = None
         if self._call is None and now - self._called_at > POLL_S:
             self._call, self._called_at = self._method("poll"), now
         if self._call is not None and now - self._called_at > SILENCE_S:
-            raise HostLostError(f"no answer for {SILENCE_S:g} s")
+            raise WorkerLostError(f"no answer for {SILENCE_S:g} s")
         return found
 
     def stop(self) -> None:
@@ -109,7 +112,7 @@ class DaskHost:
         try:
             return getattr(self._actor, name)()
         except RuntimeError as error:  # Dask knows that the worker is lost
-            raise HostLostError(str(error)) from None
+            raise WorkerLostError(str(error)) from None
 
 
 class DaskCluster:
@@ -165,9 +168,9 @@ class DaskCluster:
         """Whether what is sent to the workers, such as the agents' keys, is encrypted or stays on this machine."""
         return str(self._client.scheduler.address).startswith(PRIVATE)
 
-    def hosts(self) -> Sequence[DaskHost]:
-        """Return a host for each worker, in order."""
-        return [DaskHost(self._client, worker, self._has) for worker in self.workers]
+    def supervisors(self) -> Sequence[DaskSupervisor]:
+        """Return a supervisor for each worker, in order."""
+        return [DaskSupervisor(self._client, worker, self._has) for worker in self.workers]
 
     def _has(self, worker: Worker) -> bool:
         """Whether the worker is in the cluster; the scheduler is asked every `POLL_S`, for all workers at once."""
@@ -205,6 +208,32 @@ class DaskCluster:
             raise ClusterError(
                 f"--listen must be given, since this machine's address towards {self._scheduler} is not known ({error})"
             ) from None
+
+
+def silence_dask() -> None:
+    """Let our one-line errors replace the tracebacks that Dask logs, and its table of other packages' versions."""
+    warnings.simplefilter("ignore", VersionMismatchWarning)
+    for name in ("distributed", "distributed.client", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+@contextmanager
+def client_of(address: object, within_s: float = CONNECT_WITHIN_S) -> Iterator[Client]:
+    """Connect a client to the scheduler at an address, or to that of a cluster of this process.
+
+    Raises:
+        ConnectionError: there is none that can be reached; the text says why.
+    """
+    problem = ""
+    try:
+        client = Client(address, timeout=within_s)
+    except Exception as error:  # whatever Dask's own code raises, such as TypeError without its settings for TLS
+        problem = str(error) or type(error).__name__
+    if problem:
+        gc.collect()  # closes the unconnected client here: if one of Dask's threads collected it, that might deadlock
+        raise ConnectionError(problem)
+    with client:
+        yield client
 
 
 @contextmanager

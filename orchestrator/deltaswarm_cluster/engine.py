@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING
 
-from deltaswarm_cluster.agents import Host, Placement
-from deltaswarm_cluster.credentials import Credentials
+from deltaswarm_cluster.agents import Credentials, Placement, Supervisor
 from deltaswarm_cluster.plan import ClusterError, Remote, divide, spans
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_scenario.scenario import Scenario
@@ -67,7 +66,7 @@ def _placed(remote: Remote, agents: int, say: Callable[[str], object]) -> Iterat
             say(f"{spans(block)} on Dask worker {worker}")
         if not cluster.is_private:
             say(f"warning: the agents' keys go to {remote.scheduler} unencrypted; a scheduler at tls:// encrypts them")
-        hosts: dict[Host, Sequence[int]] = {
-            host: blocks[host.worker] for host in cluster.hosts() if host.worker in blocks
+        supervisors: dict[Supervisor, Sequence[int]] = {
+            supervisor: blocks[supervisor.worker] for supervisor in cluster.supervisors() if supervisor.worker in blocks
         }
-        yield Placement(cluster, hosts, listen, credentials)
+        yield Placement(cluster, supervisors, listen, credentials)

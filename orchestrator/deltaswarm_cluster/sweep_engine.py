@@ -13,8 +13,7 @@ import dask
 from distributed import Client, LocalCluster, as_completed
 from distributed.deploy.spec import close_clusters
 
-from deltaswarm_cluster.dask_client import CONNECT_WITHIN_S, client_of, silence_dask
-from deltaswarm_cluster.dask_cluster import PACKAGES, packages_of
+from deltaswarm_cluster.dask_cluster import CONNECT_WITHIN_S, PACKAGES, client_of, packages_of, silence_dask
 from deltaswarm_cluster.plan import NOTHING
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import FAILED, notice

@@ -17,8 +17,7 @@ from distributed import Client
 
 import deltaswarm_wire
 from deltaswarm_cluster import dask_cluster as dask_cluster_module
-from deltaswarm_cluster.host import AgentHost
-from deltaswarm_cluster.host_job import AgentFiles, HostJob
+from deltaswarm_cluster.actor import AgentFiles, AgentsJob, SupervisorActor
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
@@ -160,18 +159,18 @@ def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Pa
     assert not list(tmp_path.glob("run*"))
 
 
-def test_a_host_whose_process_is_killed_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_supervisor_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The worker notices, removes the files, and says so; the agents end with their parent."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
     with socket.create_server(("127.0.0.1", 0)) as mute:
         endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
         files = {agent: AgentFiles(settings, b"", b"SECRET") for agent in (3, 4)}
-        host = AgentHost(HostJob("run", endpoint, "hybrid", 60.0, b"", files))
+        actor = SupervisorActor(AgentsJob("run", endpoint, "hybrid", 60.0, b"", files))
         wait_until(lambda: len(list(tmp_path.glob("*/logs/*.log"))) == 2, "the agents")
-        host._process.kill()
-        news = wait_until(lambda: (found := host.poll()).is_over and found, "the news")
-    assert news.failed == "its process ended with code -9"
+        actor._process.kill()
+        update = wait_until(lambda: (found := actor.poll()).is_over and found, "the update")
+    assert update.failed == "its process ended with code -9"
     wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
 
 

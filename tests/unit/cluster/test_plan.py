@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_cluster import agents as remote_agents
-from deltaswarm_cluster.agents import Placement, RemoteAgents
-from deltaswarm_cluster.credentials import Credentials
-from deltaswarm_cluster.host_job import AgentFiles, HostJob, HostLostError, News
+from deltaswarm_cluster.actor import AgentFiles, AgentsJob, Update, WorkerLostError
+from deltaswarm_cluster.agents import Credentials, Placement, RemoteAgents
 from deltaswarm_cluster.plan import (
     ClusterError,
     Installed,
@@ -116,21 +115,21 @@ def test_faults_that_signal_processes_are_refused(kind: str, tmp_path: Path) -> 
 def test_no_key_is_in_a_representation() -> None:
     """Dask logs the arguments of a task that fails."""
     files = AgentFiles("", b"SECRET certificate", b"SECRET key")
-    assert "SECRET" not in repr(HostJob("run", "tls/there:1", "hybrid", 5.0, b"SECRET", {3: files})) + repr(files)
+    assert "SECRET" not in repr(AgentsJob("run", "tls/there:1", "hybrid", 5.0, b"SECRET", {3: files})) + repr(files)
 
 
 class Said:
-    """A host that says what a test lets it say."""
+    """A supervisor that says what a test lets it say."""
 
     def __init__(self, worker: Worker) -> None:
         self.worker = worker
-        self.pending: list[News | Exception] = []
+        self.pending: list[Update | Exception] = []
         self.calls: list[str] = []
-        self.job: HostJob | None = None
+        self.job: AgentsJob | None = None
         self.is_busy = False
-        self.failure: HostLostError | None = None
+        self.failure: WorkerLostError | None = None
 
-    def start(self, job: HostJob) -> None:
+    def start(self, job: AgentsJob) -> None:
         """Keep the job."""
         self.job = job
 
@@ -140,7 +139,7 @@ class Said:
             raise self.failure
         return not self.is_busy
 
-    def news(self) -> News | None:
+    def poll(self) -> Update | None:
         """The next of what is pending."""
         if not self.pending:
             return None
@@ -151,7 +150,7 @@ class Said:
     def stop(self) -> None:
         """End at once."""
         self.calls.append("stop")
-        self.pending.append(News(is_over=True))
+        self.pending.append(Update(is_over=True))
 
     def close(self) -> None:
         """Note it."""
@@ -165,14 +164,14 @@ class Well:
 
 
 @pytest.fixture
-def hosts() -> list[Said]:
+def supervisors() -> list[Said]:
     return [Said(W0), Said(W1)]
 
 
 @pytest.fixture
-def to_start(hosts: list[Said], tmp_path: Path) -> RemoteAgents:
-    """Six agents on two hosts."""
-    blocks = {hosts[0]: (0, 1, 2), hosts[1]: (3, 4, 5)}
+def to_start(supervisors: list[Said], tmp_path: Path) -> RemoteAgents:
+    """Six agents on two supervisors."""
+    blocks = {supervisors[0]: (0, 1, 2), supervisors[1]: (3, 4, 5)}
     placement = Placement(Well(), blocks, "tls/127.0.0.1:0", Credentials.create("127.0.0.1"))
     return RemoteAgents(load_scenario("smoke", ["run.start_timeout_s=1"]), placement, tmp_path)
 
@@ -188,9 +187,9 @@ def ended(agents: RemoteAgents) -> dict[str, int]:
     return {part.name: part.exit_code for part in agents.parts if part.exit_code is not None}
 
 
-def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, hosts: list[Said]) -> None:
+def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, supervisors: list[Said]) -> None:
     """Each agent with its own key and settings."""
-    jobs = [host.job for host in hosts if host.job]
+    jobs = [supervisor.job for supervisor in supervisors if supervisor.job]
     assert [[*job.agents] for job in jobs] == [[0, 1, 2], [3, 4, 5]]
     assert len({files.key for job in jobs for files in job.agents.values()}) == 6
     assert len({files.settings for job in jobs for files in job.agents.values()}) == 6, "seeds differ"
@@ -199,32 +198,32 @@ def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, host
 
 @pytest.mark.parametrize("is_impatient", [True, False])
 def test_only_hosts_that_have_started_are_asked_to_stop(
-    is_impatient: bool, to_start: RemoteAgents, hosts: list[Said]
+    is_impatient: bool, to_start: RemoteAgents, supervisors: list[Said]
 ) -> None:
-    """If the start is given up, by the user or after its time: a busy host is let go."""
-    hosts[0].is_busy = True
+    """If the start is given up, by the user or after its time: a busy supervisor is let go."""
+    supervisors[0].is_busy = True
     with pytest.raises(StoppedError if is_impatient else LaunchError, match=None if is_impatient else "busy"):
         to_start.start("run-1", "tls/127.0.0.1:7447", [], iter([False, is_impatient, *[False] * 999]).__next__)
     to_start.end()
-    assert [host.calls for host in hosts] == [["close"], ["stop", "close"]]
+    assert [supervisor.calls for supervisor in supervisors] == [["close"], ["stop", "close"]]
 
 
 @pytest.mark.parametrize(("problem", "named"), [("", f"worker {W1}"), ("no connection", "scheduler was lost")])
 def test_what_is_lost_while_agents_start_is_named(
-    problem: str, named: str, to_start: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+    problem: str, named: str, to_start: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One worker, or the scheduler; the agents that have started end."""
     monkeypatch.setattr(to_start.placement.cluster, "problem", problem)
-    hosts[1].failure = HostLostError("it has left the cluster")
+    supervisors[1].failure = WorkerLostError("it has left the cluster")
     with pytest.raises(LaunchError, match=named):
         to_start.start("run-1", "tls/127.0.0.1:7447", [], lambda: None)
     to_start.end(at_once=True)
-    assert [host.calls for host in hosts] == [["close"], ["close"]]
+    assert [supervisor.calls for supervisor in supervisors] == [["close"], ["close"]]
 
 
-def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said], tmp_path: Path) -> None:
+def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, supervisors: list[Said], tmp_path: Path) -> None:
     """A log is what has come of it so far; an exit code is its agent's."""
-    hosts[0].pending += [News(logs={1: b"one\n"}), News(logs={1: b"two\n"}, ended={1: -9, 0: 0})]
+    supervisors[0].pending += [Update(logs={1: b"one\n"}), Update(logs={1: b"two\n"}, ended={1: -9, 0: 0})]
     agents.look()
     agents.look()
     assert (tmp_path / "agent-1.log").read_bytes() == b"one\ntwo\n"
@@ -232,11 +231,11 @@ def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said],
 
 
 def test_a_lost_host_has_one_line_for_all_that_ran_there(
-    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+    agents: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Agents that had ended before have their own; nobody asks a lost host to stop."""
+    """Agents that had ended before have their own; nobody asks a lost supervisor to stop."""
     monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
-    hosts[0].pending += [News(ended={1: 1}), HostLostError("no answer for 30 s")]
+    supervisors[0].pending += [Update(ended={1: 1}), WorkerLostError("no answer for 30 s")]
     agents.look()
     agents.look()
     lost = {part.name: part for part in agents.parts if part.exit_code is not None}
@@ -244,26 +243,26 @@ def test_a_lost_host_has_one_line_for_all_that_ran_there(
     line = lost[f"the Dask worker {W0}"].how_it_ended("after step 7")
     assert line == f"the Dask worker {W0} was lost after step 7 with agents 0, 2: no answer for 30 s"
     agents.end(at_once=False)
-    assert (hosts[0].calls, hosts[1].calls) == (["close"], ["stop", "close"])
+    assert (supervisors[0].calls, supervisors[1].calls) == (["close"], ["stop", "close"])
 
 
 def test_a_host_that_seemed_lost_and_answers_is_well(
-    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+    agents: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The next time it seems lost, its time begins anew."""
-    for now_s, said in ((0.0, HostLostError("late")), (60.0, News()), (120.0, HostLostError("late"))):
+    for now_s, said in ((0.0, WorkerLostError("late")), (60.0, Update()), (120.0, WorkerLostError("late"))):
         monkeypatch.setattr(remote_agents, "time", SimpleNamespace(monotonic=lambda now_s=now_s: now_s))
-        hosts[0].pending.append(said)
+        supervisors[0].pending.append(said)
         agents.look()
     assert not ended(agents)
 
 
-@pytest.mark.parametrize("shown", [[], [HostLostError("cancelled")]])
+@pytest.mark.parametrize("shown", [[], [WorkerLostError("cancelled")]])
 def test_a_lost_scheduler_takes_all_with_it(
-    shown: list[News | Exception], agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
+    shown: list[Update | Exception], agents: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In one line, not one for each worker, also if it shows at a worker first."""
-    hosts[0].pending += shown
+    supervisors[0].pending += shown
     agents.look()
     assert not ended(agents)
     monkeypatch.setattr(agents.placement.cluster, "problem", "no connection")
@@ -273,7 +272,7 @@ def test_a_lost_scheduler_takes_all_with_it(
     assert len(ended(agents)) == 7
 
 
-def test_an_end_at_once_waits_for_nobody(agents: RemoteAgents, hosts: list[Said]) -> None:
-    """The loss of the hosts ends the agents."""
+def test_an_end_at_once_waits_for_nobody(agents: RemoteAgents, supervisors: list[Said]) -> None:
+    """The loss of the supervisors ends the agents."""
     agents.end(at_once=True)
-    assert [host.calls for host in hosts] == [["close"], ["close"]]
+    assert [supervisor.calls for supervisor in supervisors] == [["close"], ["close"]]

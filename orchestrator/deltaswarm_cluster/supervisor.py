@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_cluster.host_process FOLDER`: the parent of one host's agents.
+"""Supervise the agents on one worker: `python -m deltaswarm_cluster.supervisor FOLDER`.
 
 It starts the agents of `job.json` from a fork server, each as a process of its own, and prints a JSON list for each
 end. Closing its standard input, which the death of its own parent does too, ends the agents and removes the folder with
@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.processes.starter import LaunchError, Starter
 from deltaswarm_wire.keys import AGENT
 
 JOB, LOGS = "job.json", "logs"
-"""The host's job and the folder of the agents' logs, in the host's folder."""
+"""The supervisor's job and the folder of the agents' logs, in its own folder."""
 
 CA = "ca.pem"
 ENDINGS = {"settings": "toml", "certificate": "pem", "key": "key"}
@@ -44,13 +44,13 @@ def main(argv: Sequence[str]) -> int:
     folder = Path(argv[0])
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        _Host(folder, json.loads((folder / JOB).read_text(encoding="utf-8"))).serve()
+        _Supervisor(folder, json.loads((folder / JOB).read_text(encoding="utf-8"))).serve()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return 0
 
 
-class _Host:
+class _Supervisor:
     def __init__(self, folder: Path, job: dict[str, Any]) -> None:
         self._folder, self._job = folder, job
         self._starter = Starter(folder / LOGS, job["mode"], job["start_timeout_s"], lambda: False)
