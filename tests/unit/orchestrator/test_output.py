@@ -12,8 +12,8 @@ import pytest
 from deltaswarm_orchestrator.cli import all_commands, main, parser
 from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
+from tests.support.sessions import a_file
 from tests.support.swarms import COMMAND
-from tests.unit.sessions.test_session import a_file
 
 WITHOUT_JSON = {"completion", "replay"}
 """Commands without a result, as the page of commands says."""

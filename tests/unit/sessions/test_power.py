@@ -13,7 +13,7 @@ from scipy import stats as scipy_stats
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_sessions import power
-from deltaswarm_sessions.plan import group_of, order_of
+from deltaswarm_sessions.plan import order_of
 from deltaswarm_sessions.power import (
     ADJUSTED,
     MAX_PARTICIPANTS,
@@ -27,7 +27,7 @@ from deltaswarm_sessions.power import (
 )
 from deltaswarm_studies.stats import contrast
 from tests.support.complaints import Printed
-from tests.unit.sessions.test_session import a_file
+from tests.support.sessions import a_file
 
 NORMAL = np.asarray(scipy_stats.norm.ppf((np.arange(400) + 0.5) / 400))
 """A large pilot whose differences are normal with a standard deviation of nearly 1."""
@@ -90,12 +90,6 @@ def test_four_participants_cannot_pass_the_signed_rank_test() -> None:
     assert tried[-1].power == 1
     two = powers(a_fit(np.array([0.0, 1.0])), 10.0, group=2, wanted=0.99, alpha=0.05, test=T_TEST, seed=1)
     assert two[0].power == pytest.approx(0.5, abs=0.02)
-
-
-@pytest.mark.parametrize(("count", "is_crossed", "group"), [(2, True, 4), (3, True, 12), (2, False, 2), (3, False, 6)])
-def test_participants_come_in_groups_that_balance_the_design(count: int, is_crossed: bool, group: int) -> None:
-    """As the page on sessions says."""
-    assert group_of(count, is_crossed=is_crossed) == group
 
 
 HEAD = ["participant", "condition", "position", "stream", "run", "complete", "digest", "tlx_raw", "isa", "commands"]

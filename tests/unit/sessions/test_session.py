@@ -1,337 +1,218 @@
-"""Sessions: the order of conditions is balanced, and each run is one of `deltaswarm run --station`."""
+"""What comes next in a session: runs that are open, pages after them, and what the experimenter is told."""
 
-import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.core.intents import carry_out
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_orchestrator.run import report
-from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
-from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
-from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions.plan import MAX_SEED, order_of, plan
-from deltaswarm_sessions.settings import load_session
-from deltaswarm_studies.load import load_study
-from deltaswarm_wire.checked import SettingsError
-from tests.support.complaints import Printed
+from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_sessions.session import Ask, DoRun, Say, Session, changed_keys
+from tests.support.sessions import FORMS, a_session, do, with_criterion
 
-FILE = """
-schema = 1
-
-[session]
-speed = 5.0
-consent = "consent.txt"
-
-[session.training]
-label = "training"
-scenario = "smoke"
-set = ["run.duration_s=60"]
-"""
-CONDITION = '\n[[session.condition]]\nlabel = "{0}"\nscenario = "smoke"\nset = ["control.delta={1}"]\n'
+TASK = {"events": 9, "hits": 3, "misses": 1, "false_alarms": 2, "correct_rejections": 2, "unjudged": 1}
+TLX = 'set = ["operator.probes.tlx=true"]\n'
 
 
-def a_file(folder: Path, conditions: int = 3, more: str = "") -> Path:
-    """A session's file, and its text of consent."""
-    file = folder / "deltas.toml"
-    labels = "ABCDEFGHIJKL"[:conditions]
-    file.write_text(FILE + more + "".join(CONDITION.format(label, 2 + n) for n, label in enumerate(labels)))
-    (folder / "consent.txt").write_text('You may stop at any time.\nSay "stop".\n')
-    return file
+def follow(session: Session, *done: dict[str, Any]) -> list[str]:
+    """Do the next run as often as there are summaries, and answer nothing; return the steps in words."""
+    told, left = [], list(done)
+    for step in session.steps():
+        if isinstance(step, DoRun):
+            told.append(f"do {step.text}")
+            if not left:
+                break
+            do(session, step.run, **left.pop(0))
+        elif isinstance(step, Ask):
+            told.append(f"ask {step.attempt.folder}: {step.text or 'the score'}")
+        else:
+            told.append(f"say {step.text}" + ("." if step.is_end else ""))
+            if step.is_end:
+                break
+    return told
 
 
-def test_a_plan_begins_with_training_and_asks_for_consent_once(tmp_path: Path) -> None:
-    """The sheet is prefilled, files are found beside the session's, and no two runs have the same seed but training."""
-    settings, beside = load_session(str(a_file(tmp_path)))
-    seven, eight = plan(settings, 7, beside), plan(settings, 8, beside)
-    assert [run.label for run in seven] == ["training", *("ABC"[index] for index, _ in order_of(7, 3, seed=1))]
-    sheets = [run.scenario.operator.probes for run in seven]
-    assert [sheet.participant for sheet in sheets] == ["P007"] * 4
-    assert ["You may stop" in sheet.consent for sheet in sheets] == [True, False, False, False]
-    seeds = [[run.scenario.seed for run in runs] for runs in (seven, eight)]
-    assert seeds[0][0] == seeds[1][0]
-    assert [len(set(of_one)) for of_one in seeds] == [4, 4]
-    assert len({*seeds[0], *seeds[1]}) == 4, "three streams, and the training"
-    repeated = {run.attempt(number).seed for run in seven for number in (1, 2, 3)}
-    assert len(repeated) == 12
-    assert max(repeated) < MAX_SEED
-    pages = [run.scenario.operator.page for run in seven]
-    assert [(page.title, page.pace) for page in pages] == [(run.label, False) for run in seven]
+def test_each_run_is_done_once_in_order(tmp_path: Path) -> None:
+    """Training, then the conditions; what is complete is not done again."""
+    session = a_session(tmp_path)
+    assert follow(session, {}, {}) == ["do run 0 of 2: training", "do run 1 of 2: A", "do run 2 of 2: B"]
+    assert follow(session, {}) == ["do run 2 of 2: B"]
+    assert follow(session) == []
 
 
-def test_arrivals_may_be_new_in_each_run(tmp_path: Path) -> None:
-    """Of all participants: only the training's are the same."""
-    file = a_file(tmp_path)
-    file.write_text(file.read_text().replace("speed = 5.0", 'speed = 5.0\narrivals = "own"\nallocation = "in turn"'))
-    settings, beside = load_session(str(file))
-    plans = [plan(settings, participant, beside) for participant in (1, 2)]
-    assert len({run.scenario.seed for runs in plans for run in runs}) == 7
-    assert [run.label for run in plans[0][1:]] == ["ABC"[index] for index, _ in order_of(1, 3)]
+def test_a_run_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
+    """In the next sitting; in the same one nothing is done twice without a criterion."""
+    session = a_session(tmp_path)
+    cut = {"complete": False}
+    assert follow(session, cut, {}) == ["do run 0 of 2: training", "do run 1 of 2: A", "do run 2 of 2: B"]
+    assert follow(session, {}, {}) == ["do run 0 of 2: training", "do run 2 of 2: B"]
+    assert [run.folder for run in session.runs] == ["0-training", "1-A", "2-B"]
+    assert [attempt.folder for attempt in session.attempts["0-training"]] == ["0-training", "0-training-2"]
 
 
-def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
-    """Without a text of consent too."""
-    probes = ProbeSettings(participant="P007", condition="1 A")
-    console = Console(Briefing(operator=OperatorSettings(probes=probes)))
-    console.start(0.0)
-    assert console.pace.hold_step == 0
-    sheet = json.loads(console.hello("run"))["session"]["sheet"]
-    assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}
-    carry_out(console, json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
-    assert console.pace.hold_step == -1
-
-
-def test_a_study_file_may_hold_a_session(tmp_path: Path) -> None:
-    """It makes no other run."""
-    file = a_file(tmp_path)
-    file.write_text(file.read_text() + "\n[sweep.axes]\nradio.loss = [0.0, 0.5]\n")
-    assert len(load_study(str(file)).sweep.variants) == 2
-    assert len(load_session(str(file))[0].condition) == 3
-
-
-@pytest.mark.parametrize(
-    ("conditions", "more", "path"),
-    [
-        (0, "", "session.condition"),
-        (1, '[[session.condition]]\nlabel = "A"\n', "session.condition"),
-        (1, '[[session.condition]]\nlabel = "a/b"\n', "session.condition[0].label"),
-    ],
-)
-def test_a_wrong_file_is_told_by_name(tmp_path: Path, conditions: int, more: str, path: str) -> None:
-    """Before a participant sits there."""
-    with pytest.raises(SettingsError) as told:
-        load_session(str(a_file(tmp_path, conditions, more)))
-    assert path in [problem.path for problem in told.value.problems]
-
-
-def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """By the command for runs; what is complete is not done again, and the record says all."""
-    done: list[str] = []
-    seeds: list[int] = []
-
-    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
-        folder = options.out
-        seeds.append(scenario.seed)
-        assert options.station
-        assert options.station.speed == 5.0
-        done.append(folder.name)
-        folder.mkdir()
-        (folder / "scenario.toml").write_text(to_toml(scenario))
-        print("the table of a run")
-        is_whole = len(done) != 2
-        (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
-        return 0 if is_whole else 1
-
-    monkeypatch.setattr(report, "run_and_report", pretend)
-    command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
-    assert main([*command, "--dry-run"]) == 0
-    printed = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in printed[:5]] == ["run", "training", "A", "B", "C"]
-    assert main(command) == 1
-    capsys.readouterr()
-    assert main([*command, "--dry-run", "--json"]) == 0
-    order = [run["label"] for run in json.loads(capsys.readouterr().out)["runs"]]
-    assert order == ["training", *("ABC"[index] for index, _ in order_of(7, 3, seed=1))]
-    assert main([*command, "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    second = f"1-{order[1]}"
-    assert done == ["0-training", second, f"{second}-2", f"2-{order[2]}", f"3-{order[3]}"]
-    folder = tmp_path / "out" / "participant-007"
-    record = json.loads((folder / "session.json").read_text())
-    assert printed == {"folder": str(folder), **record}
-    assert [run["condition"] for run in record["runs"]] == order
-    assert [len(run["attempts"]) for run in record["runs"]] == [1, 2, 1, 1]
-    assert len(set(seeds)) == 5, "the repeated run has other arrivals"
-    assert main(command) == 0
-    assert len(done) == 5
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("run.duration_s=20", "run.duration_s=40", "run.duration_s"),
-        ("seed = 1", "seed = 2", "must be"),
-        ("Do you agree?", "Do you agree to everything?", "operator.probes.consent"),
-        ('label = "C"', 'label = "D"', "must be of the runs"),
-    ],
-)
-def test_runs_of_another_design_do_not_pass_for_the_planned_ones(
-    old: str, new: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
-) -> None:
-    """A changed scenario, seed, consent or order: nothing is done, and all stays as it is."""
-    done: list[str] = []
-
-    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
-        done.append(options.out.name)
-        options.out.mkdir()
-        (options.out / "scenario.toml").write_text(to_toml(scenario))
-        (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
-        return 0
-
-    monkeypatch.setattr(report, "run_and_report", pretend)
-    file = tmp_path / "design.toml"
-    conditions = "".join(
-        f'[[session.condition]]\nlabel = "{label}"\nscenario = "smoke"\nset = ["run.duration_s=20"]\n'
-        for label in "ABC"
-    )
-    (tmp_path / "consent.txt").write_text("Do you agree?")
-    file.write_text(f'schema = 1\n[session]\nseed = 1\nconsent = "consent.txt"\n{conditions}')
-    command = ["session", str(file), "--participant", "1", "--out", str(tmp_path / "out")]
-    assert main(command) == 0
-    record = (tmp_path / "out" / "participant-001" / "session.json").read_text()
-    for changed in (file, tmp_path / "consent.txt"):
-        changed.write_text(changed.read_text().replace(old, new))
-    capsys.readouterr()
-    assert main(command) == 2
-    assert said in capsys.readouterr().err
-    assert len(done) == 4
-    assert (tmp_path / "out" / "participant-001" / "session.json").read_text() == record
-
-
-def test_a_participant_has_one_session_at_a_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
-) -> None:
-    """The second one does nothing; that of another participant begins."""
-    command = ["session", str(a_file(tmp_path)), "--out", str(tmp_path / "out"), "--participant"]
-    folder = tmp_path / "out" / "participant-001"
-    folder.mkdir(parents=True)
-    monkeypatch.setattr(report, "run_and_report", lambda *_, **__: 1)
-    lock = FolderLock(folder)
-    assert main([*command, "1"]) == 2
-    assert "under way" in capsys.readouterr().err
-    assert main([*command, "2"]) == 1
-    lock.release()
-    assert main([*command, "1"]) == 1
-
-
-def test_a_run_whose_questions_lack_answers_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
-) -> None:
-    """On the terminal at once, and in the record."""
-
-    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
-        options.out.mkdir()
-        (options.out / "scenario.toml").write_text(to_toml(scenario))
-        summary = {"complete": True, "digest": "d", "person": {"answers_missing": int("B" in options.out.name)}}
-        (options.out / "summary.json").write_text(json.dumps(summary))
-        return 0
-
-    monkeypatch.setattr(report, "run_and_report", pretend)
-    out = tmp_path / "out"
-    assert main(["session", str(a_file(tmp_path)), "--participant", "1", "--out", str(out)]) == 0
-    assert ", B: 1" in capsys.readouterr().err
-    runs = json.loads((out / "participant-001" / "session.json").read_text())["runs"]
-    missing = {run["condition"]: run["attempts"][0]["answers_missing"] for run in runs}
-    assert missing == {"training": 0, "A": 0, "B": 1, "C": 0}
-
-
-def test_a_session_is_outlined_before_anybody_sits_there(tmp_path: Path, capsys: Printed) -> None:
-    """How long it takes, what is asked, and what all runs share; a run's own keys win."""
-    file = a_file(tmp_path, 2, FORMS)
-    shared = 'set = ["run.duration_s=600", "operator.probes.sagat_at_s=[30]", "operator.task.target_share=0.5"]\n'
-    text = file.read_text().replace("[session]\n", f"[session]\n{shared}")
-    file.write_text(text.replace('["control.delta=3', '["operator.probes.tlx=true", "control.delta=3'))
-    command = ["session", str(file), "--participant", "1", "--out", str(tmp_path / "out"), "--dry-run"]
-    assert main([*command, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [(run["label"], run["simulated_s"], run["wall_min"]) for run in told["runs"]] == [
-        ("training", 60.0, 0.2),
-        ("A", 600.0, 2.0),
-        ("B", 600.0, 2.0),
+def test_missing_answers_are_asked_for_after_the_run_and_in_the_next_sitting(tmp_path: Path) -> None:
+    """NASA-TLX and forms with questions; then the experimenter is told what is still missing."""
+    session = a_session(tmp_path, 1, FORMS.replace('name = "end"', 'name = "end"\ntext = "Thanks"'))
+    missing = {"person": {"answers_missing": 2}}
+    asked = follow(session, {"answered": ("you",)}, {"answered": ("trust",), **missing})
+    assert asked == [
+        "do run 0 of 1: training",
+        "do run 1 of 1: A",
+        "ask 1-A: asking again after run 1, A: end",
+        "say answers missing in run 1, A: 2",
     ]
-    assert told["wall_min"] == pytest.approx(4.2)
-    assert [run["asks"][1:] for run in told["runs"]] == [
-        ["SAGAT at 30 s", "task"],
-        ["SAGAT at 30 s", "task"],
-        ["SAGAT at 30 s", "NASA-TLX", "task"],
-    ]
-    assert told["forms"]["you"] == "before"
-    assert main(command) == 0
-    assert "ISA every 120 to 150 s; SAGAT at 30 s; NASA-TLX; task" in capsys.readouterr().out
+    assert follow(session) == ["ask 1-A: asking again after run 1, A: end"]
+    session.attempts["1-A"][0] = session.attempts["1-A"][0]._replace(answered=frozenset({"trust", "end"}))
+    assert follow(session) == []
+
+
+def test_what_is_asked_again_is_what_has_no_answer(tmp_path: Path) -> None:
+    """A form comes after the run, wherever it was before; questions about a moment are not asked again."""
+    session = a_session(tmp_path, 1, FORMS)
+    training, run = session.runs
+    both = do(session, training)
+    assert both.unanswered is not None
+    assert [(form.name, form.when) for form in both.unanswered.form] == [("you", "after")]
+    assert (both.unanswered.isa_every_s, both.unanswered.tlx, both.unanswered.consent) == (0.0, False, "")
+    half = do(session, run, answered=("trust", "isa")).unanswered
+    assert half is not None
+    assert [form.name for form in half.form] == ["end"]
 
 
 @pytest.mark.parametrize(
-    ("speed", "every_s", "wait_s", "warns"),
-    [(5, 120, 20, False), (5, 99, 20, True), (0, 120, 20, True), (0, 0, 1, False)],
+    ("answered", "expected"), [((), (True, True)), (("isa",), (True, True)), (("tlx",), None), (("tlx", "x"), None)]
 )
-def test_questions_that_come_too_fast_are_warned_of(speed: float, every_s: float, wait_s: float, warns: bool) -> None:
-    """The interval is simulated time, the time to answer wall time."""
-    scenario = load_scenario(
-        "smoke", [f"operator.probes.isa_every_s={every_s}", f"operator.probes.isa_wait_s={wait_s}"]
-    )
-    assert bool(report.isa_warning(scenario, speed)) == warns
-
-
-@pytest.mark.parametrize(
-    ("orders", "warns"), [("[]", True), ("['set delta']", True), ("['none']", False), ("['recall']", False)]
-)
-def test_an_order_that_undoes_a_condition_is_warned_of(
-    orders: str, warns: bool, tmp_path: Path, capsys: Printed
+def test_workload_is_asked_again_as_it_was(
+    answered: tuple[str, ...], expected: tuple[bool, bool] | None, tmp_path: Path
 ) -> None:
-    """Its field shows what the conditions vary, and it changes it."""
-    file = a_file(tmp_path, 2)
-    file.write_text(file.read_text().replace('["control', f'["operator.page.orders={orders}", "control'))
-    assert main(["session", str(file), "--participant", "1", "--out", str(tmp_path / "out"), "--dry-run"]) == 0
-    assert ("the conditions vary delta" in capsys.readouterr().err) == warns
+    """With its weights; not if it was answered."""
+    session = a_session(tmp_path, 1, "")
+    scenario = session.runs[1].scenario
+    attempt = do(session, session.runs[1], answered=answered)
+    probes = ProbeSettings(tlx=True, tlx_weights=True)
+    operator = type(scenario.operator)(probes=probes)
+    found = attempt._replace(scenario=type(scenario)(operator=operator)).unanswered
+    assert (found and (found.tlx, found.tlx_weights)) == expected
+    assert found is None or found.form == ()
 
 
-@pytest.mark.parametrize("probe", ["sagat_at_s", "spam_at_s"])
-def test_a_question_after_the_end_is_refused(probe: str) -> None:
-    """It would never be asked."""
-    load_scenario("smoke", ["run.duration_s=60", f"operator.probes.{probe}=[30, 59]"])
-    with pytest.raises(SettingsError, match=rf"operator.probes.{probe} .*60"):
-        load_scenario("smoke", ["run.duration_s=60", f"operator.probes.{probe}=[30, 60]"])
-
-
-FORMS = """
-[[session.form]]
-name = "you"
-when = "before"
-question = [{ name = "age", text = "How old are you?", kind = "number", low = 18, high = 99 }]
-
-[[session.form]]
-name = "trust"
-when = "between"
-question = [{ name = "reliable", text = "The swarm is reliable." }, { name = "why", text = "Why?", kind = "text" }]
-
-[[session.form]]
-name = "end"
-when = "after"
-question = [{ name = "best", text = "Which run was best?", kind = "choice", choices = ["first", "second"] }]
-"""
-
-
-def test_forms_come_before_between_and_after_the_runs(tmp_path: Path) -> None:
-    """Each run has those that belong to it; two of one name, or a wrong question, are refused before anything runs."""
-    settings, beside = load_session(str(a_file(tmp_path, 2, FORMS)))
-    forms = [
-        [(form.name, form.when) for form in run.scenario.operator.probes.form] for run in plan(settings, 3, beside)
+def test_the_score_of_a_task_is_shown_once(tmp_path: Path) -> None:
+    """On a page of its own, with the numbers of the run, and not again when the session is continued."""
+    session = a_session(tmp_path, 1)
+    assert follow(session, {}, {"task": TASK}) == [
+        "do run 0 of 1: training",
+        "do run 1 of 1: A",
+        "ask 1-A: the score",
     ]
-    assert forms == [[("you", "before")], [("trust", "after")], [("trust", "after"), ("end", "after")]]
-    for wrong, path in (
-        (FORMS.replace('"trust"', '"you"'), "session.form"),
-        (FORMS.replace("high = 99", "high = 9"), "session.form[0].question[0].high"),
-        (FORMS.replace('name = "why"', 'name = "reliable"'), "session.form[1].question"),
-        (FORMS.replace('"you"', '"tlx"'), "form"),
-    ):
-        with pytest.raises(SettingsError) as told:
-            plan(load_session(str(a_file(tmp_path, 2, wrong)))[0], 1, beside)
-        assert path in [problem.path for problem in told.value.problems]
-
-
-def test_a_page_offers_only_orders_that_there_are() -> None:
-    """A name that the controller does not know would leave the participant without it, in silence."""
-    assert load_scenario("smoke", ['operator.page.orders=["hold", "recall"]']).operator.page.orders == (
-        "hold",
-        "recall",
+    [attempt] = session.attempts["1-A"]
+    assert attempt.score is not None
+    assert attempt.score.name == "score"
+    assert attempt.score.text == (
+        "Judged right: 5 of 9 reported events. Targets found: 3. Targets taken for decoys: 1. "
+        "Decoys taken for targets: 2. Without a judgement: 1."
     )
-    with pytest.raises(SettingsError) as told:
-        load_scenario("smoke", ['operator.page.orders=["hold", "recal"]'])
-    [problem] = told.value.problems
-    assert (problem.path, problem.given) == ("operator.page.orders", "recal")
+    assert follow(session) == []
+    steps = a_session(tmp_path, 1)
+    for step in steps.steps():
+        if isinstance(step, DoRun):
+            do(steps, step.run, task=TASK)
+        elif isinstance(step, Ask):
+            assert (step.probes.isa_every_s, [form.name for form in step.probes.form]) == (0.0, ["score"])
+
+
+def test_training_is_repeated_with_the_reason(tmp_path: Path) -> None:
+    """The values so far and the bound; a run that was cut off has no value and does not count."""
+    session = a_session(tmp_path, 1, with_criterion(bound="at_least = 2\nat_most = 6.5"))
+    read = [{"person": {"read": 1}}, {"complete": False}, {"person": {}}, {"person": {"read": 6}}]
+    assert follow(session, *read) == [
+        "do run 0 of 1: training",
+        "do run 0 of 1: training again (2 of at most 3), since read must be at least 2 and at most 6.5 (got 1)",
+        "do run 0 of 1: training again (2 of at most 3), since read must be at least 2 and at most 6.5 (got 1)",
+        "do run 0 of 1: training again (3 of at most 3), since read must be at least 2 and at most 6.5 (got 1, none)",
+        "do run 1 of 1: A",
+    ]
+    assert session.outcome(session.runs[0]) == "reached"
+    assert session.outcome(session.runs[1]) == "open"
+
+
+@pytest.mark.parametrize(("then", "said"), [("go on", "the session goes on"), ("end", "the session ends here.")])
+def test_training_that_is_not_enough_ends_the_session_or_not(then: str, said: str, tmp_path: Path) -> None:
+    """As the file says, in each sitting."""
+    session = a_session(tmp_path, 1, with_criterion(more=f'max_runs = 1\nif_not_reached = "{then}"'))
+    steps = follow(session, {"person": {"read": 4}})
+    told = f"say the criterion of the training is not reached: read must be at least 5 (got 4); {said}"
+    assert steps == ["do run 0 of 1: training", told, *(["do run 1 of 1: A"] if then == "go on" else [])]
+    assert follow(session) == steps[1:]
+    assert session.outcome(session.runs[0]) == "not reached"
+
+
+def test_the_record_has_the_order_and_all_attempts(tmp_path: Path) -> None:
+    """With the condition's own keys and stream; the value of the criterion for training alone."""
+    session = a_session(tmp_path, 2, with_criterion(), participant=3)
+    training, first, _ = session.runs
+    do(session, training, complete=False, person={"answers_missing": 1, "read": 0})
+    do(session, training, person={"answers_missing": 0, "read": 7})
+    do(session, first)
+    plain = {"digest": "ff", "complete": True}
+    assert session.record == {
+        "participant": 3,
+        "language": "",
+        "runs": [
+            {
+                "place": 0,
+                "condition": "training",
+                "scenario": "smoke",
+                "set": ["run.duration_s=60"],
+                "stream": None,
+                "attempts": [
+                    {**plain, "folder": "0-training", "complete": False, "answers_missing": 1, "training_value": 0.0},
+                    {**plain, "folder": "0-training-2", "answers_missing": 0, "training_value": 7.0},
+                ],
+                "outcome": "reached",
+            },
+            {
+                "place": 1,
+                "condition": "A",
+                "scenario": "smoke",
+                "set": ["control.delta=2"],
+                "stream": 1,
+                "attempts": [{**plain, "folder": "1-A", "answers_missing": None}],
+            },
+            {
+                "place": 2,
+                "condition": "B",
+                "scenario": "smoke",
+                "set": ["control.delta=3"],
+                "stream": 0,
+                "attempts": [],
+            },
+        ],
+    }
+
+
+def test_what_the_experimenter_is_told_goes_with_the_last_attempt(tmp_path: Path) -> None:
+    """Answers given on the page that asks again are no longer missing."""
+    session = a_session(tmp_path, 1, FORMS)
+    told = []
+    for step in session.steps():
+        if isinstance(step, DoRun):
+            do(session, step.run, person={"answers_missing": 1})
+        elif isinstance(step, Ask):
+            [attempt] = session.attempts[step.attempt.folder]
+            left = {**attempt.summary, "person": {"answers_missing": int(attempt.folder == "1-A")}}
+            session.attempts[step.attempt.folder] = [attempt._replace(summary=left)]
+        elif isinstance(step, Say):
+            told.append(step.text)
+    assert told == ["answers missing in run 1, A: 1"]
+
+
+def test_a_change_of_a_scenario_is_named_by_its_keys(tmp_path: Path) -> None:
+    """None, or all that differ."""
+    one, other = (run.scenario for run in a_session(tmp_path).runs[1:])
+    assert changed_keys(one, one) == []
+    assert changed_keys(one, other) == [
+        "seed",
+        "control.options",
+        "operator.probes.condition",
+        "operator.page.title",
+        "operator.page.end_text",
+    ]

@@ -12,7 +12,7 @@ from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
 from deltaswarm_sessions.folder import RECORD
 from deltaswarm_sessions.variables import KEYS
 from tests.support.complaints import Printed
-from tests.unit.sessions.test_session import a_file
+from tests.support.sessions import a_file
 
 SUMMARY = {
     "complete": True,

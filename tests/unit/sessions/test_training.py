@@ -17,13 +17,13 @@ from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_sessions.folder import summary_of
-from deltaswarm_sessions.plan import MORE, WAIT, plan
+from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.settings import NOT_REACHED, OPEN, REACHED, CriterionSettings, load_session
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.complaints import Printed
 from tests.support.pages import ROOT
-from tests.unit.sessions.test_session import FORMS, a_file
+from tests.support.sessions import a_file, with_criterion
 
 ALWAYS = {
     "waiting_time_s.restricted_mean",
@@ -84,11 +84,6 @@ def test_all_mistakes_of_a_criterion_are_told_at_once() -> None:
     assert [str(problem) for problem in problems] == ["at_least must be at most at_most, 1 (got 2)"]
 
 
-def with_criterion(metric: str = "read", bound: str = "at_least = 5", more: str = "") -> str:
-    """The part of a session's file."""
-    return f'\n[session.training.criterion]\nmetric = "{metric}"\n{bound}\n{more}\n'
-
-
 @pytest.mark.parametrize(
     ("metric", "said"),
     [
@@ -113,22 +108,6 @@ def test_a_metric_that_the_training_lacks_is_refused(metric: str, said: str, tmp
     [problem] = told.value.problems
     assert problem.path == "session.training.criterion.metric"
     assert said in problem.allowed
-
-
-def test_a_repeated_training_asks_nothing_twice(tmp_path: Path) -> None:
-    """Neither consent nor the forms before the session; after one that was cut off, all is asked again."""
-    more = FORMS + with_criterion(more='if_not_reached = "end"')
-    settings, beside = load_session(str(a_file(tmp_path, 2, more)))
-    training, *others = plan(settings, 1, beside)
-    first, cut_off, repeat = training.attempt(1), training.attempt(2), training.attempt(3, is_repeat=True)
-    assert len({scenario.seed for scenario in (first, cut_off, repeat)}) == 3
-    asked = [
-        (bool(probes.consent), [form.name for form in probes.form])
-        for probes in (scenario.operator.probes for scenario in (first, cut_off, repeat))
-    ]
-    assert asked == [(True, ["you"]), (True, ["you"]), (False, [])]
-    assert training.scenario.operator.page.end_text == WAIT, "the session may end with it"
-    assert others[0].scenario.operator.page.end_text == MORE
 
 
 def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path: Path) -> None:
