@@ -73,7 +73,7 @@ def _check_plot(path: Path) -> None:
     Raises:
         CommandError: it cannot.
     """
-    from deltaswarm_studies.plots.style import files_of
+    from deltaswarm_studies.style import files_of
 
     try:
         for file in files_of(path):

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
 
 from deltaswarm_orchestrator.base.disk import room_for
-from deltaswarm_studies.plots import style
-from deltaswarm_studies.plots.density import Floats
+from deltaswarm_studies import style
+from deltaswarm_studies.stats import Floats
 
 PANELS = (("steps_per_s", "steps per s", -1), ("peak_memory_mb", "memory [MB]", 1))
 """Key, label, and exponent at linear cost: twice the agents make half the steps per second, or twice the memory."""

@@ -10,8 +10,17 @@ import pandas as pd
 from deltaswarm_orchestrator.sweeps.table import read_table
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL
 from deltaswarm_studies.settings import ContrastSettings, ContrastVerdict
-from deltaswarm_studies.significance import ALPHA, pairs_needed
-from deltaswarm_studies.stats import RATIO, Contrast, Scale, contrast, holm, scale_of, smallest_effect
+from deltaswarm_studies.stats import (
+    ALPHA,
+    RATIO,
+    Contrast,
+    Scale,
+    contrast,
+    holm,
+    pairs_needed,
+    scale_of,
+    smallest_effect,
+)
 from deltaswarm_studies.study import Comparison, Study
 from deltaswarm_studies.tables import Row, Samples, end, samples_of
 

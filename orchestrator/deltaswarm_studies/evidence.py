@@ -1,18 +1,29 @@
-"""All that a study's runs show, a table for each kind of result."""
+"""All that a study's runs show, a table for each kind of result: besides contrasts and claims, fits and recovery."""
 
+import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
 from deltaswarm_studies import tables
 from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
-from deltaswarm_studies.fits import fits_of, grids_of
-from deltaswarm_studies.metrics import ID
-from deltaswarm_studies.recovery import recovery_of
-from deltaswarm_studies.significance import pairs_needed
+from deltaswarm_studies.metrics import ID, PER_EVENT
+from deltaswarm_studies.settings import FitSettings, FitVerdict, RecoverySettings
+from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
+from deltaswarm_studies.tables import Row, column, samples_of
+
+FIT_RESAMPLES = 4000
+"""Bootstrap samples of the replicates for the closest fit, all variants alike, with seed 0."""
+
+RECOVERY_RESAMPLES = 999
+TAIL = 0.025
+
+FEWER_IS_BETTER = (*PER_EVENT, "open_events")
 
 
 class Evidence:
@@ -104,3 +115,135 @@ def too_few(contrasts: pd.DataFrame) -> list[str]:
         f"correction over {family} comparisons needs at least {least}."
         for (name, family, most, least), rows in tested.groupby(["contrast", "family", "n", "needed"], sort=False)
     ]
+
+
+def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
+    """Make a row per fit, combination of the other factors and target, the closest combination first.
+
+    `distance` is from the median to the published one, in published interquartile ranges; `sum` adds the squares of a
+    combination's distances. `closest` is the share of bootstrap samples of the replicates in which its sum is smallest;
+    `verdict` says whether its sum is the smallest of all replicates.
+    """
+    rows: list[Row] = []
+    for fit in study.file.fit:
+        cells = study.cells([fit.factor])
+        distances = np.stack([_distances(study, runs, fit, cell) for cell in cells])
+        sums = (distances**2).sum(axis=1)
+        winners = np.bincount(sums[:, 1:].argmin(axis=0), minlength=len(cells)) / FIT_RESAMPLES
+        for rank, place in enumerate(sums[:, 0].argsort(kind="stable")):
+            head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
+            verdict: FitVerdict = "farther" if rank else "closest"
+            tail = {"sum": float(sums[place, 0]), "closest": float(winners[place]), "verdict": verdict}
+            rows += [
+                {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
+                for target, distance in zip(fit.targets, distances[place, :, 0], strict=True)
+            ]
+    return pd.DataFrame(rows)
+
+
+def _distances(study: Study, runs: pd.DataFrame, fit: FitSettings, cell: dict[str, str]) -> Floats:
+    """Return the distance to each target (rows), of all replicates and of each bootstrap sample (columns)."""
+    picks = np.random.default_rng(0).integers(study.repeats, size=(FIT_RESAMPLES, study.repeats))
+    distances = []
+    for target in fit.targets:
+        levels = {**cell, fit.factor: target.level}
+        variant = next(name for name, own_levels in study.levels.items() if own_levels == levels)
+        values = samples_of(runs, target.metric)(variant).reindex(range(study.repeats)).to_numpy(float)
+        if np.isnan(values).all():
+            distances.append(np.full(FIT_RESAMPLES + 1, math.inf))
+            continue
+        medians = np.append(np.nanmedian(values), np.nanmedian(values[picks], axis=1))
+        distances.append((medians - target.says) / target.iqr)
+    return np.stack(distances)
+
+
+def grids_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
+    """Make a row per grid, row and column: the lowest median of the column's levels, its interval, and the level."""
+    rows: list[Row] = []
+    for grid in study.file.grid:
+        values = runs.assign(value=column(runs, grid.metric))
+        for row in study.factors[grid.rows]:
+            for heading, levels in grid.columns.items():
+                cells = values[(values[grid.rows] == row) & values[grid.factor].isin(levels)].groupby(grid.factor)[
+                    "value"
+                ]
+                medians = {str(level): describe(cell) for level, cell in cells}
+                known = {level: cell.median for level, cell in medians.items() if cell.median is not None}
+                if known:
+                    best = min(known, key=known.__getitem__)
+                    head = {"grid": grid.text, "metric": grid.metric, "row": row, "column": heading, "level": best}
+                    rows.append(head | {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")})
+    return pd.DataFrame(rows)
+
+
+def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
+    """Make a row per cell: n replicates, and the time `back_s` from `after_s` on, with its interval [s].
+
+    In each window, the mean over the replicates is compared with the mean of the same replicates without the fault,
+    which saw the same arrivals. The swarm is back at the end of the first of `windows` consecutive windows that lie
+    within the tolerance: times and open events are not more, other metrics are neither more nor less. `back_s` is inf
+    if the swarm is not back before the end, NaN if nothing is known. The interval is a percentile bootstrap over
+    replicates.
+    """
+    rows = [
+        {
+            "metric": settings.metric,
+            "level": settings.level,
+            "reference": settings.reference,
+            "within": ", ".join(cell.values()),
+            **_cell(settings, cell, windows, study.file.study.window_s),
+        }
+        for settings in study.file.recovery
+        for cell in study.cells([settings.factor])
+    ]
+    return pd.DataFrame(rows)
+
+
+def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFrame, window_s: float) -> dict[str, Any]:
+    rows = windows[windows["time_s"] >= settings.after_s - 1e-9 * window_s]
+    for factor, level in cell.items():
+        rows = rows[rows[factor] == level]
+    # Means over events are weighted by events, other metrics by 1.
+    values, weights = rows[settings.metric], rows["events"] if settings.metric in PER_EVENT else 1.0
+    rows = rows.assign(total=(values * weights).fillna(0.0), weight=values.notna() * weights)
+    tables = [
+        rows[rows[settings.factor] == level]
+        .pivot_table(index="replicate", columns="time_s", values=name, dropna=False)
+        .fillna(0.0)
+        for level in (settings.level, settings.reference)
+        for name in ("total", "weight")
+    ]
+    replicates = tables[0].index.intersection(tables[2].index)
+    times_s = tables[0].columns.intersection(tables[2].columns)
+    sums = np.stack([table.loc[replicates, times_s].to_numpy(float) for table in tables])
+    count = len(replicates)
+    if not count or len(times_s) < settings.windows:
+        return {"n": count, "back_s": math.nan, "low_s": math.nan, "high_s": math.nan}
+    ends_s = times_s.to_numpy(float) + window_s
+    low_s, high_s = math.nan, math.nan
+    if count > 1:
+        generator = np.random.default_rng(0)
+        drawn = (generator.integers(count, size=count) for _ in range(RECOVERY_RESAMPLES))
+        resampled_s = np.sort([_back_s(settings, sums[:, chosen], ends_s) for chosen in drawn])
+        # By rank, not by interpolation: there is no value between 300 s and never.
+        ranks = math.floor(TAIL * (RECOVERY_RESAMPLES - 1)), math.ceil((1 - TAIL) * (RECOVERY_RESAMPLES - 1))
+        low_s, high_s = (float(resampled_s[rank]) for rank in ranks)
+    return {"n": count, "back_s": _back_s(settings, sums, ends_s), "low_s": low_s, "high_s": high_s}
+
+
+def _back_s(settings: RecoverySettings, sums: Floats, ends_s: Floats) -> float:
+    """Compute when the swarm is back, counted from `after_s` [s].
+
+    Args:
+        settings: what counts as being back.
+        sums: (4, replicates, windows) sums and weights with the fault, then without it.
+        ends_s: (windows,) the end of each window [s].
+    """
+    totals = sums.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fault, reference = totals[::2] / totals[1::2]
+        ratios = np.where((fault == 0) & (reference == 0), 1.0, fault / reference)
+    least = 0.0 if settings.metric in FEWER_IS_BETTER else 1 / settings.tolerance
+    is_well = (ratios <= settings.tolerance) & (ratios >= least)
+    is_back = np.lib.stride_tricks.sliding_window_view(is_well, settings.windows).all(axis=1)
+    return float(ends_s[is_back.argmax()]) - settings.after_s if is_back.any() else math.inf

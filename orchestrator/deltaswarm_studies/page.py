@@ -9,11 +9,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import charts
+from deltaswarm_studies import charts, style
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
 from deltaswarm_studies.origin import PROVENANCE, since_the_runs
-from deltaswarm_studies.plots import style
 from deltaswarm_studies.rendering import Picture, Table, number, p_value, render, table, with_interval
 from deltaswarm_studies.settings import VERDICTS, FigureSettings
 from deltaswarm_studies.stats import RATIO

@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.sweeps.plan import size
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_studies.significance import pairs_needed, smallest_p
+from deltaswarm_studies.stats import pairs_needed, smallest_p
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.operator_messages import Clock
 

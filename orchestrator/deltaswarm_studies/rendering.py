@@ -11,7 +11,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from deltaswarm_studies.plots import style
+from deltaswarm_studies import style
 
 MAX_SVG_BYTES = 400_000
 """A drawing whose SVG is larger than this goes into the page as PNG."""

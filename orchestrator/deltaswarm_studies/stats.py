@@ -4,6 +4,8 @@ Variants of a sweep see the same arrivals, so comparisons are paired by replicat
 paired differences by Hodges and Lehmann; its interval is the set of shifts that the signed-rank test does not reject,
 so interval and p-value cannot contradict each other. Where all values are positive the differences are those of the
 logarithms, and the estimate is a ratio: 1.2 means "typically 1.2 times as large".
+
+SciPy is imported where it is needed: `--plan` works without it.
 """
 
 import math
@@ -14,11 +16,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
-from deltaswarm_studies.significance import ALPHA, pairs_needed
+ALPHA = 0.05
 
-Array = NDArray[np.float64]
+Floats = NDArray[np.float64]
 Values = Iterable[float | None]
 Interval = tuple[float, float]
 """Lower and upper end; infinite where there are too few values for an end."""
@@ -69,7 +70,7 @@ class Contrast:
     estimate: float | None
     effect: float | None
     """Matched-pairs rank-biserial correlation, from -1 (`a` always smaller) to 1 (`a` always larger)."""
-    _walsh: Array = field(repr=False, compare=False)
+    _walsh: Floats = field(repr=False, compare=False)
 
     @property
     def none(self) -> float:
@@ -133,8 +134,10 @@ def describe(values: Values) -> Description:
     return Description(len(known), len(array) - len(known), median, low, high, q1, q3)
 
 
-def median_interval(values: Array, alpha: float) -> Interval:
+def median_interval(values: Floats, alpha: float) -> Interval:
     """Return the exact interval of a median with confidence 1 - alpha: order statistics (scipy's `quantile_test`)."""
+    from scipy import stats
+
     test: Any = stats.quantile_test(values, q=float(np.median(values)), p=0.5).confidence_interval(1 - alpha)
     low, high = float(test.low), float(test.high)
     return (-math.inf if math.isnan(low) else low), (math.inf if math.isnan(high) else high)
@@ -145,6 +148,8 @@ def with_error(median: float, interval: Interval, error: float, alpha: float) ->
 
     The squares of both errors are added at each end (Zou and Donner 2008, doi 10.1002/sim.3095).
     """
+    from scipy import stats
+
     other = error * float(stats.norm.isf(alpha / 2))
     low, high = interval
     return median - math.hypot(median - low, other), median + math.hypot(high - median, other)
@@ -213,6 +218,16 @@ def holm(p_values: Sequence[float]) -> list[tuple[float, float]]:
     return list(zip(adjusted.tolist(), alphas.tolist(), strict=True))
 
 
+def smallest_p(pairs: int) -> float:
+    """Return the smallest two-sided p-value that this many pairs can give: all differences have the same sign."""
+    return min(1.0, 2.0 ** (1 - pairs))
+
+
+def pairs_needed(family: int) -> int:
+    """Return the minimum number of pairs for a test to become significant in a family of `family` tests (Holm)."""
+    return next(pairs for pairs in range(1, 200) if smallest_p(pairs) * family <= ALPHA)
+
+
 def smallest_effect(spread: float, pairs: int, family: int, power: float = 0.8) -> float:
     """Return the smallest shift that pairs would show with a probability of `power`; infinite if none can be shown.
 
@@ -222,6 +237,8 @@ def smallest_effect(spread: float, pairs: int, family: int, power: float = 0.8) 
         family: number of tests that are corrected together; the shift must pass the first of Holm's tests.
         power: the probability.
     """
+    from scipy import stats
+
     if pairs < pairs_needed(family):
         return math.inf
     quantiles = stats.t.isf(ALPHA / family / 2, pairs - 1) + stats.norm.ppf(power)
@@ -236,14 +253,14 @@ def rejected_walsh(pairs: int, alpha: float) -> int:
     return int(np.searchsorted(_tails(pairs), alpha / 2, side="right"))
 
 
-def _array(values: Values) -> Array:
+def _array(values: Values) -> Floats:
     array = np.array([math.nan if value is None else float(value) for value in values], dtype=float)
     if np.isinf(array).any():
         raise ValueError("values must be finite (got an infinite one)")
     return array
 
 
-def _walsh(differences: Array) -> Array:
+def _walsh(differences: Floats) -> Floats:
     """Return the sorted means of all pairs of differences, including each with itself."""
     i, j = np.triu_indices(len(differences))
     return np.sort((differences[i] + differences[j]) / 2)
@@ -256,8 +273,10 @@ def _tail(statistic: int, pairs: int) -> float:
 
 
 @lru_cache(maxsize=64)
-def _tails(pairs: int) -> Array:
+def _tails(pairs: int) -> Floats:
     """Return the probabilities of a signed-rank statistic of at least n (n + 1) / 2 - k, for k = 0, 1, ..."""
+    from scipy import stats
+
     total = pairs * (pairs + 1) // 2
     if pairs > MAX_EXACT:
         spread = math.sqrt(pairs * (pairs + 1) * (2 * pairs + 1) / 24)

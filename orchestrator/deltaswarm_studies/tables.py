@@ -13,8 +13,7 @@ from scipy.stats import t
 from deltaswarm_studies import metrics
 from deltaswarm_studies.checks import used_metrics
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL, Metric, Timing
-from deltaswarm_studies.significance import ALPHA
-from deltaswarm_studies.stats import describe
+from deltaswarm_studies.stats import ALPHA, describe
 from deltaswarm_studies.study import Study
 
 Row = dict[str, Any]

@@ -88,8 +88,7 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
         CommandError: the sweep could not start, or its tables could not be written.
     """
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
-    from deltaswarm_orchestrator.sweeps.progress import SweepDisplay, SweepReporter
-    from deltaswarm_orchestrator.sweeps.runner import run_sweep
+    from deltaswarm_orchestrator.sweeps.runner import SweepDisplay, SweepReporter, run_sweep
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)

@@ -8,7 +8,7 @@ import pytest
 from deltaswarm_orchestrator.run import progress
 from deltaswarm_orchestrator.run.progress import Display
 from deltaswarm_orchestrator.sweeps.engine import Done
-from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
+from deltaswarm_orchestrator.sweeps.runner import SweepDisplay
 from deltaswarm_wire.operator_messages import Status
 from tests.support.complaints import Printed
 from tests.support.sweeping import made, tasks_of

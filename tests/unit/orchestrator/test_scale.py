@@ -13,7 +13,7 @@ from benchmarks.__main__ import main as benchmarks
 from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.bench import speed
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_studies.plots import style
+from deltaswarm_studies import style
 from tests.support.complaints import Printed
 
 

@@ -10,9 +10,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
+from deltaswarm_studies import style
 from deltaswarm_studies.charts import ellipse
 from deltaswarm_studies.page import CHARTS
-from deltaswarm_studies.plots import style
 from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import LEVELS, MODES, OWN, made, series, table
 

@@ -7,9 +7,7 @@ import pytest
 
 from deltaswarm_studies.claims import claims_of, findings_of
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
-from deltaswarm_studies.evidence import too_few
-from deltaswarm_studies.fits import fits_of, grids_of
-from deltaswarm_studies.recovery import recovery_of
+from deltaswarm_studies.evidence import fits_of, grids_of, recovery_of, too_few
 from deltaswarm_studies.tables import (
     courses_of,
     estimates_of,

@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.sweeps.load import built_in_files, load_sweep
 from deltaswarm_orchestrator.sweeps.table import write_table
 from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.plan import plan, text
-from deltaswarm_studies.significance import pairs_needed
+from deltaswarm_studies.stats import pairs_needed
 from deltaswarm_studies.study import default_factors
 from deltaswarm_studies.tables import runs_of
 from deltaswarm_wire.checked import SettingsError

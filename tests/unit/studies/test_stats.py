@@ -9,15 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
-from deltaswarm_studies.significance import ALPHA, pairs_needed, smallest_p
 from deltaswarm_studies.stats import (
+    ALPHA,
     contrast,
     describe,
     holm,
     median_interval,
+    pairs_needed,
     scale_of,
     smallest_alpha,
     smallest_effect,
+    smallest_p,
     with_error,
 )
 

@@ -19,8 +19,7 @@ from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
-from deltaswarm_orchestrator.sweeps.progress import SweepReporter
-from deltaswarm_orchestrator.sweeps.runner import SweepResult, check_folder, run_sweep
+from deltaswarm_orchestrator.sweeps.runner import SweepReporter, SweepResult, check_folder, run_sweep
 from tests.support.sweeping import made
 
 Printed = pytest.CaptureFixture[str]

@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 
 from benchmarks import plots as benchmarks
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_studies import style, swarm
 from deltaswarm_studies.charts import snapshot
 from deltaswarm_studies.page import CHARTS
-from deltaswarm_studies.plots import style, swarm
-from deltaswarm_studies.plots.swarm import KINDS
+from deltaswarm_studies.swarm import KINDS
 from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import OWN, made, series, table
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 
 FIGURES = """
 [[figure]]
@@ -213,7 +213,7 @@ def draw_all(folder: Path) -> None:
 WITHOUT_PYPLOT = """
 import sys
 from pathlib import Path
-from tests.unit.studies.plots.test_style import draw_all
+from tests.unit.studies.test_style import draw_all
 draw_all(Path(sys.argv[1]))
 assert "matplotlib.pyplot" not in sys.modules
 """

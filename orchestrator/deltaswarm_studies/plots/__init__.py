@@ -1,1 +1,0 @@
-"""Figures: each module turns data into matplotlib figures; only `style` writes files."""
