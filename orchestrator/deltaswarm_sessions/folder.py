@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.recording.names import SCENARIO
+from deltaswarm_orchestrator.recording import SCENARIO
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_orchestrator.results.situation import PROBES, SITUATION
 from deltaswarm_orchestrator.scenarios.load import load_scenario

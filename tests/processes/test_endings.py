@@ -18,7 +18,7 @@ import pytest
 from deltaswarm_orchestrator.base import disk, kernel
 from deltaswarm_orchestrator.processes import launch, starter
 from deltaswarm_orchestrator.processes.process import Part, wait_for
-from deltaswarm_orchestrator.recording.names import ACTIONS
+from deltaswarm_orchestrator.recording import ACTIONS
 from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import AGENT

@@ -10,7 +10,7 @@ from random import Random
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE
 from deltaswarm_orchestrator.inspect import info
 from deltaswarm_orchestrator.processes.process import HOW, UNKNOWN
-from deltaswarm_orchestrator.recording.names import ACTIONS
+from deltaswarm_orchestrator.recording import ACTIONS
 from deltaswarm_orchestrator.recording.reader import read_recording
 from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, can_be_resumed, edit, play, resume
 

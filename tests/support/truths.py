@@ -8,7 +8,7 @@ from typing import Any
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from deltaswarm_orchestrator.recording.names import RECORDING
+from deltaswarm_orchestrator.recording import RECORDING
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DEAD, Body, EventState, StepRecord, Truth

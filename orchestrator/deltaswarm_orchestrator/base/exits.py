@@ -1,6 +1,8 @@
-"""Exit codes and error messages of commands."""
+"""What commands tell the user: exit codes, messages and progress."""
 
 import sys
+
+from deltaswarm_wire.operator_messages import Status
 
 OK, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -44,3 +46,13 @@ def notice(text: str) -> None:
 def complain(text: str) -> None:
     """Print what is wrong on standard error."""
     print(f"deltaswarm: {text}", file=sys.stderr)
+
+
+class Reporter:
+    """Takes the progress of a run. This base class discards it, and needs no terminal: sweep workers show nothing."""
+
+    def update(self, status: Status, messages_per_s: float | None) -> None:
+        """Take the newest state."""
+
+    def say(self, text: str) -> None:
+        """Take a message for the user."""

@@ -77,11 +77,8 @@ def info(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.inspect import info
 
     must_exist(arguments.folder, "RUN", A_RUN)
-    if any(arguments.folder.glob("*.mcap.part")):
-        from deltaswarm_orchestrator.inspect.finishing import finish_recordings  # imports protobuf, which is slow
-
-        for file in finish_recordings(arguments.folder):
-            notice(f"{file} was cut off; it has its end now, and every MCAP reader opens it")
+    for file in info.finish_recordings(arguments.folder):
+        notice(f"{file} was cut off; it has its end now, and every MCAP reader opens it")
     description = info.describe(arguments.folder)
     show(arguments, description, info.text(description))
     return OK

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
+from deltaswarm_orchestrator.recording.finishing import write_complete_copy
 from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in, records
-from deltaswarm_orchestrator.recording.whole import write_whole_copy
 
 
 class ExportError(CommandError):
@@ -94,7 +94,7 @@ def _writer(source: Path, chosen: Format, name: str, options: Mapping[str, Any])
     """
     if not chosen.module:
         next(records(source), None)  # which refuses another file
-        return lambda out: Exported(write_whole_copy(source, out))
+        return lambda out: Exported(write_complete_copy(source, out))
     try:
         module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
     except ModuleNotFoundError as error:

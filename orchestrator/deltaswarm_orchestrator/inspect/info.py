@@ -3,14 +3,16 @@
 import json
 import tomllib
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.text import aligned, shown
+from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError
-from deltaswarm_orchestrator.results.folder_lock import is_held
+from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import newest
 from deltaswarm_orchestrator.results.summary import main_rows, summarise
@@ -110,3 +112,28 @@ def text(run: dict[str, Any]) -> str:
     rows += [("not valid", reason) for reason in summary["invalid_because"]]
     rows += [(name, f"{size:,} bytes") for name, size in run["files"].items()]
     return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {run['state']}\n{aligned(rows)}"
+
+
+def finish_recordings(folder: Path) -> list[Path]:
+    """Give the recordings of a killed run their end, in place; return those that lacked it.
+
+    Left as they are: a file that is damaged before its end, since what comes after the damage would be lost, and all
+    files of a folder that a run holds or that cannot be written.
+    """
+    if not any(folder.glob(f"*{PART}")):
+        return []
+    from deltaswarm_orchestrator.recording.finishing import is_cut_off, write_complete_copy  # imports protobuf: slow
+
+    try:
+        cut_off = [part for name in (RECORDING, WIRE) if is_cut_off(part := folder / (name + PART))]
+        with ExitStack() as stack:
+            if cut_off:
+                stack.callback(FolderLock(folder).release)
+            for part in cut_off:
+                complete = part.with_name(f"{part.name}.complete")
+                stack.callback(complete.unlink, missing_ok=True)
+                write_complete_copy(part, complete)
+                complete.replace(part)
+    except (HeldError, OSError):
+        return []
+    return cut_off

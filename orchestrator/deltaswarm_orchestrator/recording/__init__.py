@@ -1,1 +1,13 @@
-"""Write a run's recording as MCAP, and read it back."""
+"""The recording of a run, and the names of its files. This imports nothing, for commands that only look for files."""
+
+RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
+"""The recording for viewers, the raw frames, and the suffix that both have while they are written."""
+
+SCENARIO, MANIFEST = "scenario.toml", "manifest"
+"""A recording's attachment with the effective scenario, and its last record, the manifest."""
+
+COMMANDS = "commands.toml"
+"""The commands that left the base, in the format of `deltaswarm run --commands`, to repeat the run."""
+
+ACTIONS = "actions.csv"
+"""The actions of the person at the station, written row by row during the run."""

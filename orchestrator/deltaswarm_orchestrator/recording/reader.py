@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from zstandard import ZstdError
 
-from deltaswarm_orchestrator.recording import names
+from deltaswarm_orchestrator import recording as names
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
@@ -71,8 +71,8 @@ def recording_in(path: Path) -> Path:
     """Return the file itself, or the recording in a run's folder: the finished one, else the partial one."""
     if not path.is_dir():
         return path
-    whole = path / names.RECORDING
-    return whole if whole.exists() else whole.with_name(names.RECORDING + names.PART)
+    complete = path / names.RECORDING
+    return complete if complete.exists() else complete.with_name(names.RECORDING + names.PART)
 
 
 def read_recording(path: Path) -> Recording:

@@ -16,8 +16,8 @@ from mcap.records import Channel, Message
 from mcap_protobuf.schema import register_schema
 
 from deltaswarm_orchestrator.base.disk import RoomError, no_room, room_for
-from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
-from deltaswarm_orchestrator.recording.names import MANIFEST, PART, RECORDING, SCENARIO, WIRE
+from deltaswarm_orchestrator.recording import MANIFEST, PART, RECORDING, SCENARIO, WIRE
+from deltaswarm_orchestrator.recording.finishing import new_writer
 from deltaswarm_orchestrator.recording.reader import RecordingError, records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import OURS, TOPICS
@@ -29,7 +29,6 @@ from deltaswarm_orchestrator.recording.transcriber import (
     steps_between_views,
     workload_message,
 )
-from deltaswarm_orchestrator.recording.whole import new_writer
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, Truth
@@ -37,6 +36,16 @@ from deltaswarm_wire.operator_messages import Report, Workload
 
 FLUSH_EVERY_S = 1.0
 """Wall time between flushes [s]; a kill loses at most what came within this time."""
+
+LAYOUT = "layout.json"
+"""The layout's file in the run's folder."""
+
+TEMPLATE = Path(__file__).with_name("layout_template.json")
+"""A layout as viewers export it, without what depends on the arena's size.
+
+Its background is white because events are black. Frames are hidden only one by one, since viewers draw no line to a
+frame whose parent is hidden.
+"""
 
 
 class Recorder:
@@ -259,3 +268,20 @@ class _File:
             self._writer.finish()
         if manifest is not None:
             self._part.replace(self._path)
+
+
+def layout_json(width_m: float, height_m: float) -> bytes:
+    """Return the content of the layout's file."""
+    return orjson.dumps(layout(width_m, height_m), option=orjson.OPT_INDENT_2)
+
+
+def layout(width_m: float, height_m: float) -> dict[str, Any]:
+    """Make a viewer's layout, with the camera far enough away to show the whole arena."""
+    longest_m = max(width_m, height_m)
+    distance_m = 1.4 * longest_m  # at 45 degrees of view this shows 1.16 times the longest side
+    filled: dict[str, Any] = orjson.loads(TEMPLATE.read_bytes())
+    scene = filled["configById"]["3D!arena"]
+    scene["cameraState"] |= {"distance": distance_m, "far": max(5000, 4 * distance_m)}
+    scene["scene"]["transforms"] = {"labelSize": longest_m / 80, "axisScale": longest_m / 100}
+    scene["layers"]["grid"]["size"] = longest_m
+    return filled

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgpack
 
-from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
+from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_scenario.autonomy import AutonomySettings
 from deltaswarm_scenario.downlink import FIRST_STEP

@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
-from deltaswarm_orchestrator.recording.names import ACTIONS
+from deltaswarm_orchestrator.recording import ACTIONS
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.run_tables import read_rows, write_csv
 from deltaswarm_scenario.person_tables import JudgementRow

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.sources import source_digest
-from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
+from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_scenario.scenario import Scenario, scenario_digest
 from deltaswarm_wire import checkpoint

@@ -11,7 +11,7 @@ import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.sources import files_of, source_digest
-from deltaswarm_orchestrator.recording.names import COMMANDS
+from deltaswarm_orchestrator.recording import COMMANDS
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario

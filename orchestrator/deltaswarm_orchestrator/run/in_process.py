@@ -18,10 +18,10 @@ from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.action_log import ActionLog
+from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.commands import forms_of

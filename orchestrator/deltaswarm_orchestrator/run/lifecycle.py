@@ -1,30 +1,23 @@
 """One run from scenario to summary, in real processes or in one process."""
 
 import json
-import secrets
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import disk, limits, provenance
 from deltaswarm_orchestrator.base.disk import RoomError
-from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError
-from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
+from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter
+from deltaswarm_orchestrator.base.signals import decide, stoppable
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.live.observers import LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
-from deltaswarm_orchestrator.live.views import LiveSocket, ResearcherFeed
-from deltaswarm_orchestrator.processes.boards import commands
-from deltaswarm_orchestrator.processes.elsewhere import Placement
-from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.live.views import LiveSocket
 from deltaswarm_orchestrator.processes.process import RunPart
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
-from deltaswarm_orchestrator.processes.station import Station, announce
-from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
-from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.recording.recorder import LAYOUT, Recorder, layout_json
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
@@ -33,14 +26,12 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.situation import write_situation
 from deltaswarm_orchestrator.results.summary import summarise
-from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.options import STOPPED_BY, RunOptions, RunResult, check
-from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.shown import foxglove_viewer, named_observer
-from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses
+from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
+from deltaswarm_wire.plugins import OBSERVERS, find
 
 AT_ONCE = "a second signal ended the run at once"
 
@@ -59,77 +50,54 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     """
     check(scenario, options)
     with stoppable() as stop:
+        context = RunContext(scenario, options, reporter, stop)
         try:
-            with (
-                disk.room_in(options.out),
-                _placed(scenario, options, reporter) as placement,
-                foxglove_viewer(scenario, options, reporter) as viewer,
-                named_observer(scenario, options, reporter) as observer,
-            ):
-                return _run(scenario, options, reporter, stop, viewer, observer, placement)
+            with disk.room_in(options.out), ExitStack() as stack:
+                if options.engine:
+                    context.placement = stack.enter_context(options.engine.placed(scenario.agents.count, reporter.say))
+                if options.live_port is not None:
+                    context.viewer = stack.enter_context(FoxgloveServer(scenario.name, options.live_port, reporter.say))
+                    url = context.viewer.url
+                    reporter.say(f"live: open {url} in Foxglove; it shows the truth, which the operator does not know")
+                if options.observer:
+                    named = find(OBSERVERS, options.observer, "--live")(options.live_connect, scenario)
+                    context.named = stack.enter_context(named)
+                    reporter.say(f"live: {named.shows}")
+                return _run(context)
         except KeyboardInterrupt:
             raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
 
 
-def _placed(scenario: Scenario, options: RunOptions, reporter: Reporter) -> AbstractContextManager[Placement | None]:
-    """Yield the places of agents on other machines; None if they run here."""
-    return options.engine.placed(scenario.agents.count, reporter.say) if options.engine else nullcontext()
-
-
-def _run(
-    scenario: Scenario,
-    options: RunOptions,
-    reporter: Reporter,
-    stop: Stop,
-    viewer: FoxgloveServer | None,
-    named: LiveObserver | None,
-    placement: Placement | None,
-) -> RunResult:
+def _run(context: RunContext) -> RunResult:
+    scenario, options = context.scenario, context.options
     if options.boards:
         options.boards.prepare(scenario)
     if options.resume:
         resume.check_inputs(options.out, scenario)  # before the folder is touched
         with ResumedFolder(options.out) as folder:
             resume.wait_for_leftovers(folder.path)
-            newest = resume.newest(folder.path)
-            return _Run(scenario, options, folder, reporter, stop, viewer, named, newest).execute()
+            return _Run(context, folder, resume.newest(folder.path)).execute()
     with RunFolder(options.out, force=options.force) as folder:
-        return _Run(scenario, options, folder, reporter, stop, viewer, named, placement=placement).execute()
+        return _Run(context, folder).execute()
 
 
-@dataclass(eq=False)
 class _Run:
     """One run and its outcome."""
 
-    scenario: Scenario
-    options: RunOptions
-    folder: RunFolder
-    reporter: Reporter
-    stop: Stop
-    viewer: FoxgloveServer | None
-    named: LiveObserver | None
-    resumed: Resumed | None = None
-    placement: Placement | None = None
-    outcome: Outcome | None = None
-    why: list[str | RunPart] = field(default_factory=list)
-    """Reasons why the run ended too early, and what was lost, one line each; an agent stands for its own line."""
-    agents: Sequence[RunPart] = ()
-    """The processes of agents, which have ended when the run is concluded."""
-    logs: list[str] = field(default_factory=list)
-    """The last lines of the logs of failed parts."""
-    operator_restarts: int = 0
-    disk_is_full: bool = False
-
-    def __post_init__(self) -> None:
-        self.live_observers: list[LiveObserver] = [shown for shown in (self.viewer, self.named) if shown]
-        if self.resumed:
-            self.manifest = json.loads((self.folder.path / "manifest.json").read_text(encoding="utf-8"))
+    def __init__(self, context: RunContext, folder: RunFolder, resumed: Resumed | None = None) -> None:
+        self.context, self.folder, self.resumed = context, folder, resumed
+        self.scenario, self.options, self.stop = context.scenario, context.options, context.stop
+        self.outcome: Outcome | None = None
+        self.ending = Ending()
+        self.live_observers: list[LiveObserver] = [shown for shown in (context.viewer, context.named) if shown]
+        if resumed:
+            self.manifest = json.loads((folder.path / "manifest.json").read_text(encoding="utf-8"))
             self.manifest |= {"exit_reason": run_tables.RUNNING}
-            self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": self.resumed.step}]
+            self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
         else:
-            engine = "in-process" if self.options.in_process else "dask" if self.placement else "processes"
+            engine = "in-process" if self.options.in_process else "dask" if context.placement else "processes"
             self.manifest = run_tables.new_manifest(self.scenario, engine, self.scenario.record)
-            self.manifest |= {"workers": self.placement.workers} if self.placement else {}
+            self.manifest |= {"workers": context.placement.workers} if context.placement else {}
             self.manifest |= {"checkpoint_steps": self.options.checkpoint_steps, "resumed": []}
         self.checkpoint_steps: int = self.manifest["checkpoint_steps"]
 
@@ -148,15 +116,15 @@ class _Run:
                         self._do_steps(recorder)
                         self.stop.conclude()  # further signals come too late
                     except KeyboardInterrupt:
-                        self.why.append(AT_ONCE)
+                        self.ending.why.append(AT_ONCE)
                     summary = self._conclude()
                     if isinstance(recorder, Recorder):
                         recorder.complete(self.manifest, run_tables.person_tables(folder))
                 self._write_tables()
         except (RoomError, KeyboardInterrupt) as error:
             self.stop.conclude()
-            if not (self.disk_is_full and isinstance(error, RoomError)):
-                self.why.append(str(error) or AT_ONCE)
+            if not (self.ending.disk_is_full and isinstance(error, RoomError)):
+                self.ending.why.append(str(error) or AT_ONCE)
             summary = self._conclude()
             if summary["complete"]:
                 summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
@@ -166,7 +134,7 @@ class _Run:
         run_tables.write_json(folder / "summary.json", summary)
         path = self.folder.finish()
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
-        messages = (*summary["why"], *self.logs, *hint)
+        messages = (*summary["why"], *self.ending.logs, *hint)
         result = RunResult(path, summary, str(self.manifest["exit_reason"]), messages)
         decide(result.code, self.stop if result.code == OK else None)
         return result
@@ -175,7 +143,7 @@ class _Run:
         """Prepare the folder for the first step."""
         folder = self.folder.path
         if warning := disk.shortage(folder, self.scenario):
-            self.reporter.say(f"warning: {warning}")
+            self.context.reporter.say(f"warning: {warning}")
         if self.resumed:
             self.folder.prepare_to_resume(self.manifest)
         else:
@@ -208,13 +176,13 @@ class _Run:
         folder, scenario = self.folder.path, self.scenario
         before = resume.make_ready(folder, self.resumed) if self.resumed else {}
         if scenario.record == "off":
-            if self.viewer:
+            if self.context.viewer:
                 (folder / LAYOUT).write_bytes(layout_json(scenario.arena.width_m, scenario.arena.height_m))
-            yield ViewersOnly(scenario, self.viewer) if self.viewer else None
+            yield ViewersOnly(scenario, self.context.viewer) if self.context.viewer else None
             return
-        with Recorder(folder, scenario, wire=scenario.record == "wire", viewer=self.viewer) as recorder:
+        with Recorder(folder, scenario, wire=scenario.record == "wire", viewer=self.context.viewer) as recorder:
             if self.resumed:
-                self.why += recorder.continue_from(before, self.resumed.step)
+                self.ending.why += recorder.continue_from(before, self.resumed.step)
                 for file in before.values():
                     file.unlink()
             yield recorder
@@ -229,99 +197,28 @@ class _Run:
             if self.options.in_process and recorder is not None:
                 self._run_in_process(Tap(recorder, self.live_observers))
                 return
+            by_processes = RunByProcesses(
+                self.context, self.folder.path, self.checkpoint_steps, self.resumed, self.live_observers, self.ending
+            )
             try:
-                self._run_processes(recorder)
+                by_processes.execute(recorder)
             except (LaunchError, ConnectionError) as error:
                 disk.check_spare(self.folder.path)  # a part cannot log that the disk is full
-                self.why.append(str(error))
+                self.ending.why.append(str(error))
             except StoppedError:
                 pass
             except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
                 if (limit := limits.reached(error)) is None:
                     raise
-                self.why.append(f"the run cannot go on: {limit}")
+                self.ending.why.append(f"the run cannot go on: {limit}")
 
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
 
-        self.outcome = run_in_process(self.scenario, sink, self.reporter, lambda: self.stop.by, self.folder.path)
-        self.why += self.outcome.messages
-
-    def _run_processes(self, recorder: Sink | None) -> None:
-        """Launch all processes, watch them, and end them.
-
-        Raises:
-            LaunchError, ConnectionError: a part did not start.
-            StoppedError: the user asked to stop before all parts were up.
-            RoomError: the recording could not be written.
-        """
-        scenario, folder, options, resumed = self.scenario, self.folder.path, self.options, self.resumed
-        boards, station = options.boards, options.station
-        # With boards the name must not change, because a board's file is used for later runs too.
-        # Without boards it is random; the router and its port serve this run alone.
-        name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
-        with Swarm(
-            scenario,
-            name,
-            folder,
-            zenoh=options.zenoh,
-            boards=boards,
-            remote=self.placement.agents(scenario, folder / "logs") if self.placement else None,
-            was_stopped=lambda: self.stop.by,
-            checkpoint_steps=self.checkpoint_steps,
-            resumed=resumed,
-            station=station,
-        ) as swarm:
-            self._start_pages(swarm, has_truth=recorder is not None)
-            swarm.start_world(options.listen, record=recorder is not None)
-            if boards:
-                self.reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
-            with Observer(
-                name,
-                swarm.recorder_link(),
-                recorder,
-                wire=scenario.record == "wire",
-                first_step=resumed.step + 1 if resumed else 0,
-                checkpoint_steps=self.checkpoint_steps,
-            ) as observer:
-                patience_s = scenario.run.step_timeout_s
-                watch = Watch(swarm, observer, self.reporter, self.stop, patience_s, self.live_observers)
-                try:
-                    swarm.start_operator(publish_all=recorder is not None)
-                    swarm.start_agents()
-                    swarm.write_pids()
-                    watch.watch_to_the_end()
-                finally:
-                    self.why += watch.why
-                    self.agents = swarm.agents
-                    self.logs += [
-                        f"the last lines of the log of {part}:\n{tail}"
-                        for part, tail in watch.logs.items()
-                        if tail.strip()
-                    ]
-                    self.operator_restarts = watch.operator_restarts
-                    self.disk_is_full = watch.disk_is_full
-
-    def _start_pages(self, swarm: Swarm, *, has_truth: bool) -> None:
-        """Start the pages of the person and of the researcher, if the run has them, and say where they are.
-
-        Raises:
-            LaunchError, StoppedError: as in `_run_processes`.
-        """
-        station, urls = self.options.station, {}
-        if station:
-            urls = {"url": swarm.start_station(), "watch_url": station.watch_url}
-            self.reporter.say(f"station: {urls['url']}")
-            self.reporter.say(f"only to watch it: {station.watch_url}")
-        if self.options.researcher and has_truth:
-            page = Station()
-            feed = ResearcherFeed(page.operators_end, swarm.run, self.scenario, is_beside_operator=station is not None)
-            self.live_observers.append(feed)
-            urls["researcher_url"] = swarm.start_station(page, 1)
-            swarm.conductor = page if station else None
-            self.reporter.say(f"conductor's page, which shows the truth: {urls['researcher_url']}")
-        if station:
-            announce(self.folder.path, urls, opens_browser=station.opens_browser)
+        self.outcome = run_in_process(
+            self.scenario, sink, self.context.reporter, lambda: self.stop.by, self.folder.path
+        )
+        self.ending.why += self.outcome.messages
 
     def _conclude(self) -> dict[str, Any]:
         """Return the summary, and update the manifest to agree with it."""
@@ -335,7 +232,7 @@ class _Run:
         ending = {
             "exit_reason": reason,
             "why": self._whys(self.outcome),
-            "operator_restarts": self.operator_restarts,
+            "operator_restarts": self.ending.operator_restarts,
             "resumed": self.manifest["resumed"],
         }
         self.manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
@@ -345,10 +242,10 @@ class _Run:
         """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""
         world = outcome.world
         lost = dict(zip(world.get("agents_lost", ()), world.get("lost_in_step", ()), strict=True))
-        told = {entry.number for entry in self.why if isinstance(entry, RunPart)}
-        quiet = [part for part in self.agents if part.exit_code == 0 and part.number in lost.keys() - told]
+        told = {entry.number for entry in self.ending.why if isinstance(entry, RunPart)}
+        quiet = [part for part in self.ending.agents if part.exit_code == 0 and part.number in lost.keys() - told]
         when = {agent: f"in step {step}" for agent, step in lost.items()}
         return [
             entry if isinstance(entry, str) else entry.how_it_ended(when.get(entry.number, ""))
-            for entry in [*self.why, *quiet]
+            for entry in [*self.ending.why, *quiet]
         ]

@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
-from deltaswarm_orchestrator.live.foxglove_server import LiveError, check_installed
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, Reporter
+from deltaswarm_orchestrator.base.signals import Stop
+from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, LiveError, check_installed
+from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.boards import Boards
-from deltaswarm_orchestrator.processes.elsewhere import RunEngine
+from deltaswarm_orchestrator.processes.elsewhere import Placement, RunEngine
 from deltaswarm_orchestrator.processes.station import Station
 from deltaswarm_orchestrator.results.folder import check_target
 from deltaswarm_scenario.scenario import Scenario
@@ -43,6 +45,22 @@ class RunOptions:
     """Name of the observer, besides Foxglove, to which the run is shown live; empty: none."""
     live_connect: str = ""
     """Where that observer is reached; empty: where it is by default."""
+
+
+@dataclass(eq=False)
+class RunContext:
+    """What surrounds a run before it has a folder."""
+
+    scenario: Scenario
+    options: RunOptions
+    reporter: Reporter
+    stop: Stop
+    placement: Placement | None = None
+    """The places of agents on other machines; None if they run here."""
+    viewer: FoxgloveServer | None = None
+    """The server for live viewers, if the run has them."""
+    named: LiveObserver | None = None
+    """The observer that `--live` names, if it names one."""
 
 
 @dataclass(frozen=True)

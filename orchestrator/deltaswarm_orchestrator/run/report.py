@@ -40,9 +40,9 @@ def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_j
     """Do a checked run and print its results; return the exit code."""
     from rich.console import Console
 
+    from deltaswarm_orchestrator.base.exits import Reporter
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
-    from deltaswarm_orchestrator.run.reporter import Reporter
 
     with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
         result = run_scenario(scenario, options, display)

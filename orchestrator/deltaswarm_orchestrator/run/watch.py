@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 
+from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.elsewhere import SCHEDULER
@@ -11,7 +12,6 @@ from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 

@@ -23,7 +23,7 @@ from deltaswarm_orchestrator.cli import one_run as command
 from deltaswarm_orchestrator.export.formats import FORMATS
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
 from deltaswarm_orchestrator.export.video import _Picture
-from deltaswarm_orchestrator.inspect.finishing import finish_recordings
+from deltaswarm_orchestrator.inspect.info import finish_recordings
 from deltaswarm_orchestrator.recording.reader import Recording, read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from deltaswarm_orchestrator.recording.layout import layout
+from deltaswarm_orchestrator.recording.recorder import layout
 from deltaswarm_orchestrator.recording.schemas import ARENA_FRAME, FIGURE_TOPICS, ROOT_FRAME, SCENE_TOPICS
 
 

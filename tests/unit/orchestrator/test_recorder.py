@@ -8,10 +8,9 @@ from types import SimpleNamespace
 import pytest
 from mcap.reader import make_reader
 
-from deltaswarm_orchestrator.recording.layout import layout
-from deltaswarm_orchestrator.recording.names import RECORDING
+from deltaswarm_orchestrator.recording import RECORDING
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.recording.recorder import Recorder, layout
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
 from deltaswarm_scenario.scenario import Scenario

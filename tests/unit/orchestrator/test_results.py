@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.outcome import Outcome, RunData
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS, read_outcome, write_json, write_tables
 from deltaswarm_orchestrator.results.summary import computed, summarise
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DROP_REASONS, EventState, StepRecord

@@ -1,4 +1,4 @@
-"""Make a whole recording, which every MCAP reader opens, of one that was cut off: with its index and its end."""
+"""Give a recording that was cut off its index and its end, so that every MCAP reader opens it."""
 
 from pathlib import Path
 from typing import IO
@@ -6,8 +6,8 @@ from typing import IO
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from deltaswarm_orchestrator.recording.names import MANIFEST
-from deltaswarm_orchestrator.recording.reader import Damage, records
+from deltaswarm_orchestrator.recording import MANIFEST
+from deltaswarm_orchestrator.recording.reader import Damage, RecordingError, records
 
 CHUNK_BYTES = 256 * 1024
 
@@ -19,8 +19,8 @@ def new_writer(stream: IO[bytes], profile: str = "", library: str = "deltaswarm"
     return writer
 
 
-def write_whole_copy(source: Path, target: Path) -> bool:
-    """Copy everything up to the first damage into a whole file; return whether the recording was complete.
+def write_complete_copy(source: Path, target: Path) -> bool:
+    """Copy everything up to the first damage into a file with its end; return whether the recording was complete.
 
     Raises:
         FileNotFoundError: there is no source.
@@ -52,3 +52,11 @@ def write_whole_copy(source: Path, target: Path) -> bool:
                     is_complete = False
         writer.finish()  # type: ignore[no-untyped-call]
     return is_complete
+
+
+def is_cut_off(file: Path) -> bool:
+    """Return whether a recording is there and lacks its end alone."""
+    try:
+        return file.exists() and Damage(is_at_the_end=True) in records(file)
+    except RecordingError:
+        return False
