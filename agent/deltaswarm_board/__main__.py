@@ -202,3 +202,7 @@ def told(settings: BoardSettings) -> str:
     where = f"{log.folder}, {log.backups + 1} files of {log.max_bytes} bytes" if log.folder else "standard error"
     lines.append(f"log: {where}" + (", and its frames as MCAP" if log.record != "off" else ""))
     return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import tomli_w
 
-from deltaswarm_agent.__main__ import main
+from deltaswarm_board.__main__ import main
 from deltaswarm_board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
 from deltaswarm_orchestrator.processes import certificates
@@ -64,7 +64,7 @@ def places(table: dict[str, Any], above: tuple[str, ...] = ()) -> list[tuple[str
 
 def check(file: Path, capsys: Printed) -> tuple[int, str]:
     """Exit code, and what is said, of which each line can be read."""
-    code = main(["board", str(file), "--check"])
+    code = main([str(file), "--check"])
     said = capsys.readouterr().err
     for line in said.splitlines():
         assert len(line) <= len(str(file)) + MAX_SHOWN, line[:200]

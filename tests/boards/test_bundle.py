@@ -19,7 +19,7 @@ import pytest
 from packaging.utils import parse_wheel_filename
 
 from deltaswarm_board.setup import bundle as bundles
-from deltaswarm_board.setup.bundle import PLATFORMS, PYTHONS, BundleError
+from deltaswarm_board.setup.bundle import PACKAGES, PLATFORMS, PYTHONS, BundleError
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire import __version__
 from tests.support.boards import run_with_board, usual_digest
@@ -107,7 +107,7 @@ def test_the_agents_wheel_holds_the_agent_and_its_vocabulary(made: Path) -> None
     with zipfile.ZipFile(agent) as archive:
         folders = {name.split("/")[0] for name in archive.namelist()}
         metadata = Parser().parsestr(archive.read(f"deltaswarm_agent-{__version__}.dist-info/METADATA").decode())
-    assert folders == {"deltaswarm_wire", "deltaswarm_agent", f"deltaswarm_agent-{__version__}.dist-info"}
+    assert folders == {*PACKAGES, f"deltaswarm_agent-{__version__}.dist-info"}
     needed = [text for text in metadata.get_all("Requires-Dist", []) if "extra ==" not in text]
     assert {text.split(">")[0] for text in needed} == {"eclipse-zenoh", "msgpack"}
 
@@ -201,10 +201,14 @@ def test_the_bundle_installs_offline_into_an_empty_environment(installed: Path, 
     """Nothing but what was bundled is there, and the agent tells its arguments."""
     assert names_of(installed) == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
     python, script = str(installed / "bin" / "python"), str(installed / "bin" / "deltaswarm-agent")
-    for command, name in (([python, "-m", "deltaswarm_agent"], "deltaswarm agent"), ([script], "deltaswarm-agent")):
-        for more, shown in (([], name), (["board"], f"{name} board")):
-            told = subprocess.run([*command, *more, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
-            assert f"usage: {shown} [-h]" in told.stdout
+    for command, shown in (
+        ([python, "-m", "deltaswarm_agent"], "deltaswarm agent"),
+        ([python, "-m", "deltaswarm_board"], "deltaswarm agent board"),
+        ([script], "deltaswarm-agent"),
+        ([script, "board"], "deltaswarm-agent board"),
+    ):
+        told = subprocess.run([*command, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert f"usage: {shown} [-h]" in told.stdout
 
 
 def test_a_bundle_for_boards_that_obey_an_operator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

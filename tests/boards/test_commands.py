@@ -11,7 +11,7 @@ import tomli_w
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from deltaswarm_agent.__main__ import main as agent_main
+from deltaswarm_board.__main__ import main as board_main
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_board.inbox import RadioInbox
 from deltaswarm_operator.__main__ import main
@@ -213,7 +213,7 @@ def test_a_boards_key_is_checked(tmp_path: Path, capsys: Printed) -> None:
         file = tmp_path / "3.toml"
         air = {**air, "mode": "client", "connect": ["tcp/127.0.0.1:1"]}
         file.write_text(tomli_w.dumps({"id": 3, "air": air, "body": {"kind": body}}))
-        assert agent_main(["board", str(file), "--check"]) == (2 if word else 0)
+        assert board_main([str(file), "--check"]) == (2 if word else 0)
         assert word in capsys.readouterr().err
 
 

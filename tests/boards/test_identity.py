@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 import zenoh
 
-from deltaswarm_agent.__main__ import main
+from deltaswarm_board.__main__ import main
 from deltaswarm_board.settings import AirSettings, BoardSettings
 from deltaswarm_operator.__main__ import _open_air_config, open_air_parser
 from deltaswarm_orchestrator.processes import certificates
@@ -237,5 +237,5 @@ def test_a_certificate_is_tried_before_it_meets_silence(folder: Path, tmp_path: 
         files = {"ca_file": str(folder / "ca.pem"), "cert_file": f"{cert}.pem", "key_file": f"{secret}.key"}
         file = tmp_path / "3.toml"
         file.write_text(tomli_w.dumps({"id": 3, "air": {"listen": [endpoint(1)], "tls": files}}))
-        assert main(["board", str(file), "--check"]) == (2 if word else 0)
+        assert main([str(file), "--check"]) == (2 if word else 0)
         assert word in capsys.readouterr().err

@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 from mcap.reader import make_reader
 
-from deltaswarm_agent.__main__ import main
+from deltaswarm_board.__main__ import main
 from deltaswarm_board.__main__ import world_config
 from deltaswarm_board.bodies.kinematic import KinematicBody
 from deltaswarm_board.bodies.loading import find_body
@@ -45,7 +45,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: Printed) -> None:
         "body": {"kind": 3},
         "log": {"record": "mcap", "level": "LOUD"},
     }
-    assert main(["board", str(a_file(tmp_path, **table))]) == 2
+    assert main([str(a_file(tmp_path, **table))]) == 2
     told = capsys.readouterr().err.splitlines()
     for part in (
         "id must be an integer from 0 to 65534 (got 70000)",
@@ -66,7 +66,7 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
     """Wherever it stands: no table is wrong by itself here, but for keys that nobody knows."""
     air = {"listen": ["tcp/127.0.0.1:0"], "multi_cast": True}
     table = {"agnet": {}, "agent": {"range_m": 5.0, "rnage": 1}, "air": air, "log": {"lvel": "INFO"}}
-    assert main(["board", str(a_file(tmp_path, **table))]) == 2
+    assert main([str(a_file(tmp_path, **table))]) == 2
     told = [line.split(": ", 1)[1].split()[0].rstrip(":") for line in capsys.readouterr().err.splitlines()]
     assert sorted(told) == ["agent.control.d_min_m", "agent.rnage", "agnet", "air.multi_cast", "log.lvel"]
 
@@ -102,8 +102,8 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
 def test_what_no_single_key_shows_is_told(table: dict[str, Any], word: str, tmp_path: Path, capsys: Printed) -> None:
     """Exit code 2, with and without `--check`."""
     file = str(a_file(tmp_path, **table))
-    assert main(["board", file]) == 2
-    assert main(["board", file, "--check"]) == 2
+    assert main([file]) == 2
+    assert main([file, "--check"]) == 2
     told = capsys.readouterr().err
     assert told.count(word) == 2, told
 
@@ -135,7 +135,7 @@ def test_credentials_log_the_agent_in(tmp_path: Path) -> None:
 def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys: Printed) -> None:
     """No log folder comes into being."""
     log = {"folder": str(tmp_path / "logs"), "record": "mcap"}
-    assert main(["board", str(a_file(tmp_path, log=log)), "--check"]) == 0
+    assert main([str(a_file(tmp_path, log=log)), "--check"]) == 0
     told = capsys.readouterr().out
     parts = ("agent 3 of run field", "peer, listens on tcp/127.0.0.1:0", "kinematic", "x_m = 0.0, y_m", "as MCAP")
     for part in parts:
@@ -148,7 +148,7 @@ def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path)
     """As its secrets are; a path may be given too."""
     (tmp_path / "events.csv").write_text("event,x_m,y_m\n1,2.0,3.0\n")
     file = a_file(tmp_path, body={**body, "options": {"events": "events.csv"}})
-    assert main(["board", str(file), "--check"]) == 0
+    assert main([str(file), "--check"]) == 0
     assert read_settings(file).body.options["events"] == str(tmp_path / "events.csv")
     above = a_file(tmp_path, body={"options": {"events": "/elsewhere/events.csv"}})
     assert read_settings(above).body.options["events"] == "/elsewhere/events.csv"
@@ -171,7 +171,7 @@ def test_paths_begin_where_the_agents_file_is(tmp_path: Path, monkeypatch: pytes
 def test_events_of_a_spreadsheet_are_read(tmp_path: Path) -> None:
     """Which begins "CSV UTF-8" with a byte order mark, that no one would see in a message about the columns."""
     (tmp_path / "events.csv").write_text("event,x_m,y_m\r\n1,2.0,3.0\r\n", "utf-8-sig")
-    assert main(["board", str(a_file(tmp_path, body={"options": {"events": "events.csv"}})), "--check"]) == 0
+    assert main([str(a_file(tmp_path, body={"options": {"events": "events.csv"}})), "--check"]) == 0
 
 
 @pytest.mark.parametrize("body", [{"kind": [], "options": {}}, {"kind": "kinematic", "options": 1}, 1])
@@ -190,23 +190,23 @@ def test_options_of_another_package_are_its_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize("arguments", [["--accelerate", "0"], ["--accelerate", "nan"], ["--steps", "0"]])
 def test_arguments_are_checked(arguments: list[str], tmp_path: Path) -> None:
     """Exit code 2."""
-    assert main(["board", str(a_file(tmp_path)), *arguments]) == 2
+    assert main([str(a_file(tmp_path)), *arguments]) == 2
 
 
 def test_a_real_body_has_real_time(tmp_path: Path, capsys: Printed) -> None:
     """It cannot be accelerated."""
     file = str(a_file(tmp_path, body={"kind": "mavlink"}))
-    assert main(["board", file, "--check"]) == 0
-    assert main(["board", file, "--check", "--accelerate", "2"]) == 2
+    assert main([file, "--check"]) == 0
+    assert main([file, "--check", "--accelerate", "2"]) == 2
     assert "MavlinkBody" in capsys.readouterr().err
 
 
 def test_a_file_that_is_not_there_or_no_toml(tmp_path: Path) -> None:
     """Exit code 2."""
-    assert main(["board", str(tmp_path / "none.toml")]) == 2
+    assert main([str(tmp_path / "none.toml")]) == 2
     for data in (b"id = = 3", b"\xff\xfe", b"id = " + b"[" * 10_000):
         (tmp_path / "bad.toml").write_bytes(data)
-        assert main(["board", str(tmp_path / "bad.toml")]) == 2
+        assert main([str(tmp_path / "bad.toml")]) == 2
 
 
 def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:
@@ -291,8 +291,8 @@ def test_a_board_needs_neither_pymavlink_nor_mcap(tmp_path: Path) -> None:
     program = """
 import sys
 sys.modules["pymavlink"] = sys.modules["mcap"] = None
-from deltaswarm_agent.__main__ import main
-sys.exit(main(["board", sys.argv[1], "--check"]))
+from deltaswarm_board.__main__ import main
+sys.exit(main([sys.argv[1], "--check"]))
 """
     for table, code, word in (
         ({}, 0, ""),

@@ -86,14 +86,14 @@ def test_the_turtles_file_drives_a_turtle(tmp_path: Path) -> None:
     router = free_port()
     text = blocks("toml")[0].replace("[body.options]", f'[body.options]\nconnect = ["{endpoint(router)}"]')
     (tmp_path / "turtle.toml").write_text(text.replace(":7450", f":{free_port()}"))
-    check, start = (line.split()[1:] for line in commands(PAGE)[-2:])
-    agent = [sys.executable, "-P", "-c", "from deltaswarm_board.__main__ import agent; raise SystemExit(agent())"]
-    done = subprocess.run([*agent, *check], cwd=tmp_path, capture_output=True, text=True, check=False)
+    check, start = (line.split()[2:] for line in commands(PAGE)[-2:])
+    board_command = [sys.executable, "-P", "-m", "deltaswarm_board"]
+    done = subprocess.run([*board_command, *check], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, "body: ros2" in done.stdout) == (0, True), done.stderr
     with fleet(router, "/turtle1", odometry_type=POSE_STAMPED) as robots:
         [turtle] = robots.robots
         turtle.x_m = turtle.y_m = 5.54
-        with subprocess.Popen([*agent, *start], cwd=tmp_path, stderr=subprocess.DEVNULL) as board:
+        with subprocess.Popen([*board_command, *start], cwd=tmp_path, stderr=subprocess.DEVNULL) as board:
             try:
                 wait_until(lambda: math.dist((turtle.x_m, turtle.y_m), (5.54, 5.54)) > 1.0, "a metre of its walk")
                 board.terminate()
