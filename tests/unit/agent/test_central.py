@@ -76,7 +76,7 @@ def test_an_event_where_somebody_stands_needs_nobody_else() -> None:
     """Until it is completed; then its agent is free for another."""
     planner, agents = a_planner(), {0: (0.0, 0.0), 1: (50.0, 50.0)}
     agents[0] = planner.plan(0.0, agents, {7: (10.0, 0.0)})[0]
-    both = {7: (10.0, 0.0), 8: (12.0, 0.0)}
+    both = {7: (10.0, 0.0), 8: (12.0, 0.0), 9: (8.0, 4.0)}  # agent 0 senses the last one, too
     goals = planner.plan(1.0, agents, both)
     assert goals[0] == agents[0]
     assert distance_m(goals[1], both[8]) <= RANGE_M  # out of range from where agent 0 stands
@@ -118,6 +118,76 @@ def test_patrols_pass_everywhere() -> None:
     assert len(seen) == 100
 
 
+POST_M = (50.0, 50.0)
+
+
+def a_planner_that_knows(rate_hz: float, agents_per_event: int = 1) -> Planner:
+    """All events occur at `POST_M`, at a known rate."""
+    cells = Cells(TASK)
+    known = KnownMap(cells, rate_hz, lambda _: np.full((10, 2), POST_M[0]))
+    return Planner(TASK, known, cells, Random(1), agents_per_event)
+
+
+@pytest.mark.parametrize(("rate_hz", "is_post"), [(1 / 200, True), (1 / 400, False)])
+def test_a_post_has_more_events_than_a_patrol_finds(rate_hz: float, is_post: bool) -> None:
+    """At first a patrol is taken to find one event in 300 s."""
+    goals = a_planner_that_knows(rate_hz).plan(0.0, {0: POST_M, 1: (90.0, 90.0)}, {})
+    assert (goals[0] == POST_M) == is_post
+    assert goals[1] != POST_M
+
+
+@pytest.mark.parametrize(
+    ("found_at_m", "count", "is_post"), [((53.0, 50.0), 20, True), ((90.0, 50.0), 2, True), ((90.0, 50.0), 4, False)]
+)
+def test_only_events_away_from_posts_are_found_by_patrols(found_at_m: Pose, count: int, is_post: bool) -> None:
+    """One patrol that finds 4 events in 120 s (5 in 420 s with the first) beats a post with an event in 100 s."""
+    planner, agents = a_planner_that_knows(1 / 100), {0: POST_M, 1: (90.0, 90.0)}
+    assert planner.plan(0.0, agents, {})[0] == POST_M
+    for step in range(1, count + 1):
+        planner.plan(step * 5.0, agents, {step: found_at_m})
+    assert (planner.plan(119.0, agents, {})[0], planner.plan(121.0, agents, {})[0] == POST_M) == (POST_M, is_post)
+
+
+@pytest.mark.parametrize(("patrol_m", "sent"), [(29.0, 1), (31.0, 0)])
+def test_an_agent_leaves_its_post_if_every_patrol_is_20_m_farther(patrol_m: float, sent: int) -> None:
+    """The event is 10 m from the post."""
+    planner, event_m = a_planner_that_knows(1 / 100), (50.0, 60.0)
+    agents = {0: POST_M, 1: (50.0, 60.0 + patrol_m)}
+    assert planner.plan(0.0, agents, {})[0] == POST_M
+    goals = planner.plan(1.0, agents, {7: event_m})
+    assert [agent for agent in goals if distance_m(goals[agent], event_m) <= RANGE_M] == [sent]
+
+
+def test_an_agent_that_works_at_its_post_is_not_sent_elsewhere() -> None:
+    """A patrol is sent, though it is more than 20 m farther away."""
+    planner, agents = a_planner_that_knows(1 / 100), {0: POST_M, 1: (5.0, 50.0)}
+    assert planner.plan(0.0, agents, {})[0] == POST_M
+    goals = planner.plan(1.0, agents, {7: (52.0, 50.0), 8: (70.0, 50.0)})
+    assert goals[0] == POST_M
+    assert distance_m(goals[1], (70.0, 50.0)) <= RANGE_M
+
+
+@pytest.mark.parametrize(("away_m", "helps"), [(19.0, True), (21.0, False)])
+def test_a_patrol_helps_within_20_m(away_m: float, helps: bool) -> None:
+    """Farther away it goes on looking for other events."""
+    agents = {0: (50.0, 50.0), 1: (50.0, 50.0 + away_m)}
+    goals = a_planner(agents_per_event=2).plan(0.0, agents, {7: (50.0, 50.0)})
+    assert (distance_m(goals[1], (50.0, 50.0)) <= RANGE_M) == helps
+
+
+def test_patrols_keep_their_goals_for_20_s_and_apart() -> None:
+    """Or until they are there. No patrol goes to within two sensing ranges of where another goes."""
+    planner, agents = a_planner(), {0: (50.0, 50.0), 1: (50.0, 50.0)}
+    first = planner.plan(0.0, agents, {})
+    planner.plan(10.0, agents, {})
+    goals = planner.plan(19.0, agents, {})
+    assert goals == first
+    later = planner.plan(20.0, agents, {})
+    assert later[0] != first[0]
+    assert distance_m(later[0], later[1]) >= 2 * RANGE_M
+    assert planner.plan(21.0, agents | {0: later[0]}, {})[0] != later[0]
+
+
 @given(st.lists(places, min_size=1, max_size=40), st.integers(0, 12))
 def test_posts_are_among_their_places(around: list[Pose], count: int) -> None:
     """As many as asked for, within the places' extent."""
@@ -134,6 +204,28 @@ def test_two_clusters_get_posts_in_both() -> None:
     at_m = np.concatenate([rng.normal((30, 30), 3, (80, 2)), rng.normal((70, 70), 3, (20, 2))])
     found_m = posts(at_m, 4, RANGE_M, Random(1))
     assert {bool(x_m > 50) for x_m, _ in found_m} == {True, False}
+
+
+def test_a_post_stands_between_places_that_it_can_serve_both() -> None:
+    """12 m apart, with 8 m in reach: nearer to one of them, the other would not be served at once."""
+    at_m = np.array([(0.0, 0.0)] * 10 + [(12.0, 0.0)] * 10)
+    [(x_m, y_m)] = posts(at_m, 1, 10.0, Random(1))
+    assert 4.0 <= x_m <= 8.0
+    assert y_m == 0.0
+
+
+def test_the_second_post_goes_to_what_the_first_cannot_reach() -> None:
+    """Places within 8 m of the first are served at once, and need no post of their own, however many they are."""
+    at_m = np.array([(-7.0, 0.0)] * 10 + [(0.0, 0.0)] + [(7.0, 0.0)] * 10 + [(0.0, 20.0)] * 2)
+    found_m = posts(at_m, 2, 10.0, Random(1))
+    assert found_m[found_m[:, 1].argsort()] == pytest.approx(np.array([(0.0, 0.0), (0.0, 20.0)]), abs=1.0)
+
+
+def test_no_post_is_drawn_to_what_is_out_of_its_reach_anyway() -> None:
+    """It is where most places are, and not where the sum of all distances is shortest."""
+    at_m = np.array([(0.0, 0.0)] * 3 + [(200.0, 0.0)] * 2 + [(240.0, 0.0)] * 2)
+    [(x_m, _)] = posts(at_m, 1, 10.0, Random(1))
+    assert x_m < 100.0
 
 
 def test_what_is_learnt_fades() -> None:
