@@ -11,8 +11,8 @@ import tomli_w
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from deltaswarm_board.__main__ import main as board_main
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
+from deltaswarm_board.__main__ import main as board_main
 from deltaswarm_board.inbox import RadioInbox
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base

@@ -10,8 +10,7 @@ import pytest
 import tomli_w
 from mcap.reader import make_reader
 
-from deltaswarm_board.__main__ import main
-from deltaswarm_board.__main__ import world_config
+from deltaswarm_board.__main__ import main, world_config
 from deltaswarm_board.bodies.kinematic import KinematicBody
 from deltaswarm_board.bodies.loading import find_body
 from deltaswarm_board.notify import Notifier
