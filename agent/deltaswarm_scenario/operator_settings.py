@@ -7,71 +7,17 @@ from typing import Any
 from deltaswarm_scenario.autonomy import OPERATOR, AutonomySettings
 from deltaswarm_scenario.downlink import CommandSettings
 from deltaswarm_scenario.page_language import LanguageSettings
-from deltaswarm_scenario.questions import SITUATION, FormSettings
 from deltaswarm_scenario.radio import Place
 from deltaswarm_scenario.task import TaskSettings
+from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_wire.checked import OURS, Problem, key
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
-
-ISA, TLX, SAGAT, SPAM = "isa", "tlx", "sagat", "spam"
-PROBES = (ISA, TLX, SAGAT, SPAM)
-"""Questions that the station knows, besides forms."""
 
 NO_ORDERS = ("none",)
 
 LAYERS = ("heat", "activity", "labels", "trees")
 """Layers of the page's map that can be switched on and off."""
-
-
-@dataclass(frozen=True)
-class ProbeSettings:
-    """What a person at the station is asked."""
-
-    isa_every_s: float = key(
-        120.0, "simulated time between ISA questions (workload from 1 to 5); 0: none [s]", low=0, high=1e6
-    )
-    isa_jitter_s: float = key(0.0, "maximum of an additional uniform time before each [s]", low=0, high=1e6)
-    isa_wait_s: float = key(20.0, "wall time after which an ISA question counts as missing [s]", above=0, high=3600)
-    tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
-    tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
-    sagat_at_s: tuple[float, ...] = key(
-        (), "times at which the run is held and asks about the situation (SAGAT) [s]", above=0, high=1e9
-    )
-    sagat_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about", choices=tuple(SITUATION))
-    spam_at_s: tuple[float, ...] = key(
-        (),
-        "times at which one question about the situation is asked while the run goes on (SPAM) [s]",
-        above=0,
-        high=1e9,
-    )
-    spam_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about, in turn", choices=tuple(SITUATION))
-    spam_wait_s: float = key(30.0, "wall time after which a SPAM question counts as missing [s]", above=0, high=3600)
-    form: tuple[FormSettings, ...] = key((), "forms before and after the run")
-    consent: str = key("", "text that a participant must agree to before the run begins")
-    participant: str = key("", "participant's code, filled in on the session's sheet")
-    condition: str = key("", "condition, filled in on the session's sheet")
-
-    def problems(self) -> list[Problem]:
-        """Forms have different names, which no other question has; who asks about the situation asks something."""
-        problems = [
-            Problem(f"{probe}_questions", "none", f"must be at least one question, since {probe}_at_s has times")
-            for probe, times_s, questions in (
-                (SAGAT, self.sagat_at_s, self.sagat_questions),
-                (SPAM, self.spam_at_s, self.spam_questions),
-            )
-            if times_s and not questions
-        ]
-        names = [form.name for form in self.form]
-        if len({*names, *PROBES}) < len(names) + len(PROBES):
-            allowed = f"must have different names, none of them {', '.join(PROBES)}"
-            problems.append(Problem("form", ", ".join(names), allowed))
-        return problems
-
-    @property
-    def has_sheet(self) -> bool:
-        """Whether a sheet is filled in before the run begins."""
-        return bool(self.consent or self.participant)
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,13 @@ Each column has its unit and meaning beside it, from which the data dictionary i
 unless the unit says wall; `utc` is the wall clock, `monotonic_s` a clock that no correction of the wall clock moves.
 """
 
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple
 
+from deltaswarm_scenario.columns import MONOTONIC, Column, Utc
+from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
-class Column(NamedTuple):
-    """The unit of a column, if it has one, and its meaning."""
-
-    unit: str
-    meaning: str
-
-
-Utc = Annotated[str, Column("", "the same by the wall clock, in UTC to the millisecond; empty: no person was there")]
-_MONOTONIC = "wall s"
+_ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
+_KINDS = ("command", "proposal", "veto", "read", "pace", "note", *_ANSWERS)
 
 PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
@@ -24,12 +19,12 @@ class OperatorAction(NamedTuple):
     """An act at the console, in `actions.csv`."""
 
     time_s: Annotated[float, Column("s", "time of the newest closed step at the act")]
-    kind: Annotated[str, Column("", "command, proposal, veto, judge, read, pace, isa, tlx, form, note, sheet or page")]
+    kind: Annotated[str, Column("", ", ".join(_KINDS) + " or page")]
     by: Annotated[str, Column("", "who acted: person, simulated, script, system or (the experiment's) conductor")] = (
         PERSON
     )
     utc: Utc = ""
-    monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the act")] = None
+    monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the act")] = None
     name: Annotated[
         str, Column("", "the command; target or decoy; pause, resume, step or speed; what happened to the page")
     ] = ""
@@ -53,40 +48,18 @@ class OperatorAction(NamedTuple):
 class ProbeRow(NamedTuple):
     """An answer, or its absence, in `probes.csv`."""
 
-    probe: Annotated[str, Column("", "the question: isa, tlx, sagat, spam, or the name of a form")]
+    probe: Annotated[str, Column("", f"the question: {', '.join(NAMED)}, or the name of a form")]
     number: Annotated[int, Column("", "number of the question among those of its kind, from 0")]
     item: Annotated[str, Column("", "isa, a scale of NASA-TLX or its weight, or the name of a form's question")]
     value: Annotated[str | float | None, Column("", "the answer; empty: none was given")]
     asked_s: Annotated[float, Column("s", "time of the question")]
-    latency_s: Annotated[float | None, Column(_MONOTONIC, "time until the answer, for isa and spam without pauses")]
+    latency_s: Annotated[
+        float | None, Column(MONOTONIC, "time until the answer, without pauses unless the question holds the run")
+    ]
     asked_utc: Utc = ""
-    asked_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the question")] = None
+    asked_monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the question")] = None
     answered_utc: Utc = ""
-    answered_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the answer")] = None
-
-
-class SituationRow(NamedTuple):
-    """An answer about the situation beside the truth, in `situation.csv`."""
-
-    probe: Annotated[str, Column("", "sagat or spam")]
-    number: Annotated[int, Column("", "number of the question, as in probes.csv")]
-    item: Annotated[str, Column("", "what was asked")]
-    asked_s: Annotated[float, Column("s", "time of the question")]
-    answer: Annotated[str, Column("", "the answer; empty: none was given")]
-    truth: Annotated[str, Column("", "the right answer, or several with or between them")]
-    is_right: Annotated[int | None, Column("", "1: the answer is right")]
-    error: Annotated[float | None, Column("", "a number that was answered minus the right one")]
-
-
-class JudgementRow(NamedTuple):
-    """An event that was reported, and what the person judged it to be, in `judgements.csv`."""
-
-    number: Annotated[int, Column("", "the event's number on the page")]
-    event: Annotated[int, Column("", "the event in events.csv")]
-    truth: Annotated[str, Column("", "its class: target or decoy")]
-    answer: Annotated[str, Column("", "the last judgement: target or decoy; empty: none")]
-    answered_s: Annotated[float | None, Column("s", "time of the last judgement")]
-    changes: Annotated[int, Column("", "how often the judgement was changed")]
+    answered_monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the answer")] = None
 
 
 class InboxRow(NamedTuple):
@@ -100,10 +73,10 @@ class InboxRow(NamedTuple):
     events: Annotated[str, Column("", "numbers of its events as on the page, separated by spaces")]
     is_new: Annotated[int, Column("", "1: it names an unknown event, or its sender has become a root")]
     shown_utc: Utc = ""
-    shown_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "when it was first sent to the page")] = None
+    shown_monotonic_s: Annotated[float | None, Column(MONOTONIC, "when it was first sent to the page")] = None
     read_s: Annotated[float | None, Column("s", "when it was read; empty: it was not")] = None
     read_utc: Utc = ""
-    read_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "when it was read")] = None
+    read_monotonic_s: Annotated[float | None, Column(MONOTONIC, "when it was read")] = None
 
 
 class CommandRow(NamedTuple):
@@ -133,34 +106,16 @@ class WallTimeRow(NamedTuple):
     step: Annotated[int, Column("", "the step")]
     time_s: Annotated[float, Column("s", "its time")]
     utc: Annotated[str, Column("", "when the operator closed it, in UTC to the millisecond")]
-    monotonic_s: Annotated[float, Column(_MONOTONIC, "when the operator closed it")]
+    monotonic_s: Annotated[float, Column(MONOTONIC, "when the operator closed it")]
 
 
-TABLES: dict[str, type[NamedTuple]] = {
+TABLES: dict[str, type[Any]] = {
     "actions": OperatorAction,
     "probes": ProbeRow,
-    "situation": SituationRow,
-    "judgements": JudgementRow,
+    **{name: table.row for name, table in SCORED.items()},
     "inbox": InboxRow,
     "commands": CommandRow,
     "event_numbers": EventNumberRow,
     "wall_times": WallTimeRow,
 }
 """All tables by name."""
-
-
-def columns_of(table: type[NamedTuple]) -> dict[str, tuple[str, Column]]:
-    """Return each column's type in words, and its unit and meaning."""
-    found: dict[str, tuple[str, Column]] = {}
-    for name, hint in get_type_hints(table, include_extras=True).items():
-        plain, *notes = get_args(hint)
-        (column,) = [note for note in notes if isinstance(note, Column)]
-        found[name] = _TYPES[_first(plain)], column
-    return found
-
-
-_TYPES: dict[Any, str] = {int: "whole number", float: "number", str: "text"}
-
-
-def _first(hint: Any) -> Any:
-    return next(iter(get_args(hint)), hint)

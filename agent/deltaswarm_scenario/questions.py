@@ -1,14 +1,15 @@
-"""Forms that a person at the station fills in: questions, which answers they take, and those about the situation."""
+"""Forms that a person at the station fills in before or after a run, and the sheet that a session begins with."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deltaswarm_wire.checked import Problem, key
+from deltaswarm_scenario.technique import AFTER, BEFORE, Answers, Technique
+from deltaswarm_wire.checked import Problem, key, plain
 
+FORM, SHEET = "form", "sheet"
 LIKERT, NUMBER, TEXT, CHOICE = "likert", "number", "text", "choice"
-BEFORE, AFTER = "before", "after"
 MAX_TEXT, MAX_POINTS = 2000, 11
 
 
@@ -80,36 +81,88 @@ class FormSettings:
         ]
 
 
-SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
-"""The scales of NASA-TLX, each from 0 to 100."""
-PAIRS = 15
-"""Pairs of scales, of which a person says each time which weighs more."""
+@dataclass(frozen=True)
+class FormsSettings:
+    """The key of forms."""
+
+    form: tuple[FormSettings, ...] = key((), "forms before and after the run")
 
 
-def weight_of(scale: str) -> str:
-    """Return the name of a scale's weight, as in probes.csv."""
-    return f"{scale} weight"
+class FormTechnique(Technique):
+    """A technique that asks by a form."""
+
+    kind = FORM
+    hides = False
+    """Whether the page hides what is known meanwhile."""
+
+    def form(self, number: int) -> FormSettings:
+        """Return the form of a question."""
+        raise NotImplementedError
+
+    def items(self, number: int) -> Sequence[str]:
+        """Return the names of the form's questions."""
+        return tuple(question.name for question in self.form(number).question)
+
+    def shown(self, number: int, asked_s: float, left_s: float | None) -> dict[str, Any]:
+        """Return the form."""
+        return {"kind": FORM, "number": number, "hides": self.hides, "left_s": left_s, "form": plain(self.form(number))}
+
+    def is_meant(self, number: int, message: Mapping[str, Any]) -> bool:
+        """Compare the form's name."""
+        return bool(message["form"] == self.name)
+
+    def answers(self, number: int, message: Mapping[str, Any]) -> Answers:
+        """Return an answer, or None, to each question of the form, if it takes them."""
+        answers, items = message["answers"], self.items(number)
+        if not isinstance(answers, Mapping) or not answers.keys() <= set(items):
+            raise ValueError("an answer is of no question of this form")
+        for question in self.form(number).question:
+            question.check(answers.get(question.name))
+        return {item: answers.get(item) for item in items}
+
+    def act(self, answers: Answers) -> dict[str, Any]:
+        """Return the form's name."""
+        return {"name": self.name}
 
 
-def tlx_scores(answers: Mapping[str, float]) -> dict[str, float]:
-    """Return the scores of NASA-TLX by kind, from the answers by name: raw, and weighted if there are weights."""
-    scores = {"raw": sum(answers[scale] for scale in SCALES) / len(SCALES)}
-    if weight_of(SCALES[0]) in answers:
-        scores["weighted"] = sum(answers[scale] * answers[weight_of(scale)] for scale in SCALES) / PAIRS
-    return scores
+class Form(FormTechnique):
+    """One of a run's own forms."""
+
+    def __init__(self, settings: FormSettings) -> None:
+        self._form = settings
+        self.name, self.when = settings.name, settings.when
+
+    @classmethod
+    def of(cls, settings: FormsSettings) -> Iterable[Technique]:
+        """Return one for each form."""
+        return [cls(form) for form in settings.form]
+
+    def form(self, number: int) -> FormSettings:
+        """Return the form."""
+        return self._form
 
 
-OPEN_EVENTS, IN_TREES, TREES, MOST_EVENTS = "open_events", "agents_in_trees", "trees", "most_events"
-QUARTERS = ("top left", "top right", "bottom left", "bottom right")
-_MANY = 9999.0
+@dataclass(frozen=True)
+class SheetSettings:
+    """The keys of the sheet that a session begins with."""
 
-SITUATION = {
-    question.name: question
-    for question in (
-        QuestionSettings(OPEN_EVENTS, "How many events are open in the whole area now?", NUMBER, 0.0, _MANY),
-        QuestionSettings(IN_TREES, "How many agents are in trees now, roots included?", NUMBER, 0.0, _MANY),
-        QuestionSettings(TREES, "How many trees are there now?", NUMBER, 0.0, _MANY),
-        QuestionSettings(MOST_EVENTS, "Which quarter of the area has most open events now?", CHOICE, choices=QUARTERS),
-    )
-}
-"""Questions about the situation (SAGAT, Endsley 1988), whose answers are compared with the truth after the run."""
+    consent: str = key("", "text that a participant must agree to before the run begins")
+    participant: str = key("", "participant's code, filled in on the session's sheet")
+    condition: str = key("", "condition, filled in on the session's sheet")
+
+    @property
+    def has_sheet(self) -> bool:
+        """Whether a sheet is filled in before the run begins."""
+        return bool(self.consent or self.participant)
+
+
+class Sheet(Technique):
+    """The session's sheet. What is filled in is an act and no answer, so it has no items."""
+
+    name = kind = SHEET
+    when = BEFORE
+
+    @classmethod
+    def of(cls, settings: SheetSettings) -> Iterable[Technique]:
+        """Return the sheet if there is one."""
+        return [cls()] if settings.has_sheet else []

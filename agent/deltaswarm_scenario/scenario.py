@@ -150,11 +150,8 @@ class Scenario:
             problems.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
         if self.run.bound != "none" and (self.arena.obstacles or self.fault):
             problems.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
-        probes = self.operator.probes
-        for name, times_s in (("sagat_at_s", probes.sagat_at_s), ("spam_at_s", probes.spam_at_s)):
-            if late := ", ".join(f"{at_s:g}" for at_s in times_s if at_s >= self.run.duration_s):
-                allowed = f"must be before the end of the run, run.duration_s = {self.run.duration_s:g}"
-                problems.append(Problem(f"operator.probes.{name}", late, allowed))
+        for technique in self.operator.probes.techniques:
+            problems += technique.problems_within(self.run.duration_s)
         problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
         if (area_m2 := self.arena.width_m * self.arena.height_m) > MAX_AREA_M2:

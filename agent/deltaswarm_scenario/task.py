@@ -1,13 +1,25 @@
-"""The task of the person at the station: to tell events that are targets from decoys.
+"""The task of the person at the station, to tell events that are targets from decoys, and its score.
 
 The class of an event shows in nothing but how far the place jumps at which it is sensed. So all that the operator can
 know of it comes from the places in reports.
+
+d' and the criterion c are those of signal detection theory (Green and Swets 1966). The log-linear correction of Hautus
+(1995) keeps them finite at a rate of 0 or 1.
 """
 
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from statistics import NormalDist
+from typing import Annotated, Any, NamedTuple
 
+from deltaswarm_scenario.columns import Column
+from deltaswarm_scenario.technique import Recorded, ScoredTable, Technique
 from deltaswarm_wire.checked import OURS, key
 
+JUDGE = "judge"
+"""The act of judging an event."""
 TARGET, DECOY = "target", "decoy"
 CLASSES = (TARGET, DECOY)
 
@@ -36,3 +48,79 @@ class TaskSettings:
     def is_on(self) -> bool:
         """Whether events have classes, which the person judges."""
         return self.target_share > 0
+
+
+class JudgementRow(NamedTuple):
+    """An event that was reported, and what the person judged it to be, in `judgements.csv`."""
+
+    number: Annotated[int, Column("", "the event's number on the page")]
+    event: Annotated[int, Column("", "the event in events.csv")]
+    truth: Annotated[str, Column("", "its class: target or decoy")]
+    answer: Annotated[str, Column("", "the last judgement: target or decoy; empty: none")]
+    answered_s: Annotated[float | None, Column("s", "time of the last judgement")]
+    changes: Annotated[int, Column("", "how often the judgement was changed")]
+
+
+def judgement_rows(
+    numbers: Iterable[tuple[int, int]], targets: Iterable[int], acts: Iterable[Mapping[str, str]]
+) -> Iterator[JudgementRow]:
+    """Yield a row for each reported event, given as its number on the page and its id."""
+    answers: dict[int, list[tuple[str, float]]] = {}
+    for act in acts:
+        if act["kind"] == JUDGE:
+            answers.setdefault(int(act["event"]), []).append((act["name"], float(act["time_s"])))
+    for number, event in numbers:
+        given = answers.get(number, [])
+        answer, answered_s = given[-1] if given else ("", None)
+        changes = sum(now[0] != before[0] for before, now in pairwise(given))
+        yield JudgementRow(number, event, TARGET if event in targets else DECOY, answer, answered_s, changes)
+
+
+def score(rows: Sequence[JudgementRow]) -> dict[str, Any]:
+    """Return numbers of events by class and answer, the share that was judged right, d' and c.
+
+    An event without a judgement counts as not right. d' and c are of the judged events alone, and None unless targets
+    and decoys were judged.
+    """
+    count = Counter((row.truth, row.answer) for row in rows)
+    hits, false_alarms = count[TARGET, TARGET], count[DECOY, TARGET]
+    misses, rejections = count[TARGET, DECOY], count[DECOY, DECOY]
+    targets, decoys = hits + misses, false_alarms + rejections
+    d_prime = criterion = None
+    if targets and decoys:
+        z = NormalDist().inv_cdf
+        z_hit, z_false_alarm = z((hits + 0.5) / (targets + 1)), z((false_alarms + 0.5) / (decoys + 1))
+        d_prime, criterion = z_hit - z_false_alarm, -(z_hit + z_false_alarm) / 2
+    return {
+        "events": len(rows),
+        "hits": hits,
+        "misses": misses,
+        "false_alarms": false_alarms,
+        "correct_rejections": rejections,
+        "unjudged": len(rows) - targets - decoys,
+        "share_right": (hits + rejections) / len(rows) if rows else None,
+        "d_prime": d_prime,
+        "criterion": criterion,
+    }
+
+
+def _judged(run: Recorded) -> list[JudgementRow] | None:
+    """Return what was reported and judged in a run; None if there was no task or nobody to do it."""
+    numbers = run.rows("event_numbers")
+    if run.targets is None or numbers is None:
+        return None
+    pairs = [(int(row["number"]), int(row["event"])) for row in numbers]
+    return list(judgement_rows(pairs, run.targets, run.rows("actions") or ()))
+
+
+class Task(Technique):
+    """The task. It is on the page during the whole run, and each judgement is an act, so it asks no question."""
+
+    name, kind = "task", JUDGE
+    texts = (GOAL,)
+    scored = ScoredTable("judgements", JudgementRow, _judged, lambda rows: {"task": score(rows)})
+
+    @classmethod
+    def of(cls, settings: Any) -> Iterable[Technique]:
+        """Return nothing."""
+        return []

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.results.metrics import PER_EVENT
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
-from deltaswarm_scenario.person_tables import TABLES, columns_of
+from deltaswarm_scenario.columns import columns_of
+from deltaswarm_scenario.person_tables import TABLES
 
 DOCS = Path(__file__).parents[1]
 

@@ -7,12 +7,12 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording import SCENARIO
+from deltaswarm_orchestrator.results.answers import PROBES, SITUATION
 from deltaswarm_orchestrator.results.run_tables import read_rows
-from deltaswarm_orchestrator.results.situation import PROBES, SITUATION
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_scenario.operator_settings import TLX
-from deltaswarm_scenario.questions import tlx_scores
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.technique import AFTER
+from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_sessions.plan import PlannedRun
 from deltaswarm_sessions.session import Attempt, Session, changed_keys
 
@@ -93,8 +93,9 @@ def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]
         return summary
     missing = (person.get("answers_missing") or 0) - len({row["probe"] for row in later})
     changed = {**person, "answers_missing": max(0, missing)}
-    if scales := {row["item"]: float(row["value"]) for row in later if row["probe"] == TLX}:
-        changed["tlx"] = tlx_scores(scales)
+    for technique in TECHNIQUES:
+        if technique.when == AFTER and (rows := [row for row in later if row["probe"] == technique.name]):
+            changed |= technique.scores([{row["item"]: float(row["value"]) for row in rows}])
     return {**summary, "person": changed}
 
 

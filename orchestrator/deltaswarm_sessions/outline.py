@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from deltaswarm_orchestrator.base.text import aligned
-from deltaswarm_scenario.operator_settings import ProbeSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_sessions.plan import PlannedRun
 from deltaswarm_sessions.settings import SessionSettings
@@ -56,23 +55,11 @@ def _row(label: str, scenario: Scenario, speed: float) -> dict[str, Any]:
         "scenario": scenario.name,
         "simulated_s": scenario.run.duration_s,
         "wall_min": scenario.run.duration_s / speed / 60 if speed else None,
-        "asks": [*_asks(scenario.operator.probes), *(["task"] if scenario.operator.task.is_on else [])],
+        "asks": [
+            *filter(None, (one.outline for one in scenario.operator.probes.techniques)),
+            *(["task"] if scenario.operator.task.is_on else []),
+        ],
     }
-
-
-def _asks(probes: ProbeSettings) -> list[str]:
-    jitter = f" to {probes.isa_every_s + probes.isa_jitter_s:g}" if probes.isa_jitter_s else ""
-    asked = {
-        f"ISA every {probes.isa_every_s:g}{jitter} s": probes.isa_every_s > 0,
-        f"SAGAT at {_times(probes.sagat_at_s)} s": bool(probes.sagat_at_s),
-        f"SPAM at {_times(probes.spam_at_s)} s": bool(probes.spam_at_s),
-        "NASA-TLX with weights" if probes.tlx_weights else "NASA-TLX": probes.tlx,
-    }
-    return [words for words, is_asked in asked.items() if is_asked]
-
-
-def _times(times_s: Sequence[float]) -> str:
-    return ", ".join(f"{at_s:g}" for at_s in times_s)
 
 
 def _minutes(minutes: float | None) -> str:

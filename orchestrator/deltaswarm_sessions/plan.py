@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_scenario.operator_settings import begun_with
-from deltaswarm_scenario.questions import AFTER, BEFORE
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.technique import AFTER, BEFORE
 from deltaswarm_sessions.settings import (
     CROSSED,
     EACH,

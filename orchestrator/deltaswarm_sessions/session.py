@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.scenarios.load import keys_of
-from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
-from deltaswarm_scenario.questions import AFTER, FormSettings
+from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.technique import AFTER
+from deltaswarm_scenario.techniques import ProbeSettings
+from deltaswarm_scenario.tlx import TLX
 from deltaswarm_sessions.plan import PlannedRun
 from deltaswarm_sessions.settings import END, NOT_REACHED, OPEN, REACHED, CriterionSettings
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
-from deltaswarm_scenario.person_tables import Column
+from deltaswarm_scenario.columns import Column
 
 WHOLE, NUMBER, TEXT = "whole number", "number", "text"
 

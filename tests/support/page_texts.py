@@ -9,16 +9,15 @@ import json
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
-from random import Random
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
 from deltaswarm_agent.controllers import potential
 from deltaswarm_operator.core import autonomy, command_log, intents, probes
 from deltaswarm_operator.station import rules, server
-from deltaswarm_scenario import page_messages, questions
-from deltaswarm_scenario.operator_settings import SAGAT, ProbeSettings
-from deltaswarm_scenario.task import GOAL
+from deltaswarm_scenario import page_messages
+from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_sessions import plan, session
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import CONTROLLERS, find_controller
@@ -26,7 +25,8 @@ from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 MARKED = re.compile(r'\b(?:t|later)\(\s*("(?:[^"\\]|\\.)*")')
 ROLE = re.compile(r"^  (\w+): \[", re.MULTILINE)
 SHOWN_ATTRIBUTES = ("title", "aria-label", "placeholder")
-REFUSING = (autonomy, command_log, intents, probes, questions, rules, server)
+ASKING = tuple({import_module(technique.__module__): None for technique in TECHNIQUES})
+REFUSING = (autonomy, command_log, intents, probes, *ASKING, rules, server)
 """Modules whose ValueErrors the page shows."""
 NOT_OURS = "a message"
 """Refusals that begin so answer what this page never sends."""
@@ -78,17 +78,12 @@ def _joined(text: str) -> str:
 
 def _built_in() -> Iterator[str]:
     """Questions about the situation, states of an order, the end of a session's run, a role."""
-    asked = probes.Probes(ProbeSettings(), Random(0))
-    form = asked._situation(SAGAT, 0)
-    assert form is not None
-    yield form.title
-    yield from (question.text for question in questions.SITUATION.values())
-    yield from questions.QUARTERS
+    for technique in TECHNIQUES:
+        yield from technique.texts
     yield from (command_log.SENT, command_log.KNOWN, command_log.EXPIRED)
     yield from (
         session.SCORE_TITLE,
         session.SCORE_TEXT,
-        GOAL,
         plan.MORE,
         plan.WAIT,
         plan.THANKS,

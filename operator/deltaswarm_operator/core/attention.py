@@ -3,7 +3,7 @@
 Pure. An item that is unread for longer than `operator.person.patience_s` is missed, even if it is read later.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from deltaswarm_operator.core.measures import Measures
@@ -43,10 +43,10 @@ class Attention:
             self.measures.missed += self._judged in picture.unread
             self._judged += 1
 
-    def totals(self, picture: Picture, commands: int, isa: Sequence[int]) -> dict[str, Any]:
+    def totals(self, picture: Picture, commands: int, isa: float | None) -> dict[str, Any]:
         """Return the metrics of the run so far, for JSON; what a person does inside is not known: None."""
-        self.measures.commands, self.measures.isa = commands, [*isa]
-        return {**self.measures.totals(len(picture.unread)), "load_above_0_7_s": None, "interaction_s": None}
+        self.measures.commands = commands
+        return {**self.measures.totals(len(picture.unread), isa), "load_above_0_7_s": None, "interaction_s": None}
 
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""

@@ -19,7 +19,8 @@ from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.downlink import FIRST_STEP
-from deltaswarm_scenario.operator_settings import DELTA, ISA, SAGAT, SET_DELTA, Briefing
+from deltaswarm_scenario.isa import ISA
+from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_wire.checked import plain
@@ -103,7 +104,7 @@ class Console:
     @property
     def next_hold_step(self) -> int:
         """The step before which the run is held next for questions about the situation; -1: none."""
-        due_s = self.probes.next_sagat_s if self.is_attended else None
+        due_s = self.probes.next_hold_s if self.is_attended else None
         return -1 if due_s is None else max(self.step, ceil(due_s / self.briefing.step_s - 1e-9)) + 1
 
     def go_on(self, wall_s: float) -> None:
@@ -156,17 +157,17 @@ class Console:
                 self.note(SIMULATED, "read", items=" ".join(map(str, self.picture.read(act.numbers))))
             elif self.command_log.has_room:
                 self.command(SIMULATED, SET_DELTA, Target(), {DELTA: act.delta})
-        asked = self.probes.open(wall_s)
-        if asked is not None and asked["kind"] == ISA:
-            self.probes.answer_isa(asked["number"], person.answer_isa(), wall_s)
-            self.note(SIMULATED, ISA, value=person.isa)
+        if (answered := self.probes.answer_as(person.load, wall_s)) is not None:
+            kind, columns = answered
+            self.note(SIMULATED, kind, **columns)
 
     def _act_as_system(self, autonomy: Autonomy, rate_hz: float) -> None:
         """Propose and carry out what the rule wants, once there is room for an order."""
         if not self.command_log.has_room:
             return
         before = autonomy.proposal
-        delta = autonomy.close_step(self.picture.now_s, rate_hz, self.probes.answers)
+        answers = [given[ISA] for given in self.probes.given(ISA)]
+        delta = autonomy.close_step(self.picture.now_s, rate_hz, answers)
         if autonomy.proposal is not None and autonomy.proposal != before:
             self.note(SYSTEM, "proposal", value=autonomy.proposal.delta)
         if delta is not None:
@@ -181,14 +182,15 @@ class Console:
 
     @property
     def _person_totals(self) -> dict[str, Any]:
+        asked = self.probes.outcomes
         if self.person is not None:
-            person = self.person.totals
+            person = self.person.totals(asked[ISA])
         elif self.attention is not None:
             given = sum(sent.by != SYSTEM for sent in self.command_log.sent)
-            person = self.attention.totals(self.picture, given, self.probes.answers)
+            person = self.attention.totals(self.picture, given, asked[ISA])
         else:
             return {}
-        return {"person": person | self.command_log.outcomes(self.picture.now_s) | self.probes.outcomes}
+        return {"person": person | self.command_log.outcomes(self.picture.now_s) | asked}
 
     def command(
         self, by: str, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float, **at: Any
@@ -252,8 +254,7 @@ class Console:
         while len(self._script) > state["script"]:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
-        self.probes.restore(state["probes"])
-        if any(kind == SAGAT for kind, *_ in state["probes"]["open"]):  # it is missing: nobody would let the run go on
+        if self.probes.restore(state["probes"]):  # the answer is missing: nobody would let the run go on
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
 
     # The station

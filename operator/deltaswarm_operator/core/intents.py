@@ -9,8 +9,6 @@ from typing import Any
 
 from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console
 from deltaswarm_operator.core.picture import item_rows
-from deltaswarm_operator.core.probes import FORM
-from deltaswarm_scenario.operator_settings import ISA, TLX
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_scenario.task import CLASSES
@@ -118,22 +116,11 @@ def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
     return [made("read", items=fresh)]
 
 
-def _isa(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    console.probes.answer_isa(raw["number"], raw["answer"], at["monotonic_s"])
-    console.note(kind=ISA, value=raw["answer"], **at)
-    return []
-
-
-def _tlx(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    console.probes.answer_tlx(raw["scales"], raw.get("weights"), at["monotonic_s"])
-    console.note(kind=TLX, **at)
-    return []
-
-
-def _form(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    console.probes.answer_form(raw["form"], raw["answers"], at["monotonic_s"])
-    console.note(kind=FORM, name=raw["form"], **at)
-    console.go_on(at["monotonic_s"])
+def _answer(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    columns, was_held = console.probes.answer(raw, at["monotonic_s"])
+    console.note(kind=raw["type"], **columns, **at)
+    if was_held:
+        console.go_on(at["monotonic_s"])
     return []
 
 
@@ -155,7 +142,7 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Message]:
     for name, value in given.items():
         if (planned := getattr(probes, name)) and value != planned:
             raise ValueError(f"the {name} must be {planned}, as planned (got {value!r})")
-    console.probes.take_sheet(at["monotonic_s"])
+    console.probes.answer(raw, at["monotonic_s"])
     if probes.consent:
         shown = console.briefing.operator.page.language.of(probes.consent)
         given["consent_sha256"] = sha256(shown.encode()).hexdigest()
@@ -178,9 +165,9 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "veto": _veto,
     "judge": _judge,
     "read": _read,
-    "isa": _isa,
-    "tlx": _tlx,
-    "form": _form,
+    "isa": _answer,
+    "tlx": _answer,
+    "form": _answer,
     "note": _note,
     "page": _page,
     "sheet": _sheet,

@@ -38,7 +38,6 @@ class Measures:
     interaction_s: float = 0.0
     returns: int = 0
     between_items_s: float = 0.0
-    isa: list[int] = field(default_factory=list)
     last_s: dict[int, float] = field(default_factory=dict)
     """Time at which the person finished the last item of each agent [s]."""
 
@@ -69,8 +68,8 @@ class Measures:
             self.between_items_s += began_s - self.last_s[agent]
         self.last_s[agent] = ended_s
 
-    def totals(self, unread: int) -> dict[str, Any]:
-        """Return the metrics of the run so far, for JSON; `unread` items still wait."""
+    def totals(self, unread: int, isa: float | None) -> dict[str, Any]:
+        """Return the metrics of the run so far, for JSON; `unread` items still wait, `isa` is the mean answer."""
         interaction_s = _share(self.interaction_s, self.read)
         between_s = _share(self.between_items_s, self.returns)
         return {
@@ -85,7 +84,7 @@ class Measures:
             "unread": {"mean": _share(self.unread_sum, self.closes), "max": self.unread_max, "last": unread},
             "acknowledge_s": _share(self.acknowledge_s, self.read),
             "commands": self.commands,
-            "isa": _share(sum(self.isa), len(self.isa)),
+            "isa": isa,
             "interaction_s": interaction_s,
             "between_items_s": between_s,
             "agents_in_turn": between_s / interaction_s + 1 if interaction_s and between_s is not None else None,

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
-from deltaswarm_scenario.operator_settings import ISA
+from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
 
 TOLD = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")

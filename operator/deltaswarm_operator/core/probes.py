@@ -1,10 +1,7 @@
-"""Questions to the person at the station: ISA, SAGAT and SPAM during the run, NASA-TLX and forms.
+"""Ask the person at the station the questions of a run: when they are due, which is open, how long, what was answered.
 
-ISA (instantaneous self-assessment): workload from 1 to 5, at intervals of simulated time with optional jitter. SAGAT
-(situation awareness global assessment technique): at given times the run is held, the page hides the situation and asks
-about it. SPAM (situation present assessment method): one question about the situation while the run goes on and all
-stays in view. An answer to ISA or SPAM that does not come in time is missing. NASA-TLX: six scales from 0 to 100, raw,
-and optionally 15 pairwise weights.
+The techniques define what is asked (`deltaswarm_scenario.techniques`). One question is open at a time. A question that
+does not hold the run is not asked beside another, and is missing if its answer does not come in time.
 """
 
 import math
@@ -13,47 +10,38 @@ from collections.abc import Mapping
 from random import Random
 from typing import Any, NamedTuple
 
-from deltaswarm_scenario.operator_settings import ISA, SAGAT, SPAM, TLX, ProbeSettings
 from deltaswarm_scenario.person_tables import ProbeRow
-from deltaswarm_scenario.questions import (
-    AFTER,
-    BEFORE,
-    PAIRS,
-    SCALES,
-    SITUATION,
-    FormSettings,
-    tlx_scores,
-    weight_of,
-)
-from deltaswarm_wire.checked import plain
-
-SHEET, FORM = "sheet", "form"
-IN_PASSING = (ISA, SPAM)
-"""Questions that do not hold the run, and whose time to answer ends."""
+from deltaswarm_scenario.questions import SHEET
+from deltaswarm_scenario.technique import AFTER, BEFORE, DURING, Answers, Technique
+from deltaswarm_scenario.techniques import TECHNIQUES, ProbeSettings
 
 
 class _Asked(NamedTuple):
     """A question that is open, or waits for the one before it."""
 
-    kind: str
+    technique: Technique
     number: int
     asked_s: float
     asked_wall_s: float
-    form: FormSettings | None = None
     held_s: float = 0.0
     """Wall time since then in which the run was held [s]."""
-
-    def row(self, item: str, value: Any = None, latency_s: float | None = None) -> ProbeRow:
-        """Make the row of an answer to an item, or of its absence."""
-        probe = self.form.name if self.form else self.kind
-        return ProbeRow(probe, self.number, item, value, self.asked_s, latency_s)
 
     @property
     def items(self) -> tuple[str, ...]:
         """Return what is asked for."""
-        if self.form is not None:
-            return tuple(question.name for question in self.form.question)
-        return SCALES if self.kind == TLX else (self.kind,)
+        return tuple(self.technique.items(self.number))
+
+    @property
+    def holds_run(self) -> bool:
+        """Whether the run waits for the answer."""
+        return self.technique.wait_s is None
+
+
+class _Due(NamedTuple):
+    """The next question of a technique during the run, and its time [s]."""
+
+    number: int
+    at_s: float
 
 
 class Probes:
@@ -61,49 +49,41 @@ class Probes:
 
     def __init__(self, settings: ProbeSettings, rng: Random) -> None:
         self.rows: list[ProbeRow] = []
-        self.answers: list[int] = []
-        """The answers to ISA."""
+        """Every answer, or its absence."""
         self.opened: deque[ProbeRow] = deque()
         """A row per item of each question that was opened, until somebody takes it."""
         self.is_timed = True
         """Whether a person may answer, for whom wall time passes."""
-        self._settings = settings
+        self._taken = 0
+        """Number of rows that were taken to be written down."""
+        self._techniques = {technique.name: technique for technique in settings.techniques}
         self._rng = rng
         self._questions = self._missing = 0
-        self._tlx: dict[str, float] = {}
-        """The scores of NASA-TLX, once it is answered."""
-        self._isa_number = self._sagat_number = self._spam_number = 0
-        self._isa_due_s = self._next_isa_s(0.0)
-        self._sagat_due_s, self._spam_due_s = sorted(settings.sagat_at_s), sorted(settings.spam_at_s)
+        self._due = {
+            name: _Due(0, technique.due_s(0, 0.0, rng))
+            for name, technique in self._techniques.items()
+            if technique.when == DURING
+        }
         self._asked: _Asked | None = None
         self._waiting: deque[_Asked] = deque()
         self._is_over = False
         self._has_begun = False
         self._held_since_wall_s: float | None = None
 
-    def _next_isa_s(self, after_s: float) -> float:
-        every_s = self._settings.isa_every_s
-        if not every_s:
-            return math.inf
-        return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
-
     def start(self, wall_s: float) -> None:
-        """Ask for the session's sheet, if there is one, and for the forms before the run, unless that is done."""
-        if self._has_begun:
-            return
-        if self._settings.has_sheet:
-            self._ask(_Asked(SHEET, 0, 0.0, wall_s))
-        self._ask_forms(BEFORE, 0.0, wall_s)
-        self._has_begun = self._asked is None
+        """Ask what is asked before the run, unless that is done."""
+        if not self._has_begun:
+            self._ask_all(BEFORE, 0.0, wall_s)
+            self._has_begun = self._asked is None
 
-    def _ask_forms(self, when: str, now_s: float, wall_s: float) -> None:
-        for form in self._settings.form:
-            if form.when == when:
-                self._ask(_Asked(FORM, 0, now_s, wall_s, form))
+    def _ask_all(self, when: str, now_s: float, wall_s: float) -> None:
+        for technique in self._techniques.values():
+            if technique.when == when:
+                self._ask(_Asked(technique, 0, now_s, wall_s))
 
     def _ask(self, asked: _Asked) -> None:
         """Ask a question, or let it wait until the open ones are closed."""
-        self._questions += asked.kind != SHEET and bool(asked.items)
+        self._questions += bool(asked.items)
         if self._asked is None:
             self._open(asked)
         else:
@@ -111,12 +91,7 @@ class Probes:
 
     def _open(self, asked: _Asked) -> None:
         self._asked = asked
-        self.opened += self._rows(asked)
-
-    def _rows(self, asked: _Asked) -> list[ProbeRow]:
-        """Return the rows of a question without answers."""
-        wall_s = asked.asked_wall_s if self.is_timed else None
-        return [asked.row(item)._replace(asked_monotonic_s=wall_s) for item in asked.items]
+        self.opened += self._rows(asked, dict.fromkeys(asked.items))
 
     def _close(self, wall_s: float) -> None:
         """Close the open question, and ask the next one that waits."""
@@ -125,20 +100,30 @@ class Probes:
             self._open(self._waiting.popleft()._replace(asked_wall_s=wall_s))
         self._has_begun |= self._asked is None
 
+    def _rows(self, asked: _Asked, answers: Answers, wall_s: float | None = None) -> list[ProbeRow]:
+        """Return a row for each item; `wall_s`: when it was answered, None if it was not."""
+        latency_s = None if wall_s is None else round(self._waited_s(asked, wall_s), 3)
+        row = ProbeRow(asked.technique.name, asked.number, "", None, asked.asked_s, latency_s)
+        if self.is_timed:
+            row = row._replace(asked_monotonic_s=asked.asked_wall_s, answered_monotonic_s=wall_s)
+        return [row._replace(item=item, value=value) for item, value in answers.items()]
+
     @property
     def is_sheet_open(self) -> bool:
         """Whether the session's sheet must still be filled in."""
-        return self._asked is not None and self._asked.kind == SHEET
+        return self._asked is not None and self._asked.technique.kind == SHEET
 
     @property
     def holds_run(self) -> bool:
         """Whether the run waits for an answer."""
-        return not self._is_over and self._asked is not None and self._asked.kind not in IN_PASSING
+        return not self._is_over and self._asked is not None and self._asked.holds_run
 
     @property
-    def next_sagat_s(self) -> float | None:
+    def next_hold_s(self) -> float | None:
         """The time at which the run must be held next, if any [s]."""
-        return self._sagat_due_s[self._sagat_number] if self._sagat_number < len(self._sagat_due_s) else None
+        times_s = [due.at_s for name, due in self._due.items() if self._techniques[name].wait_s is None]
+        first_s = min(times_s, default=math.inf)
+        return first_s if math.isfinite(first_s) else None
 
     def hold(self, wall_s: float, *, is_held: bool) -> None:
         """Note that the run is held, or goes on: meanwhile the time for an answer does not pass."""
@@ -148,105 +133,87 @@ class Probes:
         self._held_since_wall_s = wall_s if is_held else None
 
     def _waited_s(self, asked: _Asked, wall_s: float) -> float:
-        """Return how long a question has been open; one in passing, without the time in which the run was held."""
+        """Return how long a question has been open; if it does not hold the run, without the time of other holds."""
         if not self.is_timed:
             return 0.0
-        if asked.kind not in IN_PASSING:
+        if asked.holds_run:
             return wall_s - asked.asked_wall_s
         held = self._held_since_wall_s
         held_s = 0.0 if held is None else wall_s - max(held, asked.asked_wall_s)
         return wall_s - asked.asked_wall_s - asked.held_s - held_s
 
+    def _left_s(self, asked: _Asked, wall_s: float) -> float | None:
+        """Return how much time is left to answer a question [wall s]; None: it holds the run."""
+        wait_s = asked.technique.wait_s
+        return None if wait_s is None else wait_s - self._waited_s(asked, wall_s)
+
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
-        of_the_run = (*IN_PASSING, SAGAT)
-        lost = [asked for asked in (self._asked, *self._waiting) if asked is not None and asked.kind in of_the_run]
+        lost = [asked for asked in (self._asked, *self._waiting) if asked and asked.technique.when == DURING]
         return {
-            "isa_number": self._isa_number,
-            "isa_due_s": self._isa_due_s if math.isfinite(self._isa_due_s) else None,
-            "sagat_number": self._sagat_number,
-            "spam_number": self._spam_number,
-            "open": [[asked.kind, asked.number, asked.asked_s] for asked in lost],
+            "due": {
+                name: [due.number, due.at_s if math.isfinite(due.at_s) else None] for name, due in self._due.items()
+            },
+            "open": [[asked.technique.name, asked.number, asked.asked_s] for asked in lost],
             "begun": self._has_begun,
-            "answers": self.answers,
+            "rows": [list(row) for row in self.rows],
             "questions": self._questions,
             "missing": self._missing,
         }
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`; questions of the run that were open at that time are missing."""
-        self._isa_number, self._sagat_number = state["isa_number"], state["sagat_number"]
-        self._spam_number = state["spam_number"]
-        self._has_begun = state["begun"]
-        self.answers, self._missing = list(state["answers"]), state["missing"]
+    def restore(self, state: Mapping[str, Any]) -> bool:
+        """Resume from another object's `state`, whose rows are written down; return whether the run was held.
+
+        Questions of the run that were open at that time are missing.
+        """
+        for name, (number, at_s) in state["due"].items():
+            self._due[name] = _Due(number, math.inf if at_s is None else at_s)
+        self._has_begun, self._missing = state["begun"], state["missing"]
         self._questions = state["questions"] if self._has_begun else 0
-        for kind, number, asked_s in state["open"]:
-            self._miss(_Asked(kind, number, asked_s, 0.0, self._situation(kind, number)))
-        self.rows = [row._replace(asked_monotonic_s=None) for row in self.rows]
-        self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
+        self.rows = [ProbeRow(*row) for row in state["rows"]]
+        self._taken = len(self.rows)
+        lost = [_Asked(self._techniques[name], number, asked_s, 0.0) for name, number, asked_s in state["open"]]
+        for asked in lost:
+            self._miss(asked)
+        self.rows[self._taken :] = [row._replace(asked_monotonic_s=None) for row in self.rows[self._taken :]]
+        return any(asked.holds_run for asked in lost)
 
     def tick(
         self, now_s: float, is_last: bool, wall_s: float, *, is_attended: bool = False, is_held: bool = False
     ) -> None:
-        """Ask the question that is due at a simulated time; about the situation only if a person sits there."""
+        """Ask the questions that are due at a simulated time, one that holds the run only while it is held."""
         self._expire(wall_s, at_once=is_last)
         if is_last:
             self.end(now_s, wall_s)
             return
-        if (due_s := self.next_sagat_s) is not None and now_s >= due_s and is_attended and is_held:
-            form = self._situation(SAGAT, self._sagat_number)
-            self._ask(_Asked(SAGAT, self._sagat_number, now_s, wall_s, form))
-            self._sagat_number += 1
-        number = self._spam_number
-        is_due = number < len(self._spam_due_s) and now_s >= self._spam_due_s[number]
-        if is_due and is_attended and self._asked is None:
-            self._ask(_Asked(SPAM, number, now_s, wall_s, self._situation(SPAM, number)))
-            self._spam_number += 1
-        if now_s >= self._isa_due_s and self._asked is None:
-            self._ask(_Asked(ISA, self._isa_number, now_s, wall_s))
-            self._isa_number += 1
-            self._isa_due_s = self._next_isa_s(max(self._isa_due_s, now_s))
+        for name, (number, due_s) in self._due.items():
+            technique = self._techniques[name]
+            may_ask = is_held if technique.wait_s is None else self._asked is None
+            if now_s >= due_s and may_ask and (is_attended or not technique.needs_person):
+                self._ask(_Asked(technique, number, now_s, wall_s))
+                self._due[name] = _Due(number + 1, technique.due_s(number + 1, max(due_s, now_s), self._rng))
 
     def end(self, now_s: float, wall_s: float) -> None:
         """Ask what is asked after the last step, unless that is done."""
-        if self._is_over:
-            return
-        if self._settings.tlx:
-            self._ask(_Asked(TLX, 0, now_s, wall_s))
-        self._ask_forms(AFTER, now_s, wall_s)
-        self._is_over = True
+        if not self._is_over:
+            self._ask_all(AFTER, now_s, wall_s)
+            self._is_over = True
 
     def _expire(self, wall_s: float, *, at_once: bool) -> None:
         asked = self._asked
-        if asked is None or asked.kind not in IN_PASSING:
-            return
-        if at_once or self._left_s(asked, wall_s) <= 0:
+        left_s = None if asked is None else self._left_s(asked, wall_s)
+        if asked is not None and left_s is not None and (at_once or left_s <= 0):
             self._miss(asked)
             self._close(wall_s)
 
-    def _left_s(self, asked: _Asked, wall_s: float) -> float:
-        """Return how much time is left to answer a question in passing [wall s]."""
-        wait_s = self._settings.isa_wait_s if asked.kind == ISA else self._settings.spam_wait_s
-        return wait_s - self._waited_s(asked, wall_s)
-
-    def _situation(self, kind: str, number: int) -> FormSettings | None:
-        """Return the form about the situation that a question has, if it has one."""
-        if kind == SAGAT:
-            questions = tuple(SITUATION[name] for name in self._settings.sagat_questions)
-            return FormSettings(SAGAT, "What is the situation?", question=questions)
-        if kind == SPAM:
-            names = self._settings.spam_questions
-            return FormSettings(SPAM, "What is the situation?", question=(SITUATION[names[number % len(names)]],))
-        return None
-
     def _miss(self, asked: _Asked) -> None:
-        self.rows += self._rows(asked)
+        self.rows += self._rows(asked, dict.fromkeys(asked.items))
         self._missing += bool(asked.items)
 
     def close(self) -> None:
         """At the end, whatever still is asked has no answer."""
         for asked in (self._asked, *self._waiting):
-            if asked is not None and asked.kind != SHEET:
+            if asked is not None:
                 self._miss(asked)
         self._asked, self._waiting = None, deque()
 
@@ -256,79 +223,53 @@ class Probes:
         asked = self._asked
         if asked is None:
             return None
-        left_s = round(self._left_s(asked, wall_s), 1) if asked.kind in IN_PASSING else None
-        if asked.form is not None:
-            shown = {"hides": asked.kind == SAGAT, "left_s": left_s, "form": plain(asked.form)}
-            return {"kind": FORM, "number": asked.number, **shown}
-        if asked.kind != ISA:
-            return {"kind": asked.kind}
-        return {"kind": ISA, "number": asked.number, "asked_s": asked.asked_s, "left_s": left_s}
+        left_s = self._left_s(asked, wall_s)
+        return asked.technique.shown(asked.number, asked.asked_s, None if left_s is None else round(left_s, 1))
 
-    def answer_isa(self, number: Any, answer: Any, wall_s: float) -> None:
-        """Take an ISA answer. Raises ValueError: the question is not open, or the answer is not from 1 to 5."""
-        self._expire(wall_s, at_once=False)
-        asked = self._asked
-        if asked is None or asked.kind != ISA or asked.number != number:
-            raise ValueError("this question is no longer open")
-        if type(answer) is not int or not 1 <= answer <= 5:
-            raise ValueError("the answer must be from 1 to 5")
-        self._add(asked, {ISA: answer}, wall_s)
-        self.answers.append(answer)
-
-    def answer_tlx(self, scales: Any, weights: Any, wall_s: float) -> None:
-        """Take the NASA-TLX form. Raises ValueError: the form is not open, or not filled in correctly."""
-        asked = self._asked
-        if asked is None or asked.kind != TLX:
-            raise ValueError("NASA-TLX is not open")
-        _check_table(scales, 100, "each scale must be from 0 to 100")
-        answers = {scale: scales[scale] for scale in SCALES}
-        if self._settings.tlx_weights:
-            _check_table(weights, 5, "each weight must be from 0 to 5")
-            if sum(weights.values()) != PAIRS:
-                raise ValueError(f"the weights must add up to {PAIRS}")
-            answers |= {weight_of(scale): weights[scale] for scale in SCALES}
-        self._add(asked, answers, wall_s)
-        self._tlx = tlx_scores(answers)
-
-    def answer_form(self, name: Any, answers: Any, wall_s: float) -> None:
-        """Take a form's answers by question.
+    def answer(self, message: Mapping[str, Any], wall_s: float) -> tuple[dict[str, Any], bool]:
+        """Take an answer from the page; return columns of the act, and whether the run was held for it.
 
         Raises:
-            ValueError: the form is not open, or not filled in correctly.
+            ValueError: the question is not open, or the answer is not one that it takes.
         """
         self._expire(wall_s, at_once=False)
         asked = self._asked
-        if asked is None or asked.form is None or asked.form.name != name:
-            raise ValueError("this form is not open")
-        if not isinstance(answers, Mapping) or not answers.keys() <= set(asked.items):
-            raise ValueError("an answer is of no question of this form")
-        for question in asked.form.question:
-            question.check(answers.get(question.name))
-        self._add(asked, {item: answers.get(item) for item in asked.items}, wall_s)
+        is_open = asked is not None and asked.technique.kind == message["type"]
+        if asked is None or not is_open or not asked.technique.is_meant(asked.number, message):
+            raise ValueError("this question is no longer open")
+        return self._add(asked, asked.technique.answers(asked.number, message), wall_s)
+
+    def answer_as(self, load: float, wall_s: float) -> tuple[str, dict[str, Any]] | None:
+        """Let a simulated person with this load answer the open question; return kind and columns of the act."""
+        asked = self._asked
+        answers = None if asked is None else asked.technique.simulated(load)
+        if asked is None or answers is None:
+            return None
+        return asked.technique.kind, self._add(asked, answers, wall_s)[0]
+
+    def _add(self, asked: _Asked, answers: Answers, wall_s: float) -> tuple[dict[str, Any], bool]:
+        self.rows += self._rows(asked, answers, wall_s)
+        self._close(wall_s)
+        return asked.technique.act(answers), asked.holds_run
+
+    def take_rows(self) -> list[ProbeRow]:
+        """Return the rows since the last call."""
+        new, self._taken = self.rows[self._taken :], len(self.rows)
+        return new
+
+    def given(self, name: str) -> list[dict[str, Any]]:
+        """Return the answers to a technique's questions, by item."""
+        given: dict[int, dict[str, Any]] = {}
+        for row in self.rows:
+            if row.probe == name and row.value is not None:
+                given.setdefault(row.number, {})[row.item] = row.value
+        return list(given.values())
 
     @property
     def outcomes(self) -> dict[str, Any]:
-        """Numbers of questions and of missing answers, and the scores of NASA-TLX, for JSON."""
-        return {"questions": self._questions, "answers_missing": self._missing, "tlx": self._tlx or None}
+        """Numbers of questions and of missing answers, and the scores of the techniques, for JSON."""
+        scores = {name: score for one in TECHNIQUES for name, score in one.scores(self._given(one)).items()}
+        return {"questions": self._questions, "answers_missing": self._missing, **scores}
 
-    def take_sheet(self, wall_s: float) -> None:
-        """Note that the session's sheet is filled in. Raises ValueError: it is not open."""
-        if not self.is_sheet_open:
-            raise ValueError("the session's sheet is not open")
-        self._close(wall_s)
-
-    def _add(self, asked: _Asked, answers: Mapping[str, Any], wall_s: float) -> None:
-        latency_s = round(self._waited_s(asked, wall_s), 3)
-        for item, value in answers.items():
-            row = asked.row(item, value, latency_s)
-            if self.is_timed:
-                row = row._replace(asked_monotonic_s=asked.asked_wall_s, answered_monotonic_s=wall_s)
-            self.rows.append(row)
-        self._close(wall_s)
-
-
-def _check_table(table: Any, most: int, problem: str) -> None:
-    if not isinstance(table, Mapping) or table.keys() != set(SCALES):
-        raise ValueError(f"an answer to each of {', '.join(SCALES)} is needed")
-    if not all(type(value) is int and 0 <= value <= most for value in table.values()):
-        raise ValueError(problem)
+    def _given(self, technique: type[Technique]) -> list[dict[str, Any]]:
+        return self.given(technique.name) if technique.title else []

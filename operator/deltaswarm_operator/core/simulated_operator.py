@@ -87,11 +87,6 @@ class SimulatedOperator:
         """Number of waiting items, including the item being read."""
         return len(self._waiting) + (self._job is not None and self._job.entry is not None)
 
-    @property
-    def isa(self) -> int:
-        """The answer to the ISA question, from 1 to 5: the load in five equal bands."""
-        return min(5, 1 + int(5 * self.load))
-
     def live(self, now_s: float, items: Sequence[Item], rate_hz: float) -> list[Act]:
         """Advance to the end of a step, then take in its items and rate; return the acts completed by then."""
         acts: list[Act] = []
@@ -111,15 +106,9 @@ class SimulatedOperator:
         self.measures.see_unread(self.unread)
         return acts
 
-    @property
-    def totals(self) -> dict[str, Any]:
-        """The metrics of the run so far, for JSON."""
-        return self.measures.totals(self.unread)
-
-    def answer_isa(self) -> int:
-        """Answer the ISA question."""
-        self.measures.isa.append(self.isa)
-        return self.isa
+    def totals(self, isa: float | None = None) -> dict[str, Any]:
+        """Return the metrics of the run so far, for JSON; `isa` is the mean answer to ISA."""
+        return self.measures.totals(self.unread, isa)
 
     # Time
 

@@ -41,11 +41,10 @@ class ActionLog:
         if not sizes:
             for name, writer in self._writers.items():
                 writer.writerow(TABLES[Path(name).stem]._fields)
-        self._written = 0
 
     def write(self, console: Console) -> list[OperatorAction | ProbeRow]:
         """Write the new acts and answers; return them."""
-        acts, answers = list(console.actions), console.probes.rows[self._written :]
+        acts, answers = list(console.actions), console.probes.take_rows()
         if not acts and not answers:
             return []
         console.actions.clear()
@@ -54,7 +53,6 @@ class ActionLog:
         for row in answers:
             asked, answered = utc_of(row.asked_monotonic_s), utc_of(row.answered_monotonic_s)
             self._writers[PROBES].writerow(row._replace(asked_utc=asked, answered_utc=answered))
-        self._written = len(console.probes.rows)
         self._flush()
         return [*acts, *answers]
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_scenario.downlink import CommandSettings
-from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings, begun_with
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
 from deltaswarm_scenario.radio import Place
+from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ABS_M
 from deltaswarm_wire.commands import CommandForm, forms_of, named

@@ -20,11 +20,10 @@ from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.recording.recorder import LAYOUT, Recorder, layout_json
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
+from deltaswarm_orchestrator.results.answers import score_answers, write_scored
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
-from deltaswarm_orchestrator.results.judgements import task_score, write_judgements
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
-from deltaswarm_orchestrator.results.situation import write_situation
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
@@ -158,8 +157,7 @@ class _Run:
         assert self.outcome is not None
         can_go_on = self._can_go_on(folder)
         run_tables.write_tables(folder, self.outcome, keep_unmerged=can_go_on)
-        write_situation(folder, self.outcome, self.scenario)
-        write_judgements(folder, self.outcome)
+        write_scored(folder, self.outcome, self.scenario)
         if not can_go_on:
             shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
 
@@ -224,7 +222,7 @@ class _Run:
         """Return the summary, and update the manifest to agree with it."""
         if self.outcome is None:
             self.outcome = run_tables.read_outcome(self.folder.path)
-        summary = summarise(self.outcome, self.scenario) | task_score(self.folder.path, self.outcome)
+        summary = summarise(self.outcome, self.scenario) | score_answers(self.folder.path, self.outcome, self.scenario)
         by = self.stop.by
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
         if not summary["complete"]:

@@ -138,7 +138,8 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
     other.restore(8, json.loads(json.dumps(console.state())))
     other.start(0.0)
     assert (other.pace.hold_step, shown(other)["probe"]) == (-1, None)
-    assert [row.value for row in other.probes.rows] == [None] * 4
+    assert [row.value for row in other.probes.rows] == [3, 2, 1, "top left", *[None] * 4]
+    assert [row.value for row in other.probes.take_rows()] == [None] * 4
     assert other.probes.outcomes["answers_missing"] == 1
 
 
@@ -181,7 +182,7 @@ def test_questions_in_passing_let_the_run_go_on() -> None:
     assert rows == [("spam", 0, "trees", 2, 3.5), ("spam", 1, "open_events", None, None)]
     other = Console(briefing(operator={"probes": {**spam, "isa_every_s": 5}}))
     other.restore(6, json.loads(json.dumps(console.state())))
-    assert [(row.probe, row.value) for row in other.probes.rows] == [("spam", None)]
+    assert [(row.probe, row.value) for row in other.probes.take_rows()] == [("spam", None)]
 
 
 def test_nobody_is_asked_where_nobody_sits() -> None:

@@ -6,12 +6,21 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.core.probes import SCALES, Probes
-from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_operator.core.probes import Probes
+from deltaswarm_scenario.techniques import ProbeSettings
+from deltaswarm_scenario.tlx import SCALES
 
 
 def probes(**settings: Any) -> Probes:
     return Probes(ProbeSettings(**settings), Random(1))
+
+
+def isa(asked: Probes, number: int, answer: Any, wall_s: float) -> None:
+    asked.answer({"type": "isa", "number": number, "answer": answer}, wall_s)
+
+
+def tlx(asked: Probes, scales: Any, weights: Any, wall_s: float) -> None:
+    asked.answer({"type": "tlx", "scales": scales, "weights": weights}, wall_s)
 
 
 def test_isa_is_asked_at_its_times_and_missing_without_an_answer() -> None:
@@ -23,10 +32,10 @@ def test_isa_is_asked_at_its_times_and_missing_without_an_answer() -> None:
     assert asked.open(10.0) == {"kind": "isa", "number": 0, "asked_s": 100.0, "left_s": 30.0}
     for number, answer in ((1, 3), (0, 0), (0, 6), (0, 2.0), (0, True), (0, None)):
         with pytest.raises(ValueError, match=r".+"):
-            asked.answer_isa(number, answer, 11.0)
-    asked.answer_isa(0, 3, 14.5)
+            isa(asked, number, answer, 11.0)
+    isa(asked, 0, 3, 14.5)
     with pytest.raises(ValueError, match=r".+"):
-        asked.answer_isa(0, 3, 15.0)
+        isa(asked, 0, 3, 15.0)
     asked.tick(200.0, False, 20.0)
     assert asked.open(49.9)
     assert asked.open(50.0) is None
@@ -44,14 +53,14 @@ def test_nasa_tlx_wants_every_scale_and_15_weights() -> None:
     asked = probes(tlx=True, tlx_weights=True, isa_every_s=0)
     scales, weights = dict.fromkeys(SCALES, 50), dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
     with pytest.raises(ValueError, match=r".+"):
-        asked.answer_tlx(scales, weights, 0.0)
+        tlx(asked, scales, weights, 0.0)
     asked.tick(9.0, True, 5.0)
     wrong_scales: list[Any] = [None, [], {}, {**scales, "x": 1}, {**scales, "effort": 101}, {**scales, "effort": True}]
     wrong_weights: list[Any] = [None, {**weights, "mental": 4}, {**weights, "mental": 6}, {**weights, "mental": 5.0}]
     for wrong in [(one, weights) for one in wrong_scales] + [(scales, one) for one in wrong_weights]:
         with pytest.raises(ValueError, match=r".+"):
-            asked.answer_tlx(*wrong, 6.0)
-    asked.answer_tlx(scales, weights, 7.0)
+            tlx(asked, *wrong, 6.0)
+    tlx(asked, scales, weights, 7.0)
     assert [(row.item, row.value, row.latency_s) for row in asked.rows[:2]] == [
         ("mental", 50, 2.0),
         ("physical", 50, 2.0),
@@ -67,13 +76,13 @@ def test_a_late_question_does_not_bring_on_the_next() -> None:
     asked.tick(10.0, False, 0.0)
     for second in range(11, 60):
         asked.tick(float(second), False, 1.0)
-    asked.answer_isa(0, 3, 2.0)
+    isa(asked, 0, 3, 2.0)
     times = []
     for second in range(60, 120):
         asked.tick(float(second), False, 3.0)
         if question := asked.open(3.0):
             times.append(question["asked_s"])
-            asked.answer_isa(question["number"], 3, 3.0)
+            isa(asked, question["number"], 3, 3.0)
     assert times == [60.0, 70.0, 80.0, 90.0, 100.0, 110.0]
 
 
@@ -97,7 +106,7 @@ def test_time_in_which_the_run_is_held_does_not_count() -> None:
     assert asked.open(500.0) == {"kind": "isa", "number": 0, "asked_s": 10.0, "left_s": 20.0}
     asked.hold(505.0, is_held=True)
     asked.hold(510.0, is_held=False)
-    asked.answer_isa(0, 2, 515.0)
+    isa(asked, 0, 2, 515.0)
     [row] = asked.rows
     assert (row.latency_s, row.asked_monotonic_s, row.answered_monotonic_s) == (15.0, 100.0, 515.0)
     asked.hold(600.0, is_held=True)
@@ -115,12 +124,12 @@ def test_every_question_that_was_asked_has_a_row() -> None:
         asked.close()
         asked.close()
         assert [(row.probe, row.item, row.value) for row in asked.rows] == [("tlx", scale, None) for scale in SCALES]
-        assert asked.outcomes == {"questions": 1, "answers_missing": 1, "tlx": None}
+        assert asked.outcomes == {"questions": 1, "answers_missing": 1, "isa": None, "tlx": None}
     asked = probes(tlx=True, tlx_weights=True, isa_every_s=5)
     asked.tick(5.0, False, 5.0)
     asked.tick(9.0, True, 6.0)
     weights = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
-    asked.answer_tlx(dict(zip(SCALES, range(0, 60, 10), strict=True)), weights, 7.0)
+    tlx(asked, dict(zip(SCALES, range(0, 60, 10), strict=True)), weights, 7.0)
     asked.close()
     assert asked.outcomes["tlx"] == {"raw": 25.0, "weighted": pytest.approx((0 + 40 + 60 + 60 + 40) / 15)}
     assert (asked.outcomes["questions"], asked.outcomes["answers_missing"]) == (2, 1)

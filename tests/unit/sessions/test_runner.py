@@ -12,8 +12,9 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
-from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_sessions.plan import order_of
 from deltaswarm_sessions.settings import load_session
 from deltaswarm_studies.load import load_study
@@ -28,7 +29,7 @@ def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
     console = Console(Briefing(operator=OperatorSettings(probes=probes)))
     console.start(0.0)
     assert console.pace.hold_step == 0
-    sheet = json.loads(console.hello("run"))["session"]["sheet"]
+    sheet = console.hello("run")["session"]["sheet"]
     assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}
     carry_out(console, json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
     assert console.pace.hold_step == -1
@@ -159,14 +160,15 @@ def test_a_session_is_outlined_before_anybody_sits_there(tmp_path: Path, capsys:
         ("B", 600.0, 2.0),
     ]
     assert told["wall_min"] == pytest.approx(4.2)
-    assert [run["asks"][1:] for run in told["runs"]] == [
-        ["SAGAT at 30 s", "task"],
-        ["SAGAT at 30 s", "task"],
-        ["SAGAT at 30 s", "NASA-TLX", "task"],
+    isa = "ISA every 120 to 150 s"
+    assert [run["asks"] for run in told["runs"]] == [
+        ["SAGAT at 30 s", isa, "task"],
+        ["SAGAT at 30 s", isa, "task"],
+        ["SAGAT at 30 s", isa, "NASA-TLX", "task"],
     ]
     assert told["forms"]["you"] == "before"
     assert main(command) == 0
-    assert "ISA every 120 to 150 s; SAGAT at 30 s; NASA-TLX; task" in capsys.readouterr().out
+    assert "SAGAT at 30 s; ISA every 120 to 150 s; NASA-TLX; task" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_sessions.session import Ask, DoRun, Say, Session, changed_keys
 from tests.support.sessions import FORMS, a_session, do, with_criterion
 

@@ -14,8 +14,8 @@ from deltaswarm_orchestrator.results.summary import SITUATION_RIGHT_SHARE
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
-from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.situation import SituationRow
 from deltaswarm_sessions.folder import summary_of
 from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.settings import NOT_REACHED, OPEN, REACHED, CriterionSettings, load_session

@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.results.judgements import judgement_rows, score
-from deltaswarm_scenario.person_tables import JudgementRow
-from deltaswarm_scenario.task import DECOY, TARGET
+from deltaswarm_scenario.task import DECOY, TARGET, JudgementRow, judgement_rows, score
 from deltaswarm_sessions.session import score_form
 
 

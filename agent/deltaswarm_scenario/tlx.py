@@ -1,0 +1,83 @@
+"""NASA-TLX after the last step: six scales from 0 to 100, raw, and optionally 15 pairwise weights."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from deltaswarm_scenario.technique import AFTER, Answers, Technique
+from deltaswarm_wire.checked import key
+
+TLX = "tlx"
+SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
+"""The scales, each from 0 to 100."""
+PAIRS = 15
+"""Pairs of scales, of which a person says each time which weighs more."""
+
+
+@dataclass(frozen=True)
+class TlxSettings:
+    """The keys of NASA-TLX."""
+
+    tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
+    tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
+
+
+class Tlx(Technique):
+    """NASA-TLX, once."""
+
+    name = kind = TLX
+    title = "NASA-TLX"
+    when = AFTER
+
+    def __init__(self, settings: TlxSettings) -> None:
+        self._has_weights = settings.tlx_weights
+
+    @classmethod
+    def of(cls, settings: TlxSettings) -> Iterable[Technique]:
+        """Return NASA-TLX if it is asked."""
+        return [cls(settings)] if settings.tlx else []
+
+    def items(self, number: int) -> Sequence[str]:
+        """Return the scales; weights have rows only if they are given."""
+        return SCALES
+
+    def answers(self, number: int, message: Mapping[str, Any]) -> Answers:
+        """Return the scales and the weights if all are there."""
+        scales = message["scales"]
+        _check_table(scales, 100, "each scale must be from 0 to 100")
+        answers = {scale: scales[scale] for scale in SCALES}
+        if self._has_weights:
+            weights: Any = message.get("weights")
+            _check_table(weights, 5, "each weight must be from 0 to 5")
+            if sum(weights.values()) != PAIRS:
+                raise ValueError(f"the weights must add up to {PAIRS}")
+            answers |= {weight_of(scale): weights[scale] for scale in SCALES}
+        return answers
+
+    @staticmethod
+    def scores(given: Sequence[Answers]) -> dict[str, Any]:
+        """Return the scores of the last answer by kind: raw, and weighted if there are weights; None: no answer."""
+        if not given:
+            return {TLX: None}
+        answers = given[-1]
+        scores = {"raw": sum(answers[scale] for scale in SCALES) / len(SCALES)}
+        if weight_of(SCALES[0]) in answers:
+            scores["weighted"] = sum(answers[scale] * answers[weight_of(scale)] for scale in SCALES) / PAIRS
+        return {TLX: scores}
+
+    @property
+    def outline(self) -> str:
+        """Whether there are weights."""
+        return "NASA-TLX with weights" if self._has_weights else "NASA-TLX"
+
+
+def weight_of(scale: str) -> str:
+    """Return the name of a scale's weight, as in probes.csv."""
+    return f"{scale} weight"
+
+
+def _check_table(table: Any, most: int, problem: str) -> None:
+    if not isinstance(table, Mapping) or table.keys() != set(SCALES):
+        raise ValueError(f"an answer to each of {', '.join(SCALES)} is needed")
+    if not all(type(value) is int and 0 <= value <= most for value in table.values()):
+        raise ValueError(problem)

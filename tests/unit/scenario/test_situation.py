@@ -1,0 +1,108 @@
+"""Answers about the situation are compared with the truth of their moment."""
+
+import pytest
+
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.situation import SituationRow, is_open, score
+from deltaswarm_scenario.technique import Recorded
+from deltaswarm_scenario.truth import EventState, StepRecord
+
+ARENA = {"width_m": 100.0, "height_m": 60.0}
+
+
+def event(number: int, x_m: float, y_m: float, arrived_s: float = 0.0, completed_s: float | None = None) -> EventState:
+    return EventState(number, x_m, y_m, arrived_s, None, completed_s, 0.0)
+
+
+def step(time_s: float, **truth: int) -> StepRecord:
+    empty = dict.fromkeys(StepRecord._fields, 0)
+    return StepRecord(**{**empty, "time_s": time_s, **truth})
+
+
+def scored(answers: list[tuple[str, str]], events: list[EventState], **truth: int) -> list[SituationRow]:
+    """The rows of (item, value), asked at 10 s."""
+    asked = {"probe": "sagat", "number": "2", "asked_s": "10.0"}
+    rows = [{**asked, "item": item, "value": value} for item, value in answers]
+    rows.append({**asked, "probe": "isa", "item": "isa", "value": "3"})
+    found = score(Recorded({"probes": rows}.get, [step(9.0), step(10.0, **truth), step(11.0)], events, **ARENA))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("item", "value", "truth", "is_right", "error"),
+    [
+        ("open_events", "7", "7", 1, 0.0),
+        ("open_events", "9", "7", 0, 2.0),
+        ("agents_in_trees", "12", "12", 1, 0.0),
+        ("agents_in_trees", "10.5", "12", 0, -1.5),
+        ("trees", "3", "3", 1, 0.0),
+        ("trees", "2", "3", 0, -1.0),
+        ("trees", "", "3", None, None),
+        ("most_events", "top left", "top left", 1, None),
+        ("most_events", "bottom left", "top left", 0, None),
+        ("most_events", "", "top left", None, None),
+    ],
+)
+def test_an_answer_is_compared_with_the_truth(
+    item: str, value: str, truth: str, is_right: int | None, error: float | None
+) -> None:
+    """Of the step at which it was asked; a missing answer is neither right nor wrong."""
+    rows = scored([(item, value)], [event(1, 10.0, 50.0)], events_open=7, agents_in_trees=12, trees=3)
+    assert rows == [SituationRow("sagat", 2, item, 10.0, value, truth, is_right, error)]
+
+
+@pytest.mark.parametrize(
+    ("places", "truth"),
+    [
+        ([(10, 50)], "top left"),
+        ([(90, 50)], "top right"),
+        ([(10, 10)], "bottom left"),
+        ([(90, 10)], "bottom right"),
+        ([(50, 30)], "top right"),
+        ([(49.9, 29.9)], "bottom left"),
+        ([(50, 29.9)], "bottom right"),
+        ([(49.9, 30)], "top left"),
+        ([(10, 50), (90, 10)], "top left or bottom right"),
+        ([(10, 50), (90, 10), (80, 20)], "bottom right"),
+        ([], "top left or top right or bottom left or bottom right"),
+    ],
+)
+def test_the_quarter_with_most_events(places: list[tuple[float, float]], truth: str) -> None:
+    """The origin is at the bottom left; what is on the middle is at the right and at the top; several may be right."""
+    [row] = scored([("most_events", "top left")], [event(at, x_m, y_m) for at, (x_m, y_m) in enumerate(places)])
+    assert row.truth == truth
+    assert row.is_right == ("top left" in truth)
+
+
+@pytest.mark.parametrize(
+    ("arrived_s", "completed_s", "is_counted"),
+    [(9.0, None, True), (10.0, None, True), (10.5, None, False), (1.0, 10.0, False), (1.0, 10.5, True)],
+)
+def test_an_event_is_open_from_its_arrival_until_it_is_complete(
+    arrived_s: float, completed_s: float | None, is_counted: bool
+) -> None:
+    """At the end of the step, not before or after it."""
+    one = event(1, 10.0, 50.0, arrived_s, completed_s)
+    assert is_open(one, 10.0) == is_counted
+    [row] = scored([("most_events", "top left")], [one, event(2, 90.0, 50.0)])
+    assert row.truth == ("top left or top right" if is_counted else "top right")
+
+
+def test_an_answer_of_an_unknown_moment_is_left_out() -> None:
+    """A run without questions about the situation has no rows, also if it has other answers."""
+    asked = {"probe": "spam", "number": "0", "item": "trees", "asked_s": "10.5", "value": "1"}
+    assert score(Recorded({"probes": [asked]}.get, [step(10.0)], **ARENA)) == []
+    assert score(Recorded({"probes": [{**asked, "probe": "isa"}]}.get, [step(10.0)], **ARENA)) is None
+    assert score(Recorded({}.get, [step(10.0)], **ARENA)) is None
+
+
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_what_is_open_is_what_the_world_calls_open(step_s: float) -> None:
+    """In each step of a run."""
+    scenario = load_scenario("smoke", ["run.duration_s=150", f"run.step_s={step_s}", "control.mode=decentralised"])
+    outcome = run_in_process(scenario)
+    assert any(record.events_completed for record in outcome.step_records)
+    for record in outcome.step_records:
+        assert sum(is_open(one, record.time_s) for one in outcome.events) == record.events_open

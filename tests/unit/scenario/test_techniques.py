@@ -1,0 +1,262 @@
+"""Each question technique: when it is due, which answers it takes, and how they are scored."""
+
+import math
+from random import Random
+from typing import Any
+
+import pytest
+
+from deltaswarm_scenario.isa import Isa
+from deltaswarm_scenario.questions import Form, FormSettings, QuestionSettings
+from deltaswarm_scenario.situation import QUARTERS, Sagat, Spam
+from deltaswarm_scenario.techniques import NAMED, SCORED, ProbeSettings
+from deltaswarm_scenario.tlx import SCALES, Tlx
+
+SIX = dict(zip(SCALES, (10, 20, 30, 40, 50, 60), strict=True))
+WEIGHTS = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
+ANSWERS = {"open_events": 3, "agents_in_trees": 2, "trees": 1, "most_events": "top left"}
+FORM = FormSettings(
+    "f",
+    question=(
+        QuestionSettings("trust", "Trust?"),
+        QuestionSettings("age", "Age?", "number", 18.0, 99.0),
+        QuestionSettings("why", "Why?", "text", required=False),
+        QuestionSettings("side", "Side?", "choice", choices=("left", "right")),
+    ),
+)
+GIVEN = {"trust": 7, "age": 30.5, "side": "left"}
+NEEDED = "an answer to each of mental, physical, temporal, performance, effort, frustration is needed"
+
+
+def technique(**settings: Any) -> Any:
+    """The only technique that a run with these settings uses."""
+    [one] = ProbeSettings(**{"isa_every_s": 0.0, **settings}).techniques
+    return one
+
+
+@pytest.mark.parametrize(
+    ("settings", "names"),
+    [
+        ({}, ["isa"]),
+        ({"isa_every_s": 0.0}, []),
+        ({"consent": "Yes?"}, ["sheet", "isa"]),
+        ({"participant": "P1", "tlx": True}, ["sheet", "isa", "tlx"]),
+        ({"condition": "A"}, ["isa"]),
+        ({"tlx_weights": True}, ["isa"]),
+        ({"sagat_at_s": (5.0,), "spam_at_s": (5.0,)}, ["sagat", "spam", "isa"]),
+        ({"form": (FORM,)}, ["isa", "f"]),
+    ],
+)
+def test_the_settings_say_which_techniques_a_run_uses(settings: dict[str, Any], names: list[str]) -> None:
+    """In the order in which they are asked if several are due."""
+    assert [one.name for one in ProbeSettings(**settings).techniques] == names
+
+
+def test_the_names_and_the_scored_tables_follow_from_the_list() -> None:
+    """A form may have none of the names."""
+    assert NAMED == ("sagat", "spam", "isa", "tlx")
+    assert list(SCORED) == ["situation", "judgements"]
+    for name in (*NAMED, "f"):
+        form = FormSettings(name, text="Read this.")
+        assert bool(ProbeSettings(form=(form, FORM)).problems()), name
+    assert not ProbeSettings(form=(FORM,)).problems()
+
+
+@pytest.mark.parametrize(
+    ("settings", "path"),
+    [
+        ({"sagat_at_s": (5.0,), "sagat_questions": ()}, "sagat_questions"),
+        ({"spam_at_s": (5.0,), "spam_questions": ()}, "spam_questions"),
+    ],
+)
+def test_who_asks_about_the_situation_asks_something(settings: dict[str, Any], path: str) -> None:
+    """Without times no question is needed."""
+    assert [problem.path for problem in ProbeSettings(**settings).problems()] == [path]
+    assert not ProbeSettings(sagat_questions=(), spam_questions=()).problems()
+
+
+@pytest.mark.parametrize(("at_s", "late"), [((9.0, 10.0, 12.0), "10, 12"), ((9.9,), None)])
+@pytest.mark.parametrize("name", ["sagat", "spam"])
+def test_times_are_before_the_end_of_the_run(name: str, at_s: tuple[float, ...], late: str | None) -> None:
+    """The last step asks no question about a moment."""
+    problems = technique(**{f"{name}_at_s": at_s}).problems_within(10.0)
+    assert [(problem.path, problem.given) for problem in problems] == (
+        [(f"operator.probes.{name}_at_s", late)] if late else []
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "due_s"),
+    [
+        ({"isa_every_s": 30.0}, [130.0, 130.0]),
+        ({"sagat_at_s": (50.0, 20.0)}, [20.0, 50.0, math.inf]),
+        ({"spam_at_s": (50.0, 20.0)}, [20.0, 50.0, math.inf]),
+        ({"tlx": True}, [math.inf]),
+    ],
+)
+def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None:
+    """ISA an interval after the last one; others at their times."""
+    assert [technique(**settings).due_s(number, 100.0, Random(1)) for number in range(len(due_s))] == due_s
+
+
+def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
+    """Uniform, and no less than the interval."""
+    rng = Random(1)
+    times_s = [technique(isa_every_s=30.0, isa_jitter_s=10.0).due_s(0, 0.0, rng) for _ in range(200)]
+    assert 30.0 <= min(times_s) < 31.0
+    assert 39.0 < max(times_s) <= 40.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "number", "message", "answers", "act"),
+    [
+        ({"isa_every_s": 9}, 0, {"answer": 1}, {"isa": 1}, {"value": 1}),
+        ({"isa_every_s": 9}, 0, {"answer": 5}, {"isa": 5}, {"value": 5}),
+        ({"tlx": True}, 0, {"scales": SIX, "weights": None}, SIX, {}),
+        (
+            {"tlx": True, "tlx_weights": True},
+            0,
+            {"scales": SIX, "weights": WEIGHTS},
+            {**SIX, **{f"{scale} weight": weight for scale, weight in WEIGHTS.items()}},
+            {},
+        ),
+        ({"sagat_at_s": (5.0,)}, 0, {"answers": ANSWERS}, ANSWERS, {"name": "sagat"}),
+        ({"spam_at_s": (5.0,)}, 0, {"answers": {"open_events": 0}}, {"open_events": 0}, {"name": "spam"}),
+        ({"spam_at_s": (5.0,)}, 5, {"answers": {"agents_in_trees": 9999}}, {"agents_in_trees": 9999}, {"name": "spam"}),
+        ({"form": (FORM,)}, 0, {"answers": GIVEN}, {**GIVEN, "why": None}, {"name": "f"}),
+    ],
+)
+def test_answers_that_are_taken(
+    settings: dict[str, Any], number: int, message: dict[str, Any], answers: dict[str, Any], act: dict[str, Any]
+) -> None:
+    """By item, with the columns of the act."""
+    one = technique(**settings)
+    assert one.answers(number, message) == answers
+    assert one.act(answers) == act
+    assert set(one.items(number)) <= set(answers)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message", "why"),
+    [
+        *(({"isa_every_s": 9}, {"answer": wrong}, "from 1 to 5") for wrong in (0, 6, 2.0, True, None, "3")),
+        *(({"tlx": True}, {"scales": wrong}, NEEDED) for wrong in (None, [], {}, {**SIX, "x": 1})),
+        *(
+            ({"tlx": True}, {"scales": {**SIX, "effort": wrong}}, "each scale must be from 0 to 100")
+            for wrong in (-1, 101, True, 50.0)
+        ),
+        *(
+            ({"tlx": True, "tlx_weights": True}, {"scales": SIX, "weights": wrong}, why)
+            for wrong, why in (
+                (None, NEEDED),
+                ({**WEIGHTS, "mental": 6, "effort": 0}, "each weight must be from 0 to 5"),
+                ({**WEIGHTS, "frustration": -1, "effort": 2}, "each weight must be from 0 to 5"),
+                ({**WEIGHTS, "mental": 4}, "the weights must add up to 15"),
+                ({**WEIGHTS, "frustration": 1}, "the weights must add up to 15"),
+            )
+        ),
+        *(
+            ({"sagat_at_s": (5.0,)}, {"answers": wrong}, "answer")
+            for wrong in (
+                None,
+                {},
+                {**ANSWERS, "more": 1},
+                {**ANSWERS, "trees": -1},
+                {**ANSWERS, "trees": 10_000},
+                {**ANSWERS, "trees": True},
+                {**ANSWERS, "most_events": "left"},
+            )
+        ),
+        ({"spam_at_s": (5.0,)}, {"answers": {"trees": 1}}, "an answer is of no question of this form"),
+        *(
+            ({"form": (FORM,)}, {"answers": {**GIVEN, **wrong}}, why)
+            for wrong, why in (
+                ({"trust": 0}, "this is no answer to: Trust?"),
+                ({"trust": 8}, "this is no answer to: Trust?"),
+                ({"trust": 3.0}, "this is no answer to: Trust?"),
+                ({"trust": None}, "an answer is needed: Trust?"),
+                ({"trust": ""}, "an answer is needed: Trust?"),
+                ({"age": 17.9}, "this is no answer to: Age?"),
+                ({"age": 99.1}, "this is no answer to: Age?"),
+                ({"age": math.nan}, "this is no answer to: Age?"),
+                ({"age": "30"}, "this is no answer to: Age?"),
+                ({"why": 3}, "this is no answer to: Why?"),
+                ({"why": "x" * 2001}, "this is no answer to: Why?"),
+                ({"side": "middle"}, "this is no answer to: Side?"),
+            )
+        ),
+    ],
+)
+def test_answers_that_are_refused(settings: dict[str, Any], message: dict[str, Any], why: str) -> None:
+    """With a text for the person."""
+    with pytest.raises(ValueError, match=rf".*{why.replace('?', '[?]')}"):
+        technique(**settings).answers(0, message)
+
+
+@pytest.mark.parametrize(
+    ("given", "isa", "tlx"),
+    [
+        ([], {"isa": None}, {"tlx": None}),
+        ([SIX], None, {"tlx": {"raw": 35.0}}),
+        ([{**SIX, "mental": 100}, SIX], None, {"tlx": {"raw": 35.0}}),
+        (
+            [{**SIX, **{f"{scale} weight": weight for scale, weight in WEIGHTS.items()}}],
+            None,
+            # 5 * 10 + 4 * 20 + 3 * 30 + 2 * 40 + 1 * 50 = 350, by 15
+            {"tlx": {"raw": 35.0, "weighted": pytest.approx(23.33333333)}},
+        ),
+        ([{"isa": 2}, {"isa": 5}, {"isa": 5}], {"isa": 4.0}, None),
+    ],
+)
+def test_scores(given: list[dict[str, Any]], isa: dict[str, Any] | None, tlx: dict[str, Any] | None) -> None:
+    """ISA: the mean answer. NASA-TLX: the last form, raw and weighted."""
+    assert isa is None or Isa.scores(given) == isa
+    assert tlx is None or Tlx.scores(given) == tlx
+    assert Sagat.scores([ANSWERS]) == Form.scores([GIVEN]) == {}
+
+
+@pytest.mark.parametrize(
+    ("load", "answer"), [(0.0, 1), (0.19, 1), (0.2, 2), (0.39, 2), (0.5, 3), (0.79, 4), (0.8, 5), (1.0, 5)]
+)
+def test_a_simulated_person_answers_isa_by_its_load(load: float, answer: int) -> None:
+    """In five equal bands; it answers nothing else."""
+    assert Isa.simulated(load) == {"isa": answer}
+    assert Tlx.simulated(load) is Spam.simulated(load) is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"isa_every_s": 60.0}, "ISA every 60 s"),
+        ({"isa_every_s": 60.0, "isa_jitter_s": 30.0}, "ISA every 60 to 90 s"),
+        ({"tlx": True}, "NASA-TLX"),
+        ({"tlx": True, "tlx_weights": True}, "NASA-TLX with weights"),
+        ({"sagat_at_s": (20.0, 5.0)}, "SAGAT at 5, 20 s"),
+        ({"spam_at_s": (5.0,)}, "SPAM at 5 s"),
+        ({"form": (FORM,)}, None),
+        ({"consent": "Yes?"}, None),
+    ],
+)
+def test_the_outline_of_a_session_says_what_is_asked(settings: dict[str, Any], words: str | None) -> None:
+    """Forms and the sheet are listed elsewhere."""
+    assert technique(**settings).outline == words
+
+
+def test_what_the_page_shows() -> None:
+    """SAGAT hides the situation and asks all; SPAM asks one question in turn, in a limited time."""
+    isa = technique(isa_every_s=9, isa_wait_s=7.0)
+    assert (isa.wait_s, isa.shown(4, 50.0, 6.5)) == (7.0, {"kind": "isa", "number": 4, "asked_s": 50.0, "left_s": 6.5})
+    sagat = technique(sagat_at_s=(5.0,), sagat_questions=("trees", "most_events"))
+    shown = sagat.shown(0, 5.0, None)
+    assert (sagat.wait_s, shown["kind"], shown["hides"], shown["left_s"]) == (None, "form", True, None)
+    assert [question["name"] for question in shown["form"]["question"]] == ["trees", "most_events"]
+    assert shown["form"]["question"][1]["choices"] == ["top left", "top right", "bottom left", "bottom right"]
+    assert QUARTERS == ("top left", "top right", "bottom left", "bottom right")
+    spam = technique(spam_at_s=(5.0, 6.0, 7.0), spam_questions=("trees", "open_events"), spam_wait_s=11.0)
+    shown = spam.shown(1, 6.0, 3.0)
+    assert (spam.wait_s, shown["hides"], shown["left_s"], shown["number"]) == (11.0, False, 3.0, 1)
+    assert [spam.items(number) for number in range(3)] == [("trees",), ("open_events",), ("trees",)]
+    assert (technique(tlx=True).shown(0, 9.0, None), technique(consent="Yes?").shown(0, 0.0, None)) == (
+        {"kind": "tlx"},
+        {"kind": "sheet"},
+    )
