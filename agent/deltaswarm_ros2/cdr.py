@@ -1,27 +1,41 @@
-"""CDR, the encoding of ROS 2's messages: XCDR version 1 after a header of four bytes.
+"""Encode and decode ROS 2's messages as CDR (XCDR version 1) with pycdr2, whose classes are made from `definitions.py`.
 
-A message is a dict of its fields. Only the types of `definitions.py` are known, so nothing needs to be generated.
+A message is a dict of its fields.
 """
 
 import struct
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, NoReturn
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
 
-from deltaswarm_ros2.definitions import SEQUENCE, fields_of
+from deltaswarm_ros2.definitions import SEQUENCE, Field, fields_of
 
-LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-"""The header that is written: plain CDR, little-endian, no options."""
+try:
+    from pycdr2 import IdlStruct, make_idl_struct
+    from pycdr2._support import Buffer, Endianness
+    from pycdr2.types import array, float32, float64, int32, sequence, uint8, uint32
+except ModuleNotFoundError:
+    raise ImportError("the package pycdr2 must be installed (extra ros2)") from None
 
-_ORDERS = MappingProxyType({b"\x00\x00": ">", b"\x00\x01": "<"})
-"""Byte orders by the first two bytes of the header that are read."""
-
-_FORMATS = MappingProxyType(
-    {"bool": "?", "byte": "B", "float32": "f", "float64": "d", "int32": "i", "uint8": "B", "uint32": "I"}
+_BASIC = MappingProxyType(
+    {
+        "bool": bool,
+        "byte": uint8,
+        "float32": float32,
+        "float64": float64,
+        "int32": int32,
+        "string": str,
+        "uint8": uint8,
+        "uint32": uint32,
+    }
 )
 
-MAX_VALUES = 10_000
-"""Maximum length of a sequence or string; bounds the work that a stranger's message can cause."""
+_HEADERS = (b"\x00\x00", b"\x00\x01")
+"""What a message begins with: plain CDR, big- or little-endian."""
+
+MAX_BYTES = 1_000_000
+"""Maximum length of a message; bounds the work that a stranger's message can cause."""
 
 _PADDING = 3
 """Bytes that DDS may add to make the length of a message a multiple of four."""
@@ -32,17 +46,17 @@ class CdrError(ValueError):
 
 
 def encode(message_type: str, message: Mapping[str, Any]) -> bytes:
-    """Encode a message. A missing field is zero, as in ROS; an array must have its defined length.
+    """Encode a message, little-endian. A missing field is zero, as in ROS; an array must have its defined length.
 
     Raises:
         CdrError: a field is unknown, or a value does not fit.
     """
-    writer = _Writer()
     try:
-        writer.message(message_type, message)
-    except (struct.error, TypeError, AttributeError) as error:
+        return bytes(_idl(message_type).serialize(_filled(message_type, message), endianness=Endianness.Little))
+    except CdrError:
+        raise
+    except Exception as error:  # pycdr2's own
         raise CdrError(f"{message_type} must have values that fit its fields: {error}") from None
-    return LITTLE_ENDIAN + bytes(writer.data)
 
 
 def decode(message_type: str, data: bytes) -> dict[str, Any]:
@@ -51,106 +65,64 @@ def decode(message_type: str, data: bytes) -> dict[str, Any]:
     Raises:
         CdrError: it is too short, too long, or no plain CDR.
     """
-    order = _ORDERS.get(data[:2])
-    if order is None or len(data) < len(LITTLE_ENDIAN):
+    if len(data) > MAX_BYTES:
+        raise CdrError(f"a message must have at most {MAX_BYTES} bytes (got {len(data)})")
+    if data[:2] not in _HEADERS or len(data) < 4:
         raise CdrError(f"a message must begin with 00 00 or 00 01 and two more bytes (got {data[:4].hex(' ')})")
-    reader = _Reader(memoryview(data)[4:], order)
-    message = reader.message(message_type)
-    left = len(reader.data) - reader.at
-    if left > _PADDING:
-        raise CdrError(f"{message_type} must end after {reader.at} bytes (got {left} more)")
+    buffer = Buffer(data, align_offset=4)
+    try:
+        message: dict[str, Any] = _plain(_idl(message_type).deserialize(buffer))
+    except (struct.error, UnicodeDecodeError) as error:
+        raise CdrError(f"{message_type} must have all of its fields (got {len(data)} bytes: {error})") from None
+    if not 0 <= len(data) - buffer.tell() <= _PADDING:
+        raise CdrError(f"{message_type} must end after {buffer.tell()} bytes (got {len(data)})")
     return message
 
 
-class _Writer:
-    """Appends values, each aligned to its own size."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-
-    def message(self, message_type: str, message: Mapping[str, Any]) -> None:
-        fields = fields_of(message_type)
-        if unknown := set(message) - {field.name for field in fields}:
-            raise CdrError(f"{message_type} must have no field {', '.join(sorted(unknown))}")
-        for field in fields:
-            value = message.get(field.name)
-            if field.length is None:
-                self._one(field.type, value)
-                continue
-            values: Sequence[Any] = [None] * field.length if value is None else value
-            if field.length != SEQUENCE and len(values) != field.length:
-                raise CdrError(f"{field.name} must have {field.length} values (got {len(values)})")
-            if field.length == SEQUENCE:
-                self._basic("I", len(values))
-            for entry in values:
-                self._one(field.type, entry)
-
-    def _one(self, name: str, value: Any) -> None:
-        if name == "string":
-            text = (value or "").encode() + b"\0"
-            self._basic("I", len(text))
-            self.data += text
-        elif name in _FORMATS:
-            self._basic(_FORMATS[name], 0 if value is None else value)
-        else:
-            self.message(name, value or {})
-
-    def _basic(self, form: str, value: Any) -> None:
-        self.data += bytes(-len(self.data) % struct.calcsize(f"<{form}"))
-        self.data += struct.pack(f"<{form}", value)
+@lru_cache
+def _class(message_type: str) -> type[IdlStruct]:
+    fields = {field.name: _annotation(field) for field in fields_of(message_type)}
+    return make_idl_struct(message_type.rpartition("/")[2], message_type, fields)
 
 
-class _Reader:
-    """Takes values from the bytes after the header."""
+def _idl(message_type: str) -> Any:
+    return _class(message_type).__idl__
 
-    def __init__(self, data: memoryview, order: str) -> None:
-        self.data = data
-        self.at = 0
-        self._order = order
 
-    def message(self, message_type: str) -> dict[str, Any]:
-        message: dict[str, Any] = {}
-        for field in fields_of(message_type):
-            count = field.length
-            if count is None:
-                message[field.name] = self._one(field.type)
-                continue
-            if count == SEQUENCE:
-                count = self._length()
-            form = _FORMATS.get(field.type)
-            if form and count:
-                message[field.name] = self._basic(form, count)
-            else:
-                message[field.name] = tuple([self._one(field.type) for _ in range(count)])
-        return message
+def _annotation(field: Field) -> Any:
+    one: Any = _BASIC.get(field.type) or _class(field.type)
+    if field.length is None:
+        return one
+    many: Any = (sequence, array)  # for mypy, without pycdr2's plug-in
+    return many[0][one] if field.length == SEQUENCE else many[1][one, field.length]
 
-    def _one(self, name: str) -> Any:
-        if name == "string":
-            text = self._bytes(self._length())
-            try:
-                return text.removesuffix(b"\0").decode()
-            except UnicodeDecodeError:
-                raise CdrError(f"a string must be UTF-8 (got {text[:20].hex(' ')})") from None
-        form = _FORMATS.get(name)
-        return self._basic(form, 1)[0] if form else self.message(name)
 
-    def _basic(self, form: str, count: int) -> tuple[Any, ...]:
-        size = struct.calcsize(f"<{form}")
-        self.at += -self.at % size
-        return struct.unpack(f"{self._order}{count}{form}", self._bytes(count * size))
+def _filled(message_type: str, message: Mapping[str, Any]) -> SimpleNamespace:
+    """Return an object with all fields of a message."""
+    fields = fields_of(message_type)
+    if unknown := set(message) - {field.name for field in fields}:
+        raise CdrError(f"{message_type} must have no field {', '.join(sorted(unknown))}")
+    return SimpleNamespace(**{field.name: _value(field, message.get(field.name)) for field in fields})
 
-    def _length(self) -> int:
-        [length] = self._basic("I", 1)
-        if length > MAX_VALUES:
-            raise CdrError(f"a sequence or string must have at most {MAX_VALUES} values (got {length})")
-        return int(length)
 
-    def _bytes(self, count: int) -> bytes:
-        taken = bytes(self.data[self.at : self.at + count])
-        if len(taken) < count:
-            self._ends_early(count)
-        self.at += count
-        return taken
+def _value(field: Field, value: Any) -> Any:
+    if field.length is None:
+        return _one(field.type, value)
+    if field.length != SEQUENCE and value is not None and len(value) != field.length:
+        raise CdrError(f"{field.name} must have {field.length} values (got {len(value)})")
+    return [_one(field.type, entry) for entry in ([None] * field.length if value is None else value)]
 
-    def _ends_early(self, count: int) -> NoReturn:
-        raise CdrError(f"a message must have {self.at + count} bytes or more (got {len(self.data)})")
+
+def _one(kind: str, value: Any) -> Any:
+    basic = _BASIC.get(kind)
+    if basic is None:
+        return _filled(kind, value or {})
+    return value if value is not None else "" if basic is str else 0
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, IdlStruct):
+        return {name: _plain(entry) for name, entry in vars(value).items()}
+    if isinstance(value, list) and value and isinstance(value[0], IdlStruct):
+        return tuple(map(_plain, value))
+    return tuple(value) if isinstance(value, list | bytes) else value

@@ -36,10 +36,13 @@ if [ -d "$here/wheels" ]; then
     done
 fi
 python3 -m venv "$venv" || fail "no environment could be made; on Debian: apt install python3-venv"
-agent=deltaswarm-agent
-for wheel in "$here"/wheels/cryptography-*; do
-    [ ! -f "$wheel" ] || agent="deltaswarm-agent[commands]"
+extras=
+for extra in commands:cryptography ros2:pycdr2; do
+    for wheel in "$here"/wheels/"${extra#*:}"-*; do
+        [ ! -f "$wheel" ] || extras="$extras${extras:+,}${extra%%:*}"
+    done
 done
+agent="deltaswarm-agent${extras:+[$extras]}"
 if [ -d "$here/wheels" ]; then
     PIP_CONFIG_FILE=/dev/null "$venv/bin/python" -m pip --isolated install --quiet --disable-pip-version-check \
         --no-index --find-links "$here/wheels" --force-reinstall "$agent" ||

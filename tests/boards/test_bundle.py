@@ -78,7 +78,10 @@ def test_a_bundle_holds_three_projects_and_what_installs_them(made: Path, platfo
     assert {path.name for path in (made / platform).iterdir()} == BESIDE_WHEELS
     found = wheels(made / platform)
     parsed = [parse_wheel_filename(wheel.name) for wheel in found]
-    wanted = {"deltaswarm-agent": __version__, **{name: version(name) for name in ("eclipse-zenoh", "msgpack")}}
+    wanted = {
+        "deltaswarm-agent": __version__,
+        **{name: version(name) for name in ("eclipse-zenoh", "msgpack", "pycdr2")},
+    }
     assert {name: str(number) for name, number, _, _ in parsed} == wanted
     machine = platform.removeprefix("linux_")
     for _, _, _, tags in parsed:
@@ -199,7 +202,7 @@ def names_of(environment: Path) -> set[str]:
 
 def test_the_bundle_installs_offline_into_an_empty_environment(installed: Path, tmp_path: Path) -> None:
     """Nothing but what was bundled is there, and the agent tells its arguments."""
-    assert names_of(installed) == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
+    assert names_of(installed) == {"deltaswarm-agent", "eclipse-zenoh", "msgpack", "pycdr2"}
     python, script = str(installed / "bin" / "python"), str(installed / "bin" / "deltaswarm-agent")
     for command, shown in (
         ([python, "-m", "deltaswarm_agent"], "deltaswarm agent"),
@@ -268,7 +271,7 @@ def test_settings_of_whoever_installs_change_nothing(
     finally:
         os.umask(before)
     assert done.returncode == 0, done.stderr
-    assert names_of(tmp_path / "board") == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
+    assert names_of(tmp_path / "board") == {"deltaswarm-agent", "eclipse-zenoh", "msgpack", "pycdr2"}
     files = [path for path in (tmp_path / "board").rglob("*") if not path.is_symlink()]
     assert all(path.stat().st_mode & 0o044 == 0o044 for path in files)
 

@@ -1,8 +1,8 @@
 """Make a folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
 
 The wheels are those of the agent, eclipse-zenoh and msgpack, in the versions that this machine runs; for boards that
-obey an operator, also cryptography and its dependencies. pip fetches only wheels that the board's Python accepts; a
-wheel that is built here must be pure Python.
+obey an operator, also cryptography and its dependencies, and where it is installed here, pycdr2 for ROS 2 robots. pip
+fetches only wheels that the board's Python accepts; a wheel that is built here must be pure Python.
 """
 
 import hashlib
@@ -28,6 +28,9 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
 ZENOH, MSGPACK = "eclipse-zenoh", "msgpack"
 CRYPTOGRAPHY, CFFI, PYCPARSER = "cryptography", "cffi", "pycparser"
 """The packages that check the operator's signatures, for boards that obey an operator."""
+
+PYCDR2 = "pycdr2"
+"""Encodes messages of ROS 2 (extra ros2)."""
 
 GLIBC_MINORS = range(36, 16, -1)
 """Minor versions of glibc 2, newest first: bookworm has 2.36, and none of our wheels is older than manylinux_2_17."""
@@ -70,6 +73,8 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
         _fetch(ZENOH, platform, pythons[0], wheels)
         for python in pythons:
             _fetch_msgpack(platform, python, wheels)
+        if importlib.util.find_spec(PYCDR2):
+            _fetch(PYCDR2, platform, pythons[0], wheels)
         for item in (source / "systemd").iterdir():
             shutil.copy(item, folder)
         if operator_key:

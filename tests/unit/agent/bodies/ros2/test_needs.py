@@ -1,4 +1,4 @@
-"""What a board with a ROS 2 robot needs of its computer: nothing besides what every agent needs."""
+"""What a board with a ROS 2 robot needs of its computer: pycdr2 besides what every agent needs."""
 
 import json
 import subprocess
@@ -16,7 +16,7 @@ MAX_MB = 42.0 if sys.version_info < (3, 13) else 46.0
 
 PROGRAM = """
 import json, sys, time
-for name in ("numpy", "rosbags", "pycdr2", "rclpy", "xxhash"):
+for name in ("numpy", "rosbags", "rclpy", "xxhash"):
     sys.modules[name] = None
 from random import Random
 import deltaswarm_board.__main__
