@@ -34,24 +34,33 @@ QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 
 def add_session(command: argparse.ArgumentParser) -> None:
     """Do all runs of one participant, in a balanced order."""
-    command.description = "Do all runs of one participant, one after the other, each with a station: training first."
+    command.description = (
+        "Run the session of one participant: the training first, then the conditions in a balanced order, each on a "
+        "station's page. To continue a session that was interrupted, run the same command again."
+    )
     command.add_argument("session", metavar="FILE", help="a TOML file with a table [session]")
     what = command.add_mutually_exclusive_group(required=True)
-    what.add_argument("--participant", type=whole(1, MAX_PARTICIPANT), metavar="N", help="number, from 1 on")
     what.add_argument(
-        "--table", type=Path, metavar="FOLDER", help="write the data of all participants there as tables, and do no run"
+        "--participant", type=whole(1, MAX_PARTICIPANT), metavar="N", help="number of the participant, from 1"
+    )
+    what.add_argument(
+        "--table",
+        type=Path,
+        metavar="FOLDER",
+        help="start no run; write the data of all participants as tables into FOLDER",
     )
     what.add_argument(
         "--plan",
         type=Path,
         metavar="FOLDER",
-        help="print how many participants a study needs, from a pilot's tables there (see --table), and do no run",
+        help="start no run; print how many participants a study needs, computed from a pilot's tables in FOLDER "
+        "(written by --table)",
     )
-    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="folder of all sessions (default: sessions/NAME)")
     command.add_argument(
         "--language",
         metavar="LANGUAGE",
-        help=f"in which language the page speaks to this participant: {', '.join(LANGUAGES)}, or a TOML file "
+        help=f"language of the page for this participant: {', '.join(LANGUAGES)}, or a TOML file "
         "(default: session.language)",
     )
     command.add_argument(
@@ -59,14 +68,14 @@ def add_session(command: argparse.ArgumentParser) -> None:
         type=host_and_port,
         default=LOOPBACK,
         metavar="HOST:PORT",
-        help="where the page is served, without encryption (default: this machine alone, any free port)",
+        help="address of the page, which is not encrypted (default: this machine only, any free port)",
     )
     add_markers(command)
     command.add_argument(
-        "--researcher", action="store_true", help="also serve the conductor's page, which shows the truth"
+        "--researcher", action="store_true", help="also serve a page for the experimenter that shows the truth"
     )
     add_dry_run(
-        command, "the runs, their length and what they ask, in the order of the file while the session has not begun"
+        command, "the runs, their duration and what they ask (before the session has begun, in the order of the file)"
     )
     _add_question(command.add_argument_group("with --plan"))
     add_quiet(command)
@@ -75,21 +84,27 @@ def add_session(command: argparse.ArgumentParser) -> None:
 
 
 def _add_question(group: Group) -> None:
-    """Add what a study with the planned number of participants is to show; these options have no effect without it."""
-    group.add_argument("--metric", metavar="NAME", help="a column of runs.tsv (default: all that measure something)")
-    group.add_argument("--conditions", nargs=2, metavar="LABEL", help="the two to compare, if the session has more")
+    """Add the options that say what the planned study must be able to show."""
+    group.add_argument("--metric", metavar="NAME", help="a column of runs.tsv (default: all measurements)")
+    group.add_argument(
+        "--conditions", nargs=2, metavar="LABEL", help="the two conditions to compare, if the session has more than two"
+    )
     group.add_argument(
         "--effect",
         type=number(-1e12, 1e12),
         metavar="N",
-        help="difference to find, in the metric's unit (default: the pilot's)",
+        help="difference to detect, in the unit of the metric (default: the difference in the pilot)",
     )
-    group.add_argument("--power", type=number(0.01, 0.99), metavar="N", help="probability of finding it (default: 0.8)")
-    group.add_argument("--alpha", type=number(1e-6, 0.5), metavar="N", help="level of the test (default: 0.05)")
+    group.add_argument(
+        "--power", type=number(0.01, 0.99), metavar="N", help="probability of detecting the difference (default: 0.8)"
+    )
+    group.add_argument(
+        "--alpha", type=number(1e-6, 0.5), metavar="N", help="significance level of the test (default: 0.05)"
+    )
     group.add_argument(
         "--test",
         choices=("adjusted", "t", "signed-rank"),
-        help="the test of differences: by t and adjusted for position and stream (default), by t, or by signed ranks",
+        help="test of the differences: t-test adjusted for position and stream (default), t-test, or signed-rank test",
     )
 
 
