@@ -8,8 +8,10 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
+from deltaswarm_orchestrator.results.summary import value_at
+from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow, SituationRow
 from deltaswarm_sessions.folder import RECORD
+from deltaswarm_sessions.tables import write_tables
 from deltaswarm_sessions.variables import KEYS
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
@@ -96,3 +98,161 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, capsys: Printed) -> None:
     assert main(command) == 2
     assert str(file) in capsys.readouterr().err
     assert not (tmp_path / "data").exists()
+
+
+FULL = {
+    "complete": True,
+    "valid": False,
+    "seed": 7,
+    "digest": "00ff",
+    "waiting_time_s": {"restricted_mean": 12.5, "mean": 1.0},
+    "completion_s": {"mean": 30.25},
+    "completed": 8,
+    "operator_messages_per_s": {"mean": 0.5},
+    "operator_time_above_threshold_s": 44.0,
+    "person": {
+        "items": 9,
+        "read": 6,
+        "missed": 2,
+        "missed_share": 0.25,
+        "acknowledge_s": 3.5,
+        "commands": 5,
+        "commands_by_state": {"done": 4},
+        "isa": 2.5,
+        "questions": 11,
+        "answers_missing": 1,
+        "tlx": {"raw": 40.0, "weighted": 45.0},
+    },
+    "task": {
+        "share_right": 0.75,
+        "hits": 3,
+        "misses": 10,
+        "false_alarms": 12,
+        "correct_rejections": 13,
+        "unjudged": 14,
+        "d_prime": 1.5,
+        "criterion": -0.125,
+    },
+}
+RUNS = {
+    "participant": "12",
+    "condition": "training",
+    "position": "0",
+    "run": "0-training-2",
+    "attempt": "2",
+    "scenario": "smoke",
+    "set": "a=1; b=2",
+    "complete": "1",
+    "valid": "0",
+    "stream": "3",
+    "seed": "7",
+    "digest": "00ff",
+    "training_value": "6.0",
+    "waiting_time_s": "12.5",
+    "completion_s": "30.25",
+    "completed": "8",
+    "messages_per_s": "0.5",
+    "time_above_threshold_s": "44.0",
+    "items": "9",
+    "read": "6",
+    "missed": "2",
+    "missed_share": "0.25",
+    "acknowledge_s": "3.5",
+    "commands": "5",
+    "commands_done": "4",
+    "share_right": "0.75",
+    "hits": "3",
+    "misses": "10",
+    "false_alarms": "12",
+    "correct_rejections": "13",
+    "unjudged": "14",
+    "d_prime": "1.5",
+    "criterion": "-0.125",
+    "situation_right_share": "0.5",
+    "isa": "2.5",
+    "questions": "11",
+    "answers_missing": "1",
+    "tlx_raw": "40.0",
+    "tlx_weighted": "45.0",
+}
+NUMBERS = {
+    *("training_value", "waiting_time_s", "completion_s", "messages_per_s", "time_above_threshold_s", "missed_share"),
+    *("acknowledge_s", "share_right", "d_prime", "criterion", "situation_right_share", "isa", "tlx_raw"),
+    "tlx_weighted",
+}
+TEXTS = {"condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
+UNITS = dict.fromkeys(("waiting_time_s", "completion_s", "time_above_threshold_s", "acknowledge_s"), "s")
+UNITS["messages_per_s"] = "1/s"
+
+
+def a_full_run(sessions: Path) -> None:
+    """A participant whose second training run has every number, after one that was cut off; one run is missing."""
+    here = sessions / "participant-012"
+    for name, summary in (("0-training", {"complete": False}), ("0-training-2", FULL)):
+        (here / name).mkdir(parents=True)
+        (here / name / "summary.json").write_text(json.dumps(summary))
+    situation = here / "0-training-2" / "situation.csv"
+    answers = [SituationRow("sagat", 0, "trees", 9.0, *row) for row in (("2", "2", 1, 0), ("1", "3", 0, 2))]
+    with situation.open("w", newline="") as stream:
+        csv.writer(stream).writerows([SituationRow._fields, *answers])
+    attempts = [
+        {"folder": "0-training", "complete": False, "answers_missing": 5, "training_value": None},
+        {"folder": "0-training-2", "complete": True, "answers_missing": 1, "training_value": 6.0},
+    ]
+    training = {"place": 0, "condition": "training", "scenario": "smoke", "set": ["a=1", "b=2"], "stream": 3}
+    runs = [{**training, "attempts": attempts, "outcome": "reached"}, {"place": 1, "condition": "A", "attempts": []}]
+    (here / RECORD).write_text(json.dumps({"participant": 12, "language": "de", "runs": runs}))
+
+
+def rows_of(file: Path) -> list[dict[str, str]]:
+    """The rows of a table."""
+    with file.open(newline="") as stream:
+        return list(csv.DictReader(stream, delimiter="\t"))
+
+
+def test_each_number_of_a_run_is_in_its_column(tmp_path: Path) -> None:
+    """Those of the summary, of the record, and the share of right answers; a run without a number has an empty one."""
+    a_full_run(tmp_path / "sessions")
+    files = write_tables(tmp_path / "sessions", tmp_path / "data")
+    assert [file.name for file in files[:2]] == ["participants.tsv", "runs.tsv"]
+    assert files[-1].name == "dictionary.tsv"
+    cut_off, whole = rows_of(tmp_path / "data" / "runs.tsv")
+    assert whole == RUNS
+    assert [*whole] == [*RUNS]
+    first = {name: value for name, value in cut_off.items() if value}
+    keys = {name: RUNS[name] for name in ("participant", "condition", "position", "scenario", "set", "stream")}
+    assert first == {**keys, "run": "0-training", "attempt": "1", "complete": "0"}
+    assert rows_of(tmp_path / "data" / "participants.tsv") == [
+        {
+            "participant": "12",
+            "language": "de",
+            "runs": "2",
+            "complete": "1",
+            "answers_missing": "1",
+            "training_runs": "1",
+            "training_outcome": "reached",
+        }
+    ]
+    assert not list((tmp_path / "data").glob("*.part"))
+
+
+def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
+    """Of participants and runs: whole numbers unless they are listed above."""
+    a_full_run(tmp_path / "sessions")
+    *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
+    rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
+    assert len(rows) == 46
+    for row in rows:
+        kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
+        assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row
+    keys = [row["column"] for row in rows_of(dictionary) if row["table"] == "actions"][:4]
+    assert keys == ["participant", "condition", "position", "run"]
+
+
+def test_a_value_is_found_by_its_dotted_name() -> None:
+    """True is 1; what is not there is None, also below a number."""
+    assert value_at({"a": {"b": 0.5}, "c": True, "d": False}, "a.b") == 0.5
+    assert value_at({"c": True}, "c") == 1
+    assert value_at({"d": False}, "d") == 0
+    assert value_at({"a": 1}, "a.b") is None
+    assert value_at({}, "a.b") is None
