@@ -165,6 +165,7 @@ def test_a_repeated_training_asks_nothing_twice(tmp_path: Path) -> None:
     """Neither consent nor the forms before the session; after one that was cut off, all is asked again."""
     session = a_session(tmp_path, 2, FORMS + with_criterion(more='if_not_reached = "end"'))
     training, first, last = session.runs
+    assert training.attempt(2).operator.probes.consent.startswith("You may stop")
     asked = [
         (bool(probes.consent), [form.name for form in probes.form])
         for probes in (training.attempt(n, is_repeat=r).operator.probes for n, r in ((1, False), (2, False), (3, True)))
@@ -202,11 +203,13 @@ def test_forms_come_before_between_and_after_the_runs(tmp_path: Path) -> None:
 def test_paths_start_at_the_sessions_file(tmp_path: Path) -> None:
     """Of scenarios and of the text of consent, which must be a text."""
     file = a_file(tmp_path, 1)
+    file.write_text(file.read_text().replace('label = "A"', 'label = "two words"'))
     (tmp_path / "own.toml").write_text('schema = 1\nname = "own"\n')
     file.write_text(file.read_text().replace('scenario = "smoke"', 'scenario = "own.toml"'))
     settings, beside = load_session(str(file))
     assert beside == tmp_path
     assert [run.scenario.name for run in plan(settings, 1, beside)] == ["own", "own"]
+    assert plan(settings, 1, beside)[1].folder == "1-two-words"
     (tmp_path / "consent.txt").write_bytes(b"\xff\xfe\xff")
     with pytest.raises(SettingsError, match=r"session.consent must be a text file.*'consent.txt'"):
         plan(settings, 1, beside)

@@ -142,12 +142,6 @@ def test_the_power_of_adjusted_differences_is_that_of_fewer_degrees_of_freedom()
         assert abs(found - expected) < 4 * error + 0.01
 
 
-def test_one_order_alone_cannot_be_adjusted() -> None:
-    """Position and condition are the same thing; nor can four participants with three parameters."""
-    assert fit(NORMAL, np.ones((400, 1))) is None
-    assert fit(np.arange(3.0), np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0]])) is None
-
-
 def test_a_plan_tells_the_number_of_participants(tmp_path: Path, capsys: Printed) -> None:
     """For one metric with a table of powers; the same each time."""
     pilot = a_pilot(tmp_path / "data", 10)
