@@ -60,7 +60,7 @@ def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
 
 
 def _steps_per_s(scenario: Path, out: Path, pages: int | None) -> float:
-    command = [sys.executable, "-P", "-m", dies_with_parent.__name__, str(os.getpid())]
+    command = [sys.executable, "-P", "-m", dies_with_parent.__name__, str(os.getpid()), "deltaswarm_orchestrator"]
     command += ["run", str(scenario), "--out", str(out), "--json"]
     if pages is not None:
         command += ["--station", "--speed", "0"]

@@ -15,10 +15,14 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
+from deltaswarm_orchestrator.sweeps import dies_with_parent
 from deltaswarm_sessions.folder import RECORD, attempts_at, check_design, folders_of_later_answers, scenario_of
 from deltaswarm_sessions.plan import PlannedRun, order_warning
 from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
 from deltaswarm_wire.session import PASSWORD_VARIABLE
+
+ASKING = "deltaswarm_operator.io.asking"
+"""The module of the page that asks; processes are started by name, and no part is imported here."""
 
 
 @dataclass(kw_only=True)
@@ -127,6 +131,6 @@ class Runner:
         out.mkdir()
         asked = replace(scenario, operator=replace(scenario.operator, probes=step.probes))
         briefing = write_briefing(out, asked, None)
-        command = [sys.executable, "-P", "-m", "deltaswarm_operator.io.asking"]
+        command = [sys.executable, "-P", "-m", dies_with_parent.__name__, str(os.getpid()), ASKING]
         options = ["--briefing", str(briefing), "--out", str(out), "--listen", self.listen]
         subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: self._token}, check=False)

@@ -107,6 +107,14 @@ def test_agents_on_workers_end_with_the_command(number: signal.Signals, cluster:
         assert "exits after step" in swarm.log("agent", 5)
 
 
+def test_a_command_that_is_killed_while_agents_start_leaves_none(cluster: Cluster, tmp_path: Path) -> None:
+    """Neither processes nor their keys: before the first step, too."""
+    with on(cluster, tmp_path / "run", *LONG) as swarm:
+        wait_until(cluster.agents, "the first process on a worker")
+        swarm.process.kill()
+        nothing_is_left(cluster, tmp_path)
+
+
 def test_a_busy_worker_can_be_given_up(cluster: Cluster, tmp_path: Path) -> None:
     """By Ctrl-C, while its agents wait to be started; those of the other worker end, and nothing is left of them."""
     with Client(cluster.address) as client:

@@ -107,7 +107,16 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         file = folder / "scenario.toml"
         file.write_text(to_toml(task.job.scenario), encoding="utf-8")
         command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.dies_with_parent", str(os.getpid())]
-        command += ["run", str(file), "--record", "off", "--out", str(folder / "run"), "--json"]
+        command += [
+            "deltaswarm_orchestrator",
+            "run",
+            str(file),
+            "--record",
+            "off",
+            "--out",
+            str(folder / "run"),
+            "--json",
+        ]
         code, printed, errors = _run_awake(command)
         if code != OK:
             kind = RunError if code == USAGE else DisturbedError

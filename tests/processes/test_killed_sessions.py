@@ -1,0 +1,66 @@
+"""`kill -9` of a session, or of what starts a local Dask cluster, leaves no process behind, at whatever stage."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.processes.test_asking_again import FILE, Browser, table
+from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, wait_until
+from tests.support.sweeping import marked, marked_command, sweeping, written
+
+pytestmark = pytest.mark.processes
+
+
+@contextmanager
+def session(folder: Path, ending: signal.Signals) -> Iterator[subprocess.Popen[str]]:
+    """A session that gets a signal at the end of the block, and of which nothing may be left then."""
+    command = [*COMMAND, "session", str(folder / "study.toml"), "--quiet", "--participant", "1"]
+    with marked_command(*command, "--out", str(folder / "sessions" / "study"), DISPLAY="") as (process, mark):
+        yield process
+        assert process.poll() is None
+        process.send_signal(ending)
+        wait_until(lambda: not marked(mark), "the end of all its processes", BOUND_S)
+
+
+def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
+    """While processes start, while a page is open, and while it asks again; answers given afterwards count once."""
+    (tmp_path / "study.toml").write_text(FILE)
+    out = tmp_path / "sessions" / "study" / "participant-001"
+    with session(tmp_path, signal.SIGKILL):
+        wait_until((out / "0-training.part" / "logs" / "pids.json").exists, "the first processes")
+    with session(tmp_path, signal.SIGKILL):
+        wait_until((out / "0-training-2.part" / "station.json").exists, "the page")
+    with session(tmp_path, signal.SIGTERM):
+        Browser(out / "0-training-3.part" / "station.json", tlx=True, condition="0 training")
+        Browser(out / "1-A.part" / "station.json", tlx=False, condition="1 A")
+    with session(tmp_path, signal.SIGKILL):
+        wait_until((out / "1-A.again-1" / "station.json").exists, "the page that asks again")
+    last = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
+    with subprocess.Popen(last, cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
+        try:
+            asked = Browser(out / "1-A.again-2" / "station.json", tlx=True).asked
+            assert process.wait(PATIENCE_S) == 0
+        finally:
+            process.kill()
+    assert asked == ["tlx", "form"]
+    [run] = [row for row in table(tmp_path, "runs") if row["run"] == "1-A"]
+    assert (run["answers_missing"], run["tlx_raw"]) == ("0", "30.0")
+
+
+@pytest.mark.parametrize("runs", [0, 1])
+def test_a_killed_sweep_leaves_no_local_dask_cluster(runs: int, tmp_path: Path) -> None:
+    """While the cluster starts, and while it does runs."""
+    pytest.importorskip("distributed")
+    file = written(tmp_path, duration_s=300.0, repeats=20)
+    with sweeping(file, tmp_path / "out", "--engine", "dask", "--jobs", "2") as running:
+        if runs:
+            running.wait_for_runs(runs)
+        else:
+            wait_until(lambda: len(marked(running.mark)) > 1, "the first process of the cluster")
+        os.kill(running.process.pid, signal.SIGKILL)
+        wait_until(lambda: not marked(running.mark), "the end of all processes", BOUND_S)
