@@ -9,7 +9,8 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.summary import value_at
-from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow, SituationRow
+from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
+from deltaswarm_scenario.situation import SituationRow
 from deltaswarm_sessions.folder import RECORD
 from deltaswarm_sessions.tables import write_tables
 from deltaswarm_sessions.variables import KEYS
