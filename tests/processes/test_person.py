@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_operator.io.console_server import ConsoleServer, SavedConsole
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -109,12 +109,10 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
     first: list[Turn] = []
     second: list[Turn] = []
 
-    def console(sent: list[Turn], saved: str | None = None) -> ConsoleServer:
+    def console(sent: list[Turn], saved: SavedConsole | None = None) -> ConsoleServer:
         return ConsoleServer(
-            *("run", Console(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
+            *("run", saved or Console(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
             is_awaited=briefing.is_awaited,
-            step=4,
-            saved=saved,
         )
 
     before = console(first)

@@ -1,10 +1,12 @@
 """Commands for tests: strategies for what travels, swarms that are commanded, agents that hear commands by hand."""
 
+import pickle
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from hypothesis import strategies as st
 
+from deltaswarm_operator.core.console import Console
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import commands as wire
 from deltaswarm_wire import operator_messages as om
@@ -13,6 +15,7 @@ from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_ID, MAX_STEP
 from deltaswarm_wire.commands import ArgumentForm, Command, CommandForm, Relayed, Signed, Target, encode_command
 from tests.support import strategies
 
+Kept = TypeVar("Kept")
 words = st.text(st.characters(categories=["L", "N", "P"], max_codepoint=0x24F), min_size=1, max_size=8)
 values = st.integers(-MAX_ID, MAX_ID) | st.floats(-1e12, 1e12) | words
 targets = st.one_of(
@@ -122,3 +125,17 @@ def script(*rows: Sequence[Any]) -> str:
             f"arguments = {{{told}}}{life}}}"
         )
     return f"command=[{', '.join(made)}]"
+
+
+def reloaded(kept: Kept) -> Kept:
+    """Read an object back from a checkpoint."""
+    loaded: Kept = pickle.loads(pickle.dumps(kept))
+    return loaded
+
+
+def taken_over(console: Console, *, has_station: bool = False) -> Console:
+    """The console of the operator that replaces a killed one."""
+    other = reloaded(console)
+    other.attend(has_station=has_station)
+    other.resume()
+    return other

@@ -1,12 +1,10 @@
 """World, agents and operator, put away in the middle of a run and taken out again: nothing is another than before."""
 
-import json
 import pickle
 from collections.abc import Sequence
 
 import pytest
 
-from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock
@@ -27,9 +25,8 @@ def digests(sets: Sequence[str], *, every: int) -> tuple[str, str, dict[str, obj
         if (step + 1) % every == 0:
             swarm.world = pickle.loads(pickle.dumps(swarm.world))
             swarm.agents = [pickle.loads(pickle.dumps(agent)) for agent in swarm.agents]
-            state = json.loads(json.dumps(swarm.operator.state()))
-            swarm.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
-            swarm.operator.restore(state)
+            swarm.operator = pickle.loads(pickle.dumps(swarm.operator))
+            swarm.operator.resume()
     return swarm.world.digest.hex(), swarm.operator.digest_hex, swarm.world.totals(True)
 
 

@@ -3,7 +3,7 @@
 Pure. An item that is unread for longer than `operator.person.patience_s` is missed, even if it is read later.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from deltaswarm_operator.core.measures import Measures
@@ -47,19 +47,3 @@ class Attention:
         """Return the metrics of the run so far, for JSON; what a person does inside is not known: None."""
         self.measures.commands = commands
         return {**self.measures.totals(len(picture.unread), isa), "load_above_0_7_s": None, "interaction_s": None}
-
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        return {
-            "measures": self.measures.state(),
-            "shown": self.shown_wall_s,
-            "read": [[number, *times] for number, times in self.read_at.items()],
-            "judged": self._judged,
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`."""
-        self.measures.restore(state["measures"])
-        self.shown_wall_s = list(state["shown"])
-        self.read_at = {number: (time_s, wall_s) for number, time_s, wall_s in state["read"]}
-        self._judged = state["judged"]

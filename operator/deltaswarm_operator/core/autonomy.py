@@ -1,8 +1,8 @@
 """The rule by which the system sets delta, with the person's veto. Pure; all times are simulated [s]."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from deltaswarm_scenario.autonomy import ISA_ANSWER, AutonomySettings
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
@@ -95,23 +95,6 @@ class Autonomy:
             is_high, is_low = rate_hz > self.threshold_hz, rate_hz < settings.relief * self.threshold_hz
         change = {"step": settings.delta_step, "limit": settings.delta_limit}
         return next_delta(self.delta, self._first, is_high=is_high, is_low=is_low, **change)
-
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        return {
-            "delta": self.delta,
-            "proposal": self.proposal and list(self.proposal),
-            "vetoes": self.vetoes,
-            "now_s": self._now_s,
-            "changed_s": self._changed_s,
-            "judged": self._judged,
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`, with the same settings."""
-        self.delta, self.vetoes, self._now_s = state["delta"], state["vetoes"], state["now_s"]
-        self.proposal = Proposal(*state["proposal"]) if state["proposal"] else None
-        self._changed_s, self._judged = state["changed_s"], state["judged"]
 
 
 def first_delta(briefing: Briefing) -> int | None:

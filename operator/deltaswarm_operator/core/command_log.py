@@ -13,7 +13,6 @@ from deltaswarm_wire.commands import (
     Signed,
     Target,
     Value,
-    decode_command,
     encode_command,
     named,
 )
@@ -187,14 +186,3 @@ class CommandLog:
             }
             for sent in self.sent
         ]
-
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        sent = [[encode_command(s.command).hex(), s.sent_s, s.by, sorted(s.answers.items())] for s in self.sent]
-        return {"sent": sent, "queued": len(self._queue)}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`."""
-        sent, queued = state["sent"], state["queued"]
-        self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, by, dict(told)) for body, at_s, by, told in sent]
-        self._queue = [one.command for one in self.sent[len(sent) - queued :]]

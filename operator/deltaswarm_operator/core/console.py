@@ -83,10 +83,10 @@ class Console:
     def _thresholds(self) -> list[float]:
         return [self.briefing.operator.threshold_hz, *self.briefing.operator.more_thresholds_hz]
 
-    def attend(self) -> None:
-        """Note that there is a station, at which somebody may sit."""
-        self.is_attended = self.probes.is_timed = self.person is None
-        if self.is_attended:
+    def attend(self, *, has_station: bool = True) -> None:
+        """Note whether there is a station, at which somebody may sit."""
+        self.is_attended = self.probes.is_timed = has_station and self.person is None
+        if self.is_attended and self.attention is None:
             self.attention = Attention(self.briefing.operator.person.patience_s)
 
     def start(self, wall_s: float) -> None:
@@ -220,41 +220,9 @@ class Console:
         """Note an act."""
         self.actions.append(OperatorAction(self.picture.now_s, kind, by, **columns))
 
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        return {
-            "commands": self.command_log.state(),
-            "script": len(self._script),
-            "pace": list(self.pace),
-            "probes": self.probes.state(),
-            "picture": self.picture.state(),
-            "messages": self._messages,
-            "steps_above": self._steps_above,
-            "history": list(self.history),
-            "judgements": list(self.judgements.items()),
-            "person": None if self.person is None else self.person.state(),
-            "attention": None if self.attention is None else self.attention.state(),
-            "autonomy": None if self.autonomy is None else self.autonomy.state(),
-        }
-
-    def restore(self, step: int, state: Mapping[str, Any]) -> None:
-        """Resume after a step from another console's `state`."""
-        self.step = step
-        self.command_log.restore(state["commands"])
-        if self.person is not None:
-            self.person.restore(state["person"])
-        if self.autonomy is not None:
-            self.autonomy.restore(state["autonomy"])
-        if self.attention is not None and state["attention"] is not None:
-            self.attention.restore(state["attention"])
-        self.picture.restore(state["picture"])
-        self._messages, self._steps_above = state["messages"], list(state["steps_above"])
-        self.history.extend((time_s, short_hz, long_hz) for time_s, short_hz, long_hz in state["history"])
-        self.judgements.update(state["judgements"])
-        while len(self._script) > state["script"]:
-            self._script.popleft()
-        self.pace = Pace(*state["pace"])
-        if self.probes.restore(state["probes"]):  # the answer is missing: nobody would let the run go on
+    def resume(self) -> None:
+        """Go on, once loaded, where an operator was killed: questions of the run that were open are missing."""
+        if self.probes.resume():  # nobody would let the run go on
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
 
     # The station

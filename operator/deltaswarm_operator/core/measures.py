@@ -8,8 +8,7 @@ unattended (neglect time).
 Commands address the swarm as a whole and count in neither.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from math import log
 from typing import Any
 
@@ -89,18 +88,6 @@ class Measures:
             "between_items_s": between_s,
             "agents_in_turn": between_s / interaction_s + 1 if interaction_s and between_s is not None else None,
         }
-
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        return {
-            **{one.name: getattr(self, one.name) for one in fields(self)},
-            "last_s": sorted(self.last_s.items()),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`."""
-        for name, value in state.items():
-            setattr(self, name, dict(value) if name == "last_s" else value)
 
 
 def _share(total: float, of: float) -> float | None:

@@ -200,35 +200,6 @@ class Picture:
         """Return the number of unread items older than this [s]."""
         return sum(self.now_s - self.inbox[number].time_s > longer_than_s for number in self.unread)
 
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        return {
-            "now_s": self.now_s,
-            "numbers": list(self._numbers.items()),
-            "agents": [[agent, *known] for agent, known in self.agents.items()],
-            "events": [[event, *known] for event, known in self.events.items()],
-            "closed": [[event, *times] for event, times in self.closed.items()],
-            "inbox": self.inbox,
-            "unread": sorted(self.unread),
-            "newest_s": list(self._newest_s.items()),
-            "told": [[agent, role, sorted(events)] for agent, (role, events) in self._told.items()],
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`."""
-        self.now_s = state["now_s"]
-        self._numbers = dict(state["numbers"])
-        self.agents = {agent: KnownAgent(*known) for agent, *known in state["agents"]}
-        self.events = {event: KnownEvent(*known) for event, *known in state["events"]}
-        self.closed = {event: (first_s, last_s) for event, first_s, last_s in state["closed"]}
-        self.inbox = [item_of(row) for row in state["inbox"]]
-        self.unread = set(state["unread"])
-        self._newest_s = dict(state["newest_s"])
-        self._told = {agent: (role, frozenset(events)) for agent, role, events in state["told"]}
-        for agent, known in self.agents.items():
-            if known.root not in (NOBODY, agent):
-                self._members.setdefault(known.root, set()).add(agent)
-
     def rows(self) -> dict[str, list[list[Any]]]:
         """Return agents and events in the page's format; events with the agents that say they attend them."""
         attending: dict[int, list[int]] = {}
@@ -245,12 +216,6 @@ class Picture:
                 for event, k in sorted(self.events.items())
             ],
         }
-
-
-def item_of(row: Sequence[Any]) -> Item:
-    """Make an item from its JSON row."""
-    number, time_s, agent, role, followers, events, is_new = row
-    return Item(number, time_s, agent, role, followers, tuple(events), is_new)
 
 
 def item_rows(items: Sequence[Item]) -> list[list[Any]]:

@@ -147,32 +147,17 @@ class Probes:
         wait_s = asked.technique.wait_s
         return None if wait_s is None else wait_s - self._waited_s(asked, wall_s)
 
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        lost = [asked for asked in (self._asked, *self._waiting) if asked and asked.technique.when == DURING]
-        return {
-            "due": {
-                name: [due.number, due.at_s if math.isfinite(due.at_s) else None] for name, due in self._due.items()
-            },
-            "open": [[asked.technique.name, asked.number, asked.asked_s] for asked in lost],
-            "begun": self._has_begun,
-            "rows": [list(row) for row in self.rows],
-            "questions": self._questions,
-            "missing": self._missing,
-        }
+    def resume(self) -> bool:
+        """Go on, once loaded, where an operator was killed, whose rows are written; return whether it held the run.
 
-    def restore(self, state: Mapping[str, Any]) -> bool:
-        """Resume from another object's `state`, whose rows are written down; return whether the run was held.
-
-        Questions of the run that were open at that time are missing.
+        Questions of the run that were open are missing.
         """
-        for name, (number, at_s) in state["due"].items():
-            self._due[name] = _Due(number, math.inf if at_s is None else at_s)
-        self._has_begun, self._missing = state["begun"], state["missing"]
-        self._questions = state["questions"] if self._has_begun else 0
-        self.rows = [ProbeRow(*row) for row in state["rows"]]
+        lost = [asked for asked in (self._asked, *self._waiting) if asked and asked.technique.when == DURING]
+        self._asked, self._waiting, self.opened = None, deque(), deque()
+        self._is_over, self._held_since_wall_s = False, None
+        if not self._has_begun:
+            self._questions = 0
         self._taken = len(self.rows)
-        lost = [_Asked(self._techniques[name], number, asked_s, 0.0) for name, number, asked_s in state["open"]]
         for asked in lost:
             self._miss(asked)
         self.rows[self._taken :] = [row._replace(asked_monotonic_s=None) for row in self.rows[self._taken :]]

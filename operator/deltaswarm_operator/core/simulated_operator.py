@@ -8,7 +8,7 @@ delta 3; below 3 there are more roots, which report more. Here delta 5 sends the
 and limit of the change are not obvious: the settings `delta_step` and `delta_limit` give them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import exp
 from random import Random
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from deltaswarm_operator.core.autonomy import first_delta, next_delta
 from deltaswarm_operator.core.measures import Measures
-from deltaswarm_operator.core.picture import Item, item_of
+from deltaswarm_operator.core.picture import Item
 from deltaswarm_scenario.operator_settings import Briefing, PersonSettings
 
 
@@ -73,7 +73,6 @@ class SimulatedOperator:
     measures: Measures = field(default_factory=Measures)
     _now_s: float = 0.0
     _rate_hz: float | None = None
-    _drawn: int = 0
     _waiting: list[_Entry] = field(default_factory=list)
     _job: _Job | None = None
     _commanded_s: float | None = None
@@ -126,7 +125,6 @@ class SimulatedOperator:
     def _duration_s(self, median_s: float) -> float:
         """Draw the duration of work that begins now [s]."""
         settings = self.settings
-        self._drawn += 1
         away = (self.load - settings.best_load) / (1 - settings.best_load)
         return median_s * exp(settings.sigma * self.rng.gauss(0.0, 1.0)) * (1 + settings.slowing * away**2)
 
@@ -190,36 +188,6 @@ class SimulatedOperator:
         self.measures.missed += len(self._waiting) - len(there)
         self._waiting = there
 
-    # Going on
-
-    def state(self) -> dict[str, Any]:
-        """Return all that is needed to resume, for JSON."""
-        job = self._job
-        return {
-            "delta": self.delta,
-            "load": self.load,
-            "now_s": self._now_s,
-            "rate_hz": self._rate_hz,
-            "drawn": self._drawn,
-            "commanded_s": self._commanded_s,
-            "waiting": [_entry_row(entry) for entry in self._waiting],
-            "job": job and [job.began_s, job.ends_s, job.entry and _entry_row(job.entry), job.delta],
-            "measures": self.measures.state(),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another person's `state`, with the same settings and generator as at that person's start."""
-        self.delta, self.load = state["delta"], state["load"]
-        self._now_s, self._rate_hz = state["now_s"], state["rate_hz"]
-        self._commanded_s = state["commanded_s"]
-        while self._drawn < state["drawn"]:
-            self._drawn += 1
-            self.rng.gauss(0.0, 1.0)
-        self._waiting = [_entry(row) for row in state["waiting"]]
-        job = state["job"]
-        self._job = job and _Job(job[0], job[1], job[2] and _entry(job[2]), job[3])
-        self.measures.restore(state["measures"])
-
 
 def person_of(briefing: Briefing) -> SimulatedOperator | None:
     """Make the simulated person that a briefing asks for, if any."""
@@ -228,11 +196,3 @@ def person_of(briefing: Briefing) -> SimulatedOperator | None:
         return None
     rng = Random(f"deltaswarm/{briefing.seed}/person")
     return SimulatedOperator(operator.person, rng, operator.threshold_hz, first_delta(briefing))
-
-
-def _entry_row(entry: _Entry) -> list[Any]:
-    return [list(entry.item), entry.numbers]
-
-
-def _entry(row: Sequence[Any]) -> _Entry:
-    return _Entry(item_of(row[0]), list(row[1]))

@@ -5,7 +5,6 @@ independent of the speed of the run.
 """
 
 from collections import Counter, deque
-from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
 
@@ -14,6 +13,7 @@ from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import REPORT, Digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Report, Workload, decode_forwarded, decode_report
+from deltaswarm_wire.saved import Saved
 
 SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 
@@ -26,7 +26,7 @@ _Held = tuple[int, int, Report, bytes]
 _agent_and_sequence = itemgetter(0, 1)
 
 
-class SlidingRate:
+class SlidingRate(Saved):
     """Messages per second over the last `window_s` of simulated time, or over the time so far if that is less.
 
     The window is a whole number of steps, at least one.
@@ -38,11 +38,6 @@ class SlidingRate:
         self._counts: deque[int] = deque(maxlen=self.steps)
         self._sum = 0
 
-    @property
-    def counts(self) -> list[int]:
-        """The counts of the window's steps, oldest first."""
-        return list(self._counts)
-
     def add(self, count: int) -> float:
         """Add the count of the next step; return the rate [1/s]."""
         counts = self._counts
@@ -53,7 +48,7 @@ class SlidingRate:
         return self._sum / (len(counts) * self._step_s)
 
 
-class WorkloadMeter:
+class WorkloadMeter(Saved):
     """Takes reports as they arrive and closes steps by the clock; a report counts in the next closed step."""
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
@@ -163,35 +158,10 @@ class WorkloadMeter:
             for _ in range(min(missed, rate.steps)):
                 rate.add(0)
 
-    def state(self) -> dict[str, Any]:
-        """Return the meter's state after the newest closed step, for JSON."""
-        return {
-            "step": self.step,
-            "is_over": self.is_over,
-            "digest": self._digest.hex(),
-            "newest_forwarded": self._newest_forwarded,
-            "rates": [rate.counts for rate in self._rates],
-            "steps": self._steps,
-            "steps_missed": self._steps_missed,
-            "steps_above": self._steps_above,
-            "messages": list(self._messages.items()),
-            "lost": list(self._lost.items()),
-            "rejected": list(self._rejected.items()),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another meter's `state` with the same settings."""
-        self.step, self.is_over = state["step"], state["is_over"]
-        self._digest = Digest(bytes.fromhex(state["digest"]))
-        self._newest_forwarded = state["newest_forwarded"]
-        for rate, counts in zip(self._rates, state["rates"], strict=True):
-            for count in counts:
-                rate.add(count)
-        self._steps, self._steps_missed = state["steps"], state["steps_missed"]
-        self._steps_above = state["steps_above"]
-        self._messages, self._lost, self._rejected = (
-            Counter(dict(state[name])) for name in ("messages", "lost", "rejected")
-        )
+    def resume(self) -> None:
+        """Go on after the newest closed step, once loaded: the world sends all later reports again."""
+        self._held.clear()
+        self._lost_in_step = self._rejected_in_step = 0
 
     @property
     def digest_hex(self) -> str:

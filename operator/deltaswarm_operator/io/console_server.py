@@ -1,10 +1,10 @@
 """Serves a console in the operator's process: sends turns and pace, and exchanges datagrams with the station."""
 
-import json
 import socket
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from deltaswarm_operator.io.markers import Markers
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.page_messages import made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON, OperatorAction
-from deltaswarm_wire.commands import Pace, Turn, decode_turn, encode_turn
+from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 SHOW_EVERY_S = 0.1
@@ -27,26 +27,35 @@ ANSWER_WITHIN_S = 900.0
 """Time that the person has after the last step to answer open questions [wall s]."""
 
 
+@dataclass
+class SavedConsole:
+    """A console with what its server needs to resume."""
+
+    console: Console
+    turns: deque[Turn]
+    table_bytes: Mapping[str, int]
+    """Lengths of the tables by name."""
+
+
 class ConsoleServer:
     """A console with its inputs and outputs.
 
     Args:
         run: the run's name.
-        console: the console, before the first step.
+        console: the console, before the first step, or that of a killed operator to go on from.
         is_awaited: whether the world waits for each turn.
         folder: for the tables of the person's acts and answers.
         send_turn, send_pace: send to the world, or on the air.
         on_intent: called in the channel's thread; the main thread must then pass the intent to `on_intent`.
         end: the operator's end of the socket pair, if there is a station.
         conductor: the operator's end of the socket pair to the conductor's page, if there is one.
-        step, saved: resume after this step from the `state` of a killed operator.
         markers: where acts and questions are told as they happen.
     """
 
     def __init__(
         self,
         run: str,
-        console: Console,
+        console: Console | SavedConsole,
         folder: Path,
         send_turn: Callable[[Turn], None],
         send_pace: Callable[[Pace], None],
@@ -55,30 +64,24 @@ class ConsoleServer:
         *,
         conductor: Channel | None = None,
         is_awaited: bool = False,
-        step: int = -1,
-        saved: str | None = None,
         markers: Markers | None = None,
     ) -> None:
-        self.console = console
+        saved = console if isinstance(console, SavedConsole) else None
+        self.console = console = console.console if isinstance(console, SavedConsole) else console
         self._markers = markers
         self.is_awaited = is_awaited
         self._run = run
         self._send_turn, self._send_pace = send_turn, send_pace
         self._channel = None if end is None else Channel(end, on_intent)
         self._conductor = conductor
-        if self._channel is not None:
-            console.attend()
+        console.attend(has_station=self._channel is not None)
+        if saved is not None:
+            console.resume()
         self._pace = self.console.pace
-        self._turns: deque[Turn] = deque(maxlen=FIRST_STEP)
+        self._turns: deque[Turn] = saved.turns if saved else deque(maxlen=FIRST_STEP)
         """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
         self._show_due = self._hello_due = 0.0
-        sizes: dict[str, int] | None = None
-        if saved is not None:
-            state = json.loads(saved)
-            self.console.restore(step, state["console"])
-            self._turns += [decode_turn(bytes.fromhex(turn)) for turn in state["turns"]]
-            sizes = state["table_bytes"]
-        self._tables = ActionLog(folder, sizes, has_station=self._channel is not None)
+        self._tables = ActionLog(folder, saved.table_bytes if saved else None, has_station=self._channel is not None)
 
     @property
     def wait_s(self) -> float | None:
@@ -184,13 +187,12 @@ class ConsoleServer:
         """Whether a question to the person at the station is open."""
         return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
 
-    def state(self, *, sync: bool = False) -> str:
-        """Return all that is needed to resume, as one JSON text, since it may be long and is written often."""
+    def state(self, *, sync: bool = False) -> SavedConsole:
+        """Return all that is needed to resume."""
         self._write()
         if sync:
             self._tables.sync()
-        turns = [encode_turn(turn).hex() for turn in self._turns]
-        return json.dumps({"console": self.console.state(), "turns": turns, "table_bytes": self._tables.sizes})
+        return SavedConsole(self.console, self._turns, self._tables.sizes)
 
     @property
     def table_sizes(self) -> dict[str, int]:

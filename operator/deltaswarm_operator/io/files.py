@@ -1,8 +1,10 @@
 """The operator's files: `operator.csv`, `operator.json`, and during the run `operator-state.json` to resume from."""
 
+import base64
 import csv
 import json
 import os
+import pickle
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,15 +29,13 @@ class Output:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
         self._flush_due = 0.0
-        self.state: dict[str, Any] | None = None
+        self.state: Any = None
         """State confirmed by the previous operator, to resume from."""
-        self.console: str | None = None
-        """The same for its console."""
         self.rows_before: list[list[str]] = []
         """Rows of the table confirmed by the previous operator."""
         if go_on and (folder / STATE).exists():
             saved = json.loads((folder / STATE).read_text(encoding="utf-8"))
-            self.state, self.console = saved["meter"], saved["console"]
+            self.state = pickle.loads(base64.b64decode(saved["state"]))
             os.truncate(folder / TABLE, saved["table_bytes"])
             with (folder / TABLE).open(newline="", encoding="utf-8") as table:
                 self.rows_before = list(csv.reader(table))[1:]
@@ -64,10 +64,11 @@ class Output:
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 
-    def save(self, meter: Mapping[str, Any], console: str | None = None) -> None:
-        """Write all rows so far and the state of meter and console, from which an operator can resume."""
+    def save(self, state: Any) -> None:
+        """Write all rows so far, and pickle the state, from which an operator can resume."""
         self.flush()
-        self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "console": console})
+        pickled = base64.b64encode(pickle.dumps(state)).decode()
+        self._write(STATE, {"table_bytes": self._stream.tell(), "state": pickled})
 
     def checkpoint(self, step: int, other_tables: Mapping[str, int]) -> None:
         """Copy the state just saved for this step into a checkpoint; seal all tables, the others up to these sizes."""

@@ -99,9 +99,9 @@ class OperatorProcess:
     """One run of the operator over an open session."""
 
     def __init__(self, config: OperatorConfig, session: zenoh.Session, inbox: ItemQueue, output: Output) -> None:
-        self.meter = WorkloadMeter(config.settings, config.step_s)
-        if output.state is not None:
-            self.meter.restore(output.state)
+        saved = (None, None) if output.state is None else output.state
+        self.meter, console = saved[0] or WorkloadMeter(config.settings, config.step_s), saved[1]
+        self.meter.resume()
         self._saved = self.meter.step
         self._session = session
         self._inbox = inbox
@@ -126,7 +126,7 @@ class OperatorProcess:
             awaited += [turns, paces]
             self._console = ConsoleServer(
                 config.run,
-                Console(config.briefing),
+                console or Console(config.briefing),
                 config.out,
                 lambda turn: turns.put(encode_turn(turn)),
                 lambda pace: paces.put(encode_pace(pace)),
@@ -136,8 +136,6 @@ class OperatorProcess:
                 if config.conductor is None
                 else Channel(config.conductor, lambda intent: inbox.put((ItemKind.CONDUCT, intent))),
                 is_awaited=config.briefing.is_awaited,
-                step=self.meter.step,
-                saved=output.console,
                 markers=markers_to(config.markers, config.run) if config.markers else None,
             )
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
@@ -214,7 +212,7 @@ class OperatorProcess:
             elif arrival in BY:
                 if self._console is not None:
                     if self._console.on_intent(sample, BY[arrival]) and self.meter.step >= 0:
-                        self._output.save(self.meter.state(), self._console.state())
+                        self._output.save((self.meter, self._console.state()))
                     self._console.show()
             else:
                 return End.STOPPED if arrival is ItemKind.STOP else End.WORLD_GONE
@@ -251,7 +249,7 @@ class OperatorProcess:
         self._save_due = time.monotonic() + SAVE_EVERY_S
         if self.meter.step > self._saved:
             console = None if self._console is None else self._console.state(sync=has_checkpoint)
-            self._output.save(self.meter.state(), console)
+            self._output.save((self.meter, console))
             if has_checkpoint:
                 self._output.checkpoint(self.meter.step, {} if self._console is None else self._console.table_sizes)
             self._saved = self.meter.step

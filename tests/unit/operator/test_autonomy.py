@@ -1,6 +1,5 @@
 """Who sets delta: the system's rule, the person's veto, and what the page offers to whom."""
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from deltaswarm_scenario.autonomy import ISA_ANSWER, SYSTEM, AutonomySettings
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import ArgumentForm, CommandForm, Turn, decode_command
 from deltaswarm_wire.operator_messages import Clock, Workload
-from tests.support.commanding import GO, briefing
+from tests.support.commanding import GO, briefing, taken_over
 from tests.unit.operator.test_console import say, shown
 
 SET_DELTA = CommandForm("set delta", ("all", "tree"), (ArgumentForm("delta", "integer", 1, 1000, default=4),))
@@ -90,9 +89,7 @@ def test_a_veto_drops_the_proposal_alone() -> None:
         assert not deltas(close(one, step, 3.0))
         assert shown(one)["proposal"] is None
     close(one, 20, 3.0)
-    other = console()
-    other.attend()
-    other.restore(20, json.loads(json.dumps(one.state())))
+    other = taken_over(one, has_station=True)
     assert shown(other)["proposal"] == {"delta": 3, "left_s": 5.0}
     assert [deltas(close(other, step, 3.0)) for step in range(21, 26)] == [[], [], [], [], [3]]
     assert other.totals["autonomy"] == {"changes": 1, "vetoes": 1}

@@ -20,7 +20,7 @@ from deltaswarm_scenario.person_tables import CONDUCTOR
 from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_command, decode_turn, encode_turn
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Answer, Clock, Report, Workload
-from tests.support.commanding import FORM, GO, RIGHT, briefing
+from tests.support.commanding import FORM, GO, RIGHT, briefing, taken_over
 
 CONSENT = {"operator": {"probes": {"consent": "Please"}}}
 TLX = {"operator": {"probes": {"tlx": True, "tlx_weights": True}}}
@@ -96,8 +96,7 @@ def test_a_reported_event_is_judged_and_another_is_not() -> None:
         assert refused["type"] == "refused"
     by_conductor = json.dumps({"type": "judge", "from": 1, "event": 1, "answer": "decoy"}).encode()
     assert carry_out(one, by_conductor, 0.0, CONDUCTOR)[0]["type"] == "refused"
-    other = Console(briefing(**TASK))
-    other.restore(0, json.loads(json.dumps(one.state())))
+    other = taken_over(one)
     assert shown(one)["judged"] == shown(other)["judged"] == [[1, "target"]]
     assert [(act.kind, act.name, act.event) for act in one.actions] == [("judge", "decoy", 1), ("judge", "target", 1)]
 
@@ -169,14 +168,12 @@ def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
 def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None:
     """It gives the same turns, as if nothing had happened."""
     script = briefing(at(2), *[at(5)] * 40, at(9))
-    one, kept = Console(script), ""
+    one, other = Console(script), Console(script)
     turns = []
     for step in range(12):
         turns.append(encode_turn(close(one, step, report(1, step, Answer(0, DONE)))))
         if step == killed_after:
-            kept = json.dumps(one.state())
-    other = Console(script)
-    other.restore(killed_after, json.loads(kept))
+            other = taken_over(one)
     other.start(0.0)
     for step in range(killed_after + 1, 12):
         assert decode_turn(encode_turn(close(other, step, report(1, step)))) == decode_turn(turns[step])
@@ -196,9 +193,7 @@ def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
         close(one, step, wall_s=float(step))
     say(one, "pace", paused=True)
     say(one, "pace", speed=5)
-    other = Console(briefing(**CONSENT))
-    other.attend()
-    other.restore(499, json.loads(json.dumps(one.state())))
+    other = taken_over(one, has_station=True)
     other.start(0.0)
     assert other.pace == one.pace
     assert shown(other)["probe"] is None

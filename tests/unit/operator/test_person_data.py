@@ -11,7 +11,7 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.action_log import ActionLog
-from tests.support.commanding import RIGHT, briefing
+from tests.support.commanding import RIGHT, briefing, taken_over
 from tests.unit.operator.test_console import close, report, say, shown
 
 
@@ -56,10 +56,7 @@ def test_the_inbox_says_what_was_shown_and_read(tmp_path: Path) -> None:
         if step == 1:
             shown(console, 1.5)
     say(console, "read", 6.0, items=[0])
-    state = json.loads(json.dumps(console.state()))
-    other = Console(briefing(operator={"person": {"patience_s": 10.0}}))
-    other.attend()
-    other.restore(29, state)
+    other = taken_over(console, has_station=True)
     shown(other, 7.0)
     say(other, "read", 8.0, items=[2])
     person = other.totals["person"]
@@ -133,9 +130,7 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
     ]
     for step in range(6, 9):
         close(console, step)
-    other = Console(briefing(operator={"probes": {"sagat_at_s": [5.0, 8.0], "isa_every_s": 0}}))
-    other.attend()
-    other.restore(8, json.loads(json.dumps(console.state())))
+    other = taken_over(console, has_station=True)
     other.start(0.0)
     assert (other.pace.hold_step, shown(other)["probe"]) == (-1, None)
     assert [row.value for row in other.probes.rows] == [3, 2, 1, "top left", *[None] * 4]
@@ -146,14 +141,13 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
 def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> None:
     """The run was held for it while ISA was open: both have their rows, and the run goes on."""
     asks = {"probes": {"sagat_at_s": [5.0], "isa_every_s": 4}}
-    console, other = Console(briefing(operator=asks)), Console(briefing(operator=asks))
-    for one in (console, other):
-        one.attend()
+    console = Console(briefing(operator=asks))
+    console.attend()
     console.start(0.0)
     for step in range(6):
         close(console, step)
     assert shown(console)["probe"]["kind"] == "isa"
-    other.restore(5, json.loads(json.dumps(console.state())))
+    other = taken_over(console, has_station=True)
     other.start(0.0)
     assert (other.is_held, shown(other)["probe"]) == (False, None)
     assert [(row.probe, row.value) for row in other.probes.rows] == [("isa", None), *[("sagat", None)] * 4]
@@ -180,8 +174,7 @@ def test_questions_in_passing_let_the_run_go_on() -> None:
     close(console, 6, wall_s=41.0)
     rows = [(row.probe, row.number, row.item, row.value, row.latency_s) for row in console.probes.rows]
     assert rows == [("spam", 0, "trees", 2, 3.5), ("spam", 1, "open_events", None, None)]
-    other = Console(briefing(operator={"probes": {**spam, "isa_every_s": 5}}))
-    other.restore(6, json.loads(json.dumps(console.state())))
+    other = taken_over(console)
     assert [(row.probe, row.value) for row in other.probes.take_rows()] == [("spam", None)]
 
 

@@ -1,6 +1,5 @@
 """The operator's picture: it holds what was reported and nothing else, and late news make nothing older or younger."""
 
-import json
 from collections.abc import Sequence
 from random import Random
 
@@ -10,6 +9,7 @@ from hypothesis import strategies as st
 from deltaswarm_operator.core.picture import EVENT_MEMORY_S, LEFT, Picture, item_rows
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, ReportedMember
+from tests.support.commanding import reloaded
 
 AGENTS = 6
 
@@ -99,9 +99,9 @@ def test_an_event_names_who_says_that_it_attends_it() -> None:
 
 def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
     """A picture that goes on from another's state drops what that would have dropped."""
-    before, after = Picture(1.0), Picture(1.0)
+    before = Picture(1.0)
     before.update([attending(1, 5, event=2)], 5.0)
-    after.restore(json.loads(json.dumps(before.state())))
+    after = reloaded(before)
     late = [attending(1, 3, event=1)]
     assert after.update(late, 6.0) == before.update(late, 6.0) == []
     assert after.rows() == before.rows()
@@ -142,8 +142,7 @@ def test_events_that_nobody_reports_any_more_are_closed() -> None:
     picture.update([attending(1, 10, event=9), attending(2, 10, event=10)], 10.0)
     assert picture.closed == {1: (1.0, 5.0), 2: (1.0, 9.0)}
     assert picture.closed_after_s == (4.0 + 8.0) / 2
-    again = Picture(1.0)
-    again.restore(json.loads(json.dumps(picture.state())))
+    again = reloaded(picture)
     again.update([attending(2, 12, event=8)], 12.0)
     assert again.closed == {1: (1.0, 5.0), 4: (10.0, 10.0)}
     assert again.events[2].first_s == 1.0

@@ -1,6 +1,5 @@
 """What a person at the station is asked: when, and which answers count."""
 
-import json
 from random import Random
 from typing import Any
 
@@ -9,6 +8,7 @@ import pytest
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_scenario.tlx import SCALES
+from tests.support.commanding import reloaded
 
 
 def probes(**settings: Any) -> Probes:
@@ -90,8 +90,8 @@ def test_a_question_that_was_open_when_the_operator_was_killed_is_missing() -> N
     """Its row is there, and it is not asked again."""
     killed = probes(isa_every_s=100, isa_wait_s=30)
     killed.tick(100.0, False, 0.0)
-    successor = probes(isa_every_s=100, isa_wait_s=30)
-    successor.restore(json.loads(json.dumps(killed.state())))
+    successor = reloaded(killed)
+    assert not successor.resume()
     assert [(row.number, row.value, row.asked_s) for row in successor.rows] == [(0, None, 100.0)]
     assert successor.open(1.0) is None
     successor.tick(200.0, False, 100.0)

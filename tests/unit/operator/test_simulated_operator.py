@@ -1,6 +1,5 @@
 """The simulated operator: its items are read, missed or wait; its load is a share; the same seed, the same acts."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -15,6 +14,7 @@ from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
 from deltaswarm_operator.core.picture import Item
 from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, SimulatedOperator
 from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, PersonSettings
+from tests.support.commanding import reloaded
 from tests.support.complaints import mistakes
 
 CALM = PersonSettings(policy=NONE, sigma=0.0)
@@ -96,19 +96,14 @@ def test_the_load_is_a_share_and_so_is_its_mean(
 def test_one_that_goes_on_does_the_same(
     told: list[tuple[list[Told], float]], settings: PersonSettings, seed: int, cut: int
 ) -> None:
-    """The same seed gives the same acts, and one that was saved in between, as JSON, does not differ."""
+    """The same seed gives the same acts, and one that was saved in between does not differ."""
     whole = person(settings, seed)
     acts = live(whole, told)
-    before, after = person(settings, seed), person(settings, seed)
+    before = person(settings, seed)
     first = live(before, told[:cut])
-    after.restore(_through_json(before.state()))
+    after = reloaded(before)
     assert first + live(after, told[cut:], len(told[:cut])) == acts
     assert after.totals() == whole.totals()
-
-
-def _through_json(state: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(json.dumps(state))
-    return found
 
 
 @given(steps, persons, seeds)
