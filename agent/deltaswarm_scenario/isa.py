@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from deltaswarm_scenario.technique import Answers, Technique
+from deltaswarm_scenario.technique import Answers, Measure, Technique
 from deltaswarm_wire.checked import key
 
 ISA = "isa"
@@ -29,6 +29,15 @@ class Isa(Technique):
 
     name = kind = ISA
     title = "ISA"
+    measures = (
+        Measure(
+            "person.isa",
+            "mean ISA answer, from 1 to 5",
+            "isa",
+            "operator.probes.isa_every_s",
+            "Mean ISA answer, from 1 to 5",
+        ),
+    )
 
     def __init__(self, settings: IsaSettings) -> None:
         self._settings = settings

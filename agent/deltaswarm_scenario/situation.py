@@ -13,13 +13,14 @@ from typing import Annotated, NamedTuple
 
 from deltaswarm_scenario.columns import Column
 from deltaswarm_scenario.questions import CHOICE, NUMBER, FormSettings, FormTechnique, QuestionSettings
-from deltaswarm_scenario.technique import Recorded, ScoredTable, Technique
+from deltaswarm_scenario.technique import Measure, Recorded, ScoredTable, Technique
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.checked import Problem, key
 
 SAGAT, SPAM = "sagat", "spam"
 OPEN_EVENTS, IN_TREES, TREES, MOST_EVENTS = "open_events", "agents_in_trees", "trees", "most_events"
 QUARTERS = ("top left", "top right", "bottom left", "bottom right")
+RIGHT_SHARE = "person.situation_right_share"
 TITLE = "What is the situation?"
 _MANY = 9999.0
 
@@ -114,6 +115,15 @@ class AtTimes(FormTechnique):
 
     needs_person = True
     scored = ScoredTable("situation", SituationRow, score)
+    measures = (
+        Measure(
+            RIGHT_SHARE,
+            "right answers about the situation (SAGAT, SPAM), as a share of those asked for",
+            "situation_right_share",
+            "operator.probes.sagat_at_s or .spam_at_s",
+            is_in_summary=False,
+        ),
+    )
     texts = (TITLE, *(question.text for question in SITUATION.values()), *QUARTERS)
 
     def __init__(self, at_s: Sequence[float], questions: Sequence[str]) -> None:

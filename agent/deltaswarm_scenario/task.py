@@ -15,7 +15,7 @@ from statistics import NormalDist
 from typing import Annotated, Any, NamedTuple
 
 from deltaswarm_scenario.columns import Column
-from deltaswarm_scenario.technique import Recorded, ScoredTable, Technique
+from deltaswarm_scenario.technique import Measure, Recorded, ScoredTable, Technique
 from deltaswarm_wire.checked import OURS, key
 
 JUDGE = "judge"
@@ -117,6 +117,20 @@ class Task(Technique):
     """The task. It is on the page during the whole run, and each judgement is an act, so it asks no question."""
 
     name, kind = "task", JUDGE
+    measures = tuple(
+        Measure(f"task.{name}", meaning, column, "operator.task.target_share", is_whole=is_whole)
+        for name, meaning, column, is_whole in (
+            ("share_right", "reported events that were judged right", "share_right", False),
+            ("hits", "targets that were judged to be targets", "hits", True),
+            ("misses", "targets that were judged to be decoys", "misses", True),
+            ("false_alarms", "decoys that were judged to be targets", "false_alarms", True),
+            ("correct_rejections", "decoys that were judged to be decoys", "correct_rejections", True),
+            ("unjudged", "reported events without a judgement", "unjudged", True),
+            ("events", "reported events", "", True),
+            ("d_prime", "sensitivity d' of the judgements, log-linear", "d_prime", False),
+            ("criterion", "criterion c of the judgements; above 0: rather decoy", "criterion", False),
+        )
+    )
     texts = (GOAL,)
     scored = ScoredTable("judgements", JudgementRow, _judged, lambda rows: {"task": score(rows)})
 

@@ -31,6 +31,23 @@ class Recorded(NamedTuple):
     height_m: float = 0.0
 
 
+class Measure(NamedTuple):
+    """A number that a technique gives a run."""
+
+    key: str
+    """Its dotted name in `summary.json`."""
+    meaning: str
+    column: str
+    """Its column in the table of a session's runs; empty: it has none."""
+    needs: str
+    """The scenario key without which a run does not have it."""
+    title: str = ""
+    """Its name on the axes and in the tables of studies; empty: studies do not use it."""
+    is_whole: bool = False
+    is_in_summary: bool = True
+    """False: only the table of a session's runs has it, since it is known only after the run."""
+
+
 class ScoredTable(NamedTuple):
     """A table of answers beside the truth."""
 
@@ -57,6 +74,7 @@ class Technique:
     needs_person = False
     """Whether it is asked only of a person at the station."""
     scored: ClassVar[ScoredTable | None] = None
+    measures: Sequence[Measure] = ()
     texts: ClassVar[Sequence[str]] = ()
     """What it says on the page, to be translated, besides what is in its panel."""
 

@@ -10,11 +10,11 @@ from deltaswarm_scenario.isa import Isa, IsaSettings
 from deltaswarm_scenario.questions import Form, FormsSettings, Sheet, SheetSettings
 from deltaswarm_scenario.situation import Sagat, SagatSettings, Spam, SpamSettings
 from deltaswarm_scenario.task import Task
-from deltaswarm_scenario.technique import ScoredTable, Technique
+from deltaswarm_scenario.technique import AFTER, Measure, ScoredTable, Technique
 from deltaswarm_scenario.tlx import Tlx, TlxSettings
 from deltaswarm_wire.checked import Problem
 
-TECHNIQUES: tuple[type[Technique], ...] = (Sheet, Sagat, Spam, Isa, Tlx, Form, Task)
+TECHNIQUES: tuple[type[Technique], ...] = (Task, Sheet, Sagat, Spam, Isa, Tlx, Form)
 """All techniques; of several that are due in one step, the first is asked first."""
 
 NAMED = tuple(technique.name for technique in TECHNIQUES if technique.title)
@@ -22,6 +22,12 @@ NAMED = tuple(technique.name for technique in TECHNIQUES if technique.title)
 
 SCORED: dict[str, ScoredTable] = {one.scored.name: one.scored for one in TECHNIQUES if one.scored}
 """The tables of answers beside the truth, by name."""
+
+
+def measures(*, after_run: bool) -> tuple[Measure, ...]:
+    """Return the numbers that techniques give a run: of those that ask after it, or of all others."""
+    asking = [technique for technique in TECHNIQUES if (technique.when == AFTER) == after_run]
+    return tuple(dict.fromkeys(measure for technique in asking for measure in technique.measures))
 
 
 @dataclass(frozen=True)

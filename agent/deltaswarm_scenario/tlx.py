@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deltaswarm_scenario.technique import AFTER, Answers, Technique
+from deltaswarm_scenario.technique import AFTER, Answers, Measure, Technique
 from deltaswarm_wire.checked import key
 
 TLX = "tlx"
@@ -27,10 +27,18 @@ class Tlx(Technique):
 
     name = kind = TLX
     title = "NASA-TLX"
+    measures: Sequence[Measure] = (
+        Measure("person.tlx.raw", "NASA-TLX, mean of the six scales, from 0 to 100", "tlx_raw", "operator.probes.tlx"),
+        Measure(
+            "person.tlx.weighted", "NASA-TLX, weighted by the 15 pairs", "tlx_weighted", "operator.probes.tlx_weights"
+        ),
+    )
     when = AFTER
 
     def __init__(self, settings: TlxSettings) -> None:
         self._has_weights = settings.tlx_weights
+        if not self._has_weights:
+            self.measures = self.measures[:1]
 
     @classmethod
     def of(cls, settings: TlxSettings) -> Iterable[Technique]:

@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.results.summary import SITUATION_RIGHT_SHARE, summarise, value_at
+from deltaswarm_orchestrator.results.summary import summarise, value_at
 from deltaswarm_orchestrator.scenarios.load import read_toml
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.task import Task
+from deltaswarm_scenario.technique import Technique
+from deltaswarm_scenario.techniques import measures
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
@@ -47,26 +50,22 @@ class CriterionSettings:
 
     def problems_with(self, scenario: Scenario) -> list[Problem]:
         """Check that the training's runs have the metric."""
-        probes = scenario.operator.probes
-        needs: dict[str, tuple[str, Any]] = {
-            "person.isa": ("operator.probes.isa_every_s", probes.isa_every_s),
-            "person.tlx.raw": ("operator.probes.tlx", probes.tlx),
-            "person.tlx.weighted": ("operator.probes.tlx_weights", probes.tlx and probes.tlx_weights),
-            SITUATION_RIGHT_SHARE: ("operator.probes.sagat_at_s or .spam_at_s", probes.sagat_at_s or probes.spam_at_s),
-        }
         if self._path not in {variable.path for variable in MEASURES.values()} | {
             *_numbers(summarise(Outcome(), scenario))
         }:
             known = f"must be a number in summary.json by its dotted name, or one of {', '.join(MEASURES)}"
             return [Problem("metric", repr(self.metric), known)]
-        if self._path.startswith("task."):
-            needs[self._path] = ("operator.task.target_share", scenario.operator.task.is_on)
-        name, is_asked = needs.get(self._path, ("", True))
-        if not is_asked:
-            return [
-                Problem("metric", repr(self.metric), f"must be a number that the training's runs have; it lacks {name}")
-            ]
-        return []
+        asked: list[Technique | type[Technique]] = [*scenario.operator.probes.techniques]
+        asked += [Task] if scenario.operator.task.is_on else []
+        if self._path in {measure.key for technique in asked for measure in technique.measures}:
+            return []
+        return [
+            Problem(
+                "metric", repr(self.metric), f"must be a number that the training's runs have; it lacks {one.needs}"
+            )
+            for one in (*measures(after_run=False), *measures(after_run=True))
+            if one.key == self._path
+        ]
 
     def value(self, run: Mapping[str, Any]) -> float | None:
         """Return the metric of a run, from its summary; None if the run has none."""

@@ -7,6 +7,8 @@ from typing import Any
 from deltaswarm_orchestrator.results.metrics import METRICS, Compute, Metric
 from deltaswarm_orchestrator.results.outcome import Outcome, RunData
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.technique import Measure
+from deltaswarm_scenario.techniques import measures
 from deltaswarm_wire.keys import WORLD
 
 MAX_NAMED = 5
@@ -14,9 +16,6 @@ MAX_NAMED = 5
 
 OFTEN = 5
 """Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
-
-SITUATION_RIGHT_SHARE = "person.situation_right_share"
-"""The share of right answers about the situation, which is known only after the run."""
 
 
 def of_world(name: str, default: Any = None) -> Compute:
@@ -113,8 +112,16 @@ def _of_person(name: str, meaning: str, unit: str = "", **more: Any) -> Metric:
     return Metric(f"person.{name}", meaning, unit, **more)
 
 
-def _of_task(name: str, meaning: str, *, is_whole: bool = True) -> Metric:
-    return Metric(f"task.{name}", meaning, session=name, is_whole=is_whole)
+def _of_technique(measure: Measure) -> Metric:
+    return Metric(
+        measure.key,
+        measure.meaning,
+        title=measure.title,
+        study=measure.key.replace(".", "_") if measure.title else "",
+        session=measure.column,
+        is_in_summary=measure.is_in_summary,
+        is_whole=measure.is_whole,
+    )
 
 
 PERSON = (
@@ -161,32 +168,10 @@ PERSON = (
     ),
     _of_person("commands_by_state.done", "commands carried out by an agent", session="commands_done", is_whole=True),
     _of_person("commands_by_state", "commands by outcome at the end: sent, heard, done or expired"),
-    _of_task("share_right", "reported events that were judged right", is_whole=False),
-    _of_task("hits", "targets that were judged to be targets"),
-    _of_task("misses", "targets that were judged to be decoys"),
-    _of_task("false_alarms", "decoys that were judged to be targets"),
-    _of_task("correct_rejections", "decoys that were judged to be decoys"),
-    _of_task("unjudged", "reported events without a judgement"),
-    Metric("task.events", "reported events", is_whole=True),
-    _of_task("d_prime", "sensitivity d' of the judgements, log-linear", is_whole=False),
-    _of_task("criterion", "criterion c of the judgements; above 0: rather decoy", is_whole=False),
-    Metric(
-        SITUATION_RIGHT_SHARE,
-        "right answers about the situation (SAGAT, SPAM), as a share of those asked for",
-        session="situation_right_share",
-        is_in_summary=False,
-    ),
-    _of_person(
-        "isa",
-        "mean ISA answer, from 1 to 5",
-        title="Mean ISA answer, from 1 to 5",
-        study="person_isa",
-        session="isa",
-    ),
+    *map(_of_technique, measures(after_run=False)),
     _of_person("questions", "questions asked", session="questions", is_whole=True),
     _of_person("answers_missing", "questions without an answer", session="answers_missing", is_whole=True),
-    _of_person("tlx.raw", "NASA-TLX, mean of the six scales, from 0 to 100", session="tlx_raw"),
-    _of_person("tlx.weighted", "NASA-TLX, weighted by the 15 pairs", session="tlx_weighted"),
+    *map(_of_technique, measures(after_run=True)),
     _of_person("interaction_s", "mean time spent on an item", "s"),
     _of_person(
         "between_items_s", "mean time from the end of an item to the beginning of the next item of the same agent", "s"

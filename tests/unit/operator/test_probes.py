@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 
 from deltaswarm_operator.core.probes import Probes
+from deltaswarm_scenario.person_tables import ProbeRow
+from deltaswarm_scenario.questions import FormSettings, QuestionSettings
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_scenario.tlx import SCALES
 from tests.support.commanding import reloaded
@@ -133,3 +135,153 @@ def test_every_question_that_was_asked_has_a_row() -> None:
     asked.close()
     assert asked.outcomes["tlx"] == {"raw": 25.0, "weighted": pytest.approx((0 + 40 + 60 + 60 + 40) / 15)}
     assert (asked.outcomes["questions"], asked.outcomes["answers_missing"]) == (2, 1)
+
+
+BEFORE = FormSettings("you", when="before", question=(QuestionSettings("age", "Age?", "number", 18.0, 99.0),))
+READ = FormSettings("read", text="Read this.", when="before")
+AFTER = FormSettings("end", question=(QuestionSettings("trust", "Trust?"),))
+ALL = {
+    "consent": "Yes?",
+    "form": (BEFORE, READ, AFTER),
+    "sagat_at_s": (20.0,),
+    "sagat_questions": ("trees",),
+    "spam_at_s": (20.0, 30.0),
+    "spam_questions": ("trees",),
+    "isa_every_s": 20.0,
+    "isa_wait_s": 10.0,
+    "tlx": True,
+}
+
+
+def told(rows: list[ProbeRow]) -> list[tuple[Any, ...]]:
+    return [(row.probe, row.number, row.item, row.value, row.asked_s, row.latency_s) for row in rows]
+
+
+def test_a_whole_run_asks_in_order() -> None:
+    """The sheet and forms before it, those about a moment in their order of precedence, NASA-TLX and forms after it."""
+    asked = probes(**ALL)
+    asked.start(1.0)
+    assert asked.is_sheet_open
+    assert asked.holds_run
+    assert told(list(asked.opened)) == []
+    assert asked.answer({"type": "sheet"}, 2.0) == ({}, True)
+    assert not asked.is_sheet_open
+    assert asked.open(2.0)["form"]["name"] == "you"
+    assert asked.answer({"type": "form", "form": "you", "answers": {"age": 30}}, 3.23456) == ({"name": "you"}, True)
+    assert asked.answer({"type": "form", "form": "read", "answers": {}}, 4.0) == ({"name": "read"}, True)
+    assert not asked.holds_run
+    assert told(asked.take_rows()) == [("you", 0, "age", 30, 0.0, 1.235)]
+    assert asked.take_rows() == []
+    assert asked.next_hold_s == 20.0
+    attended = {"is_attended": True, "is_held": True}
+    asked.tick(19.9, False, 5.0, **attended)
+    assert asked.open(5.0) is None
+    asked.tick(20.0, False, 6.0, **attended)
+    assert asked.next_hold_s is None
+    assert asked.open(6.0)["form"]["name"] == "sagat"
+    asked.tick(25.0, False, 6.5, **attended)
+    assert asked.answer({"type": "form", "form": "sagat", "answers": {"trees": 2}}, 7.0) == ({"name": "sagat"}, True)
+    assert asked.open(7.0) is None
+    asked.tick(26.0, False, 8.0, **attended)
+    assert asked.open(8.0)["form"]["name"] == "spam"
+    assert not asked.holds_run
+    asked.tick(40.0, False, 9.0, **attended)
+    assert asked.answer({"type": "form", "form": "spam", "answers": {"trees": 1}}, 9.0) == ({"name": "spam"}, False)
+    asked.tick(41.0, False, 10.0, **attended)
+    assert asked.open(10.0)["form"]["name"] == "spam"
+    asked.tick(42.0, True, 11.0, **attended)
+    asked.tick(42.0, True, 11.0, **attended)
+    assert asked.open(11.0)["kind"] == "tlx"
+    assert not asked.holds_run
+    asked.close()
+    assert told(asked.take_rows()) == [
+        ("sagat", 0, "trees", 2, 20.0, 1.0),
+        ("spam", 0, "trees", 1, 26.0, 1.0),
+        ("spam", 1, "trees", None, 41.0, None),
+        *[("tlx", 0, scale, None, 42.0, None) for scale in SCALES],
+        ("end", 0, "trust", None, 42.0, None),
+    ]
+    assert (asked.outcomes["questions"], asked.outcomes["answers_missing"]) == (6, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "is_attended", "is_held", "kind"),
+    [
+        ("sagat", True, True, "form"),
+        ("sagat", True, False, None),
+        ("sagat", False, True, None),
+        ("spam", True, False, "form"),
+        ("spam", False, False, None),
+        ("isa", False, False, "isa"),
+        ("isa", True, True, "isa"),
+    ],
+)
+def test_whom_a_question_is_asked(name: str, is_attended: bool, is_held: bool, kind: str | None) -> None:
+    """About the situation only a person, SAGAT only once the run is held for it; nobody is the default."""
+    settings = {"isa_every_s": 5.0} if name == "isa" else {"isa_every_s": 0.0, f"{name}_at_s": (5.0,)}
+    asked = probes(**settings)
+    asked.tick(5.0, False, 0.0, is_attended=is_attended, is_held=is_held)
+    assert (asked.open(0.0) or {}).get("kind") == kind
+    asked = probes(**settings)
+    asked.tick(5.0, False, 0.0)
+    assert (asked.open(0.0) is None) == (name != "isa")
+
+
+@pytest.mark.parametrize(("first", "second"), [("spam", "isa"), ("isa", "spam")])
+def test_no_question_is_asked_over_an_open_one(first: str, second: str) -> None:
+    """Neither SPAM over ISA nor ISA over SPAM: it comes once the other is answered or missing."""
+    due = {"spam_at_s": (5.0 if first == "spam" else 7.0,), "isa_every_s": 5.0 if first == "isa" else 7.0}
+    asked = probes(**due, spam_wait_s=30.0, isa_wait_s=30.0)
+    shown = []
+    for now_s, wall_s in ((5.0, 0.0), (7.0, 20.0), (8.0, 29.9), (9.0, 30.0)):
+        asked.tick(now_s, False, wall_s, is_attended=True)
+        probe = asked.open(wall_s)
+        shown.append(probe["form"]["name"] if probe["kind"] == "form" else probe["kind"])
+    assert shown == [first, first, first, second]
+    assert [row.probe for row in asked.rows] == [first]
+    assert [row.probe for row in asked.opened] == [first, second]
+
+
+@pytest.mark.parametrize("has_begun", [True, False])
+def test_what_is_asked_before_the_run_is_asked_once(has_begun: bool) -> None:
+    """Also after a restart of the operator: again if the run had not begun, else not."""
+    one = probes(form=(BEFORE,), isa_every_s=0.0)
+    one.start(0.0)
+    if has_begun:
+        one.answer({"type": "form", "form": "you", "answers": {"age": 30}}, 1.0)
+    other = reloaded(one)
+    assert not other.resume()
+    other.start(5.0)
+    assert (other.open(5.0) is None) == has_begun
+    assert other.outcomes["questions"] == 1
+
+
+def test_a_restart_tells_whether_the_run_was_held() -> None:
+    """By SAGAT, whose answer is then missing, but not by ISA; rows that were written are not written again."""
+    for settings, is_held in (({"sagat_at_s": (5.0,), "isa_every_s": 0.0}, True), ({"isa_every_s": 5.0}, False)):
+        one = probes(**settings)
+        one.tick(5.0, False, 7.0, is_attended=True, is_held=True)
+        other = reloaded(one)
+        assert other.resume() == is_held
+        assert {row.asked_monotonic_s for row in other.take_rows()} == {None}
+        assert other.outcomes["answers_missing"] == 1
+        third = reloaded(other)
+        assert not third.resume()
+        assert third.take_rows() == []
+        assert third.rows == other.rows
+
+
+def test_a_simulated_person_answers_at_once_and_has_no_wall_time() -> None:
+    """It answers ISA by its load and nothing else."""
+    asked = probes(isa_every_s=5.0, isa_wait_s=1.0, tlx=True)
+    asked.is_timed = False
+    assert asked.answer_as(0.5, 0.0) is None
+    asked.tick(5.0, False, 0.0)
+    assert asked.open(1000.0)["left_s"] == 1.0
+    assert asked.answer_as(0.5, 1000.0) == ("isa", {"value": 3})
+    [row] = asked.rows
+    assert (row.latency_s, row.asked_monotonic_s, row.answered_monotonic_s) == (0.0, None, None)
+    asked.tick(9.0, True, 1001.0)
+    assert asked.answer_as(0.5, 1001.0) is None
+    assert asked.given("isa") == [{"isa": 3}]
+    assert asked.outcomes["isa"] == 3

@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
-from deltaswarm_operator.core.picture import Item
+from deltaswarm_operator.core.picture import Item, Picture
 from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, SimulatedOperator
 from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, PersonSettings
 from tests.support.commanding import reloaded
 from tests.support.complaints import mistakes
+from tests.unit.operator.test_console import report
 
 CALM = PersonSettings(policy=NONE, sigma=0.0)
 THRESHOLD_HZ = 5.0
@@ -170,6 +172,22 @@ def test_what_waits_too_long_is_missed() -> None:
     acts = live(one, [([(0, (1,), True), (1, (2,), True)], 0.0), *[([], 0.0)] * 100])
     assert acts == [(50.0, Read((0,)))]
     assert one.totals()["missed"] == 1
+
+
+@pytest.mark.parametrize(("now_s", "missed"), [(29.0, 0), (30.0, 0), (30.5, 1), (60.0, 1)])
+def test_an_item_is_missed_once_it_is_older_than_the_patience(now_s: float, missed: int) -> None:
+    """Not at that age; of a person at the station too, also if the item is read later, and once only."""
+    waiting = Item(1, 0.0, 1, "free", 0, (2,), True)
+    one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0, new_s=100.0, patience_s=30.0))
+    one.live(0.0, [Item(0, 0.0, 0, "free", 0, (1,), True), waiting], 0.0)
+    one.live(now_s, [], 0.0)
+    assert (one.measures.missed, one.unread) == (missed, 2 - missed)
+    picture, attention = Picture(1.0), Attention(30.0)
+    picture.update([report(0, 1)], 0.0)
+    for time_s in (now_s, now_s):
+        picture.update([], time_s)
+        attention.close_step(picture)
+    assert (attention.measures.missed, len(picture.unread)) == (missed, 1)
 
 
 def test_work_is_slowest_at_both_ends_of_the_load() -> None:

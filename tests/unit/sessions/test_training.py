@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.results.summary import SITUATION_RIGHT_SHARE
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
@@ -117,7 +116,7 @@ def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path
     answers = [SituationRow("sagat", 0, "trees", 9.0, *row) for row in (("2", "2", 1, 0), ("", "3", None, None))]
     with (tmp_path / "situation.csv").open("w", newline="") as stream:
         csv.writer(stream).writerows([SituationRow._fields, *answers])
-    found = CriterionSettings(SITUATION_RIGHT_SHARE, at_least=1).value(summary_of(tmp_path))
+    found = CriterionSettings("person.situation_right_share", at_least=1).value(summary_of(tmp_path))
     assert found == 0.5
 
 
