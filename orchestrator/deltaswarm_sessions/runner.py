@@ -1,28 +1,22 @@
 """Carry out the steps of a session: do runs, each with a station at the same address, and ask for missing answers."""
 
-import os
 import secrets
-import subprocess
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli.arguments import free_folder
-from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address, write_briefing
+from deltaswarm_orchestrator.processes.pages import serve_page
+from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
+from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.sweeps import dies_with_parent
 from deltaswarm_sessions.folder import RECORD, attempts_at, check_design, folders_of_later_answers, scenario_of
 from deltaswarm_sessions.plan import PlannedRun, order_warning
 from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
-from deltaswarm_wire.session import PASSWORD_VARIABLE
-
-ASKING = "deltaswarm_operator.io.asking"
-"""The module of the page that asks; processes are started by name, and no part is imported here."""
 
 
 @dataclass(kw_only=True)
@@ -42,6 +36,9 @@ class Runner:
     """The command that continues the session, for the experimenter."""
     _token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
     _opens_browser: bool = field(default=True, init=False)
+
+    _lock: FolderLock = field(init=False)
+    """Held while the session is done, and by the process that asks."""
 
     def __post_init__(self) -> None:
         self.listen = free_address(self.listen)
@@ -70,7 +67,7 @@ class Runner:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            lock = FolderLock(self.folder)
+            self._lock = FolderLock(self.folder)
         except HeldError:
             raise CommandError(
                 f"{self.folder} must be free: another session of this participant is under way"
@@ -78,7 +75,7 @@ class Runner:
         try:
             return self._do_steps()
         finally:
-            lock.release()
+            self._lock.release()
 
     def _do_steps(self) -> int:
         self._read()
@@ -131,6 +128,13 @@ class Runner:
         out.mkdir()
         asked = replace(scenario, operator=replace(scenario.operator, probes=step.probes))
         briefing = write_briefing(out, asked, None)
-        command = [sys.executable, "-P", "-m", dies_with_parent.__name__, str(os.getpid()), ASKING]
-        options = ["--briefing", str(briefing), "--out", str(out), "--listen", self.listen]
-        subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: self._token}, check=False)
+
+        def say_url(url: str) -> None:
+            notice(f"the page: {url}")
+            announce(out, {"url": url}, opens_browser=False)
+
+        page = Station(self.speed, self.listen, self._token)
+        try:
+            serve_page(QUESTIONS, {"--briefing": briefing, "--out": out}, out / "logs", page, say_url, self._lock)
+        except LaunchError as error:
+            raise CommandError(str(error), FAILED) from None

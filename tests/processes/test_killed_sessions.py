@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.processes.test_asking_again import FILE, Browser, table
-from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, wait_until
+from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told, wait_until
 from tests.support.sweeping import marked, marked_command, sweeping, written
 
 pytestmark = pytest.mark.processes
@@ -40,6 +40,8 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
         Browser(out / "1-A.part" / "station.json", tlx=False, condition="1 A")
     with session(tmp_path, signal.SIGKILL):
         wait_until((out / "1-A.again-1" / "station.json").exists, "the page that asks again")
+        second = told("session", str(tmp_path / "study.toml"), "--participant", "1", "--out", str(out.parent))
+        assert (second.returncode, "another session" in second.stderr) == (2, True)
     last = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
     with subprocess.Popen(last, cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
         try:

@@ -2,9 +2,9 @@
 
 import argparse
 import contextlib
-import json
 import queue
 import signal
+import socket
 import sys
 import time
 import tomllib
@@ -13,13 +13,9 @@ from pathlib import Path
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
-from deltaswarm_operator.io.page import Page
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.command_line import Parser
-
-ADDRESS = "station.json"
-"""The file with the page's URL, as a run has it."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -27,38 +23,29 @@ def parser() -> argparse.ArgumentParser:
     made = Parser(prog="python -m deltaswarm_operator.io.asking", description="Ask questions on the station's page.")
     made.add_argument("--briefing", type=Path, required=True, metavar="FILE", help="its probes are what is asked")
     made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for the answers: probes.csv")
-    made.add_argument("--listen", required=True, metavar="HOST:PORT", help="where the page is served")
+    made.add_argument(
+        "--channel-fd", type=int, required=True, metavar="N", help="its end of the channel to the station"
+    )
     return made
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve the page until all is answered or the time is over. Exit code: 1 if the page cannot be served."""
+    """Ask until all is answered, the time is over, the station has gone or a signal ends it."""
     arguments = parser().parse_args(argv)
     briefing = checked.load(Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8")))
     console, inbox = Console(briefing), queue.SimpleQueue[bytes | None]()
-    try:
-        page = Page(arguments.listen)
-    except OSError as error:
-        print(f"deltaswarm session: {error}", file=sys.stderr)
-        return 1
-    address = arguments.out / ADDRESS
-    address.touch(mode=0o600)
-    address.write_text(json.dumps({"url": page.url}) + "\n", encoding="utf-8")
-    print(f"the page: {page.url}", file=sys.stderr)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with page:
-        server = ConsoleServer(
-            arguments.out.name, console, arguments.out, lambda _: None, lambda _: None, inbox.put, page.end
-        )
-        console.conclude()
-        console.probes.end(briefing.duration_s, time.monotonic())
-        deadline = time.monotonic() + ANSWER_WITHIN_S
-        with contextlib.suppress(KeyboardInterrupt):
-            while server.is_asking and time.monotonic() < deadline:
-                server.show()
-                with contextlib.suppress(queue.Empty):
-                    server.on_intent(inbox.get(timeout=server.wait_s))
-        server.finish()
+    end, out = socket.socket(fileno=arguments.channel_fd), arguments.out
+    server = ConsoleServer(out.name, console, out, lambda _: None, lambda _: None, inbox.put, end)
+    console.conclude()
+    console.probes.end(briefing.duration_s, time.monotonic())
+    deadline = time.monotonic() + ANSWER_WITHIN_S
+    with contextlib.suppress(KeyboardInterrupt):
+        while server.is_asking and time.monotonic() < deadline:
+            server.show()
+            with contextlib.suppress(queue.Empty):
+                server.on_intent(inbox.get(timeout=server.wait_s))
+    server.finish()
     return 0
 
 

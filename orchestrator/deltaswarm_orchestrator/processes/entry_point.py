@@ -40,13 +40,14 @@ def main(
     ready: Connection | None,
     in_background: bool,
     channels: Mapping[str, socket.socket],
+    held: Connection | None = None,
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
     `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
     ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channels` are the part's ends of socket
     pairs between operator and pages, by the options that are appended to `argv` with their file descriptors.
-    `in_background` is for all parts but the world.
+    `in_background` is for all parts but the world. `held` is the file of a folder's lock, kept open until the end.
     """
     if in_background:
         run_in_background()

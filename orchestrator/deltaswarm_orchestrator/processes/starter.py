@@ -26,12 +26,16 @@ from deltaswarm_orchestrator.processes.fork_server import (
 )
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 from deltaswarm_wire.plugins import CONTROLLERS
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
+QUESTIONS = "questions"
+"""The role of the operator that only asks what was not answered in a run."""
+MODULES[QUESTIONS] = "deltaswarm_operator.io.asking"
 """The main module of each role. Parts are referred to by module name and not imported here."""
 
 PRELOADED = [
@@ -134,19 +138,22 @@ class Starter:
         password: str = "",
         ready: Connection | None = None,
         channels: Mapping[str, socket.socket] = NO_CHANNELS,
+        lock: FolderLock | None = None,
     ) -> Part:
         """Start a part with its password, if it has one, and its ends of channels between operator and pages.
 
-        Its output goes to the log; `ready` is the pipe on which it says that it is ready, if that is awaited.
+        Its output goes to the log; `ready` is the pipe on which it says that it is ready, if that is awaited. `lock`: a
+        folder that it holds, too, until it ends.
 
         Raises:
             LaunchError: the fork server was killed.
         """
         log_file = self._logs / f"{role}-{number}.log"
+        held = None if lock is None else lock.shared()
         environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
         process = self._context.Process(
             target=entry_point.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channels),
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channels, held),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
@@ -157,6 +164,9 @@ class Starter:
             except (OSError, EOFError, ValueError) as error:
                 why = limits.reached(error) or f"the fork server ended ({error!r})"
                 raise LaunchError(f"{role} {number} cannot be started: {why}") from None
+            finally:
+                if held is not None:
+                    held.close()
         STARTED.discard(process)
         self.parts.append(part := Part(role, number, process, log_file))
         return part

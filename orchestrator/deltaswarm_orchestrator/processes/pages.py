@@ -1,0 +1,59 @@
+"""Serve a page that belongs to no run in progress: a process that feeds it and its station, which end with this one."""
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+from deltaswarm_orchestrator.base.kernel import adopt_orphans
+from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
+from deltaswarm_orchestrator.processes.process import wait_for
+from deltaswarm_orchestrator.processes.starter import LaunchError, Options, Starter
+from deltaswarm_orchestrator.processes.station import STATION, Station
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
+
+START_WITHIN_S = 60.0
+LOOK_EVERY_S = 60.0
+
+
+def serve_page(
+    feed: str,
+    options: Options,
+    logs: Path,
+    station: Station,
+    say_url: Callable[[str], None],
+    lock: FolderLock | None = None,
+) -> int:
+    """Serve the page of a feed until the feed ends; return its exit code.
+
+    Args:
+        feed: the role of the process that feeds the page.
+        options: its command line.
+        logs: a folder for the logs of both, which is created.
+        station: address and token of the page; its two ends are closed.
+        say_url: is told the page's URL once browsers can connect.
+        lock: a folder that the feed holds, too, until it has ended, however this process ends.
+
+    Raises:
+        LaunchError: a process did not start; the text has its last log lines.
+    """
+    if problem := fork_server_problem():
+        raise LaunchError(problem)
+    logs.mkdir()
+    adopt_orphans(do_so=True)
+    starter = Starter(logs, "", START_WITHIN_S, lambda: False)
+    try:
+        to_station: dict[str, socket.socket] = {"--channel-fd": station.stations_end}
+        say_url(
+            starter.start_and_read(
+                STATION, 0, {"--listen": station.listen}, password=station.token, channels=to_station
+            )
+        )
+        part = starter.start(feed, 0, options, channels={"--channel-fd": station.operators_end}, lock=lock)
+        station.close()  # each process notices the end of the other one
+        while wait_for([part], LOOK_EVERY_S):
+            pass
+        return part.exit_code or 0
+    finally:
+        starter.end()
+        station.close()
+        adopt_orphans(do_so=False)
