@@ -1,4 +1,4 @@
-"""The criterion of a training: when to train again, and what becomes of a session whose training is not enough."""
+"""Training until it is enough: what becomes of a session, and of its tables, when the training is repeated or ends."""
 
 import csv
 import json
@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.run import report
@@ -16,97 +14,9 @@ from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.situation import SituationRow
 from deltaswarm_sessions.folder import summary_of
-from deltaswarm_sessions.plan import plan
-from deltaswarm_sessions.settings import NOT_REACHED, OPEN, REACHED, CriterionSettings, load_session
-from deltaswarm_sessions.variables import MEASURES
-from deltaswarm_wire.checked import SettingsError, check
+from deltaswarm_sessions.settings import CriterionSettings
 from tests.support.complaints import Printed
-from tests.support.pages import ROOT
 from tests.support.sessions import a_file, with_criterion
-
-ALWAYS = {
-    "waiting_time_s.restricted_mean",
-    "completed",
-    "person.missed_share",
-    "person.commands_by_state.done",
-    "person.isa",
-}
-
-values = st.none() | st.floats(-10, 10)
-
-
-@given(st.lists(values, max_size=8), st.floats(-10, 10), st.integers(1, 5))
-def test_training_goes_on_until_one_run_is_good_enough_or_all_are_done(
-    done: list[float | None], least: float, max_runs: int
-) -> None:
-    """Whatever the order; a run without a value is never good enough."""
-    outcome = CriterionSettings("read", at_least=least, max_runs=max_runs).outcome(done)
-    is_met = any(value is not None and value >= least for value in done)
-    assert outcome == (REACHED if is_met else OPEN if len(done) < max_runs else NOT_REACHED)
-
-
-@given(st.floats(-10, 10), st.floats(-10, 10), st.floats(0, 10))
-def test_both_bounds_hold_at_once(value: float, least: float, width: float) -> None:
-    """With equality; at most is at least of the opposite."""
-    both = CriterionSettings("read", at_least=least, at_most=least + width)
-    assert both.outcome([least]) == both.outcome([least + width]) == REACHED
-    assert (both.outcome([value]) == REACHED) == (least <= value <= least + width)
-    most = CriterionSettings("read", at_most=-least).outcome([-value])
-    assert most == CriterionSettings("read", at_least=least).outcome([value])
-
-
-def test_a_metric_is_a_column_or_a_dotted_name() -> None:
-    """True is 1; texts and tables are no values."""
-    summary = {"complete": True, "digest": "ff", "delta": {"mean": 2.5}, "person": {"commands_by_state": {"done": 3}}}
-    found = {
-        metric: CriterionSettings(metric, at_least=1).value(summary)
-        for metric in (
-            "commands_done",
-            "person.commands_by_state.done",
-            "delta.mean",
-            "complete",
-            "digest",
-            "delta",
-            "x.y",
-        )
-    }
-    assert [*found.values()] == [3.0, 3.0, 2.5, 1.0, None, None, None]
-
-
-def test_all_mistakes_of_a_criterion_are_told_at_once() -> None:
-    """With what must hold."""
-    _, problems = check(CriterionSettings, {"max_runs": 0, "if_not_reached": "stop", "most": 1}, "criterion")
-    assert {problem.path for problem in problems} == {f"criterion.{k}" for k in ("max_runs", "if_not_reached", "most")}
-    _, problems = check(CriterionSettings, {}, "criterion")
-    assert {problem.path for problem in problems} == {"criterion.metric", "criterion.at_least"}
-    _, problems = check(CriterionSettings, {"metric": "read", "at_least": 2, "at_most": 1})
-    assert [str(problem) for problem in problems] == ["at_least must be at most at_most, 1 (got 2)"]
-
-
-@pytest.mark.parametrize(
-    ("metric", "said"),
-    [
-        ("redd", "must be a number in summary.json by its dotted name, or one of waiting_time_s"),
-        ("situation_right_share", "lacks operator.probes.sagat_at_s or .spam_at_s"),
-        ("tlx_raw", "lacks operator.probes.tlx"),
-        ("person.tlx.weighted", "lacks operator.probes.tlx_weights"),
-        ("waiting_time_s.median", ""),
-        ("frames_dropped", "must be a number"),
-        ("share_right", "lacks operator.task.target_share"),
-        *((name, "") for name, measure in MEASURES.items() if measure.path in ALWAYS),
-    ],
-)
-def test_a_metric_that_the_training_lacks_is_refused(metric: str, said: str, tmp_path: Path) -> None:
-    """Before a participant trains in vain."""
-    settings, beside = load_session(str(a_file(tmp_path, 2, with_criterion(metric))))
-    if not said:
-        assert plan(settings, 1, beside)[0].criterion == settings.training.criterion
-        return
-    with pytest.raises(SettingsError) as told:
-        plan(settings, 1, beside)
-    [problem] = told.value.problems
-    assert problem.path == "session.training.criterion.metric"
-    assert said in problem.allowed
 
 
 def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path: Path) -> None:
@@ -202,9 +112,3 @@ def test_a_session_whose_training_is_not_enough(
         assert len(runs.done) == count
     participant, _ = tables(file, tmp_path)
     assert (participant["training_runs"], participant["training_outcome"]) == ("2", "not reached")
-
-
-def test_the_page_names_every_metric() -> None:
-    """Before a session there is no table whose columns could be looked up."""
-    page = (ROOT / "docs" / "SESSION.md").read_text(encoding="utf-8")
-    assert [name for name in MEASURES if f"`{name}`" not in page] == []
