@@ -162,6 +162,13 @@ def test_the_power_for_a_small_pilot(test: str, alpha: float, expected: list[flo
     assert tried != powers(found, 2.0, group=4, wanted=0.8, alpha=alpha, test=test, seed=8)
 
 
+def test_the_tests_have_the_names_that_the_command_takes() -> None:
+    """The first is the default."""
+    assert [*power.TESTS] == ["adjusted", "t", "signed-rank"]
+    assert Question().test == "adjusted"
+    assert (Question().power, Question().alpha) == (0.8, 0.05)
+
+
 def test_as_many_participants_as_parameters_have_no_power() -> None:
     """One more has some."""
     found = fit(np.array([13.0, 11.0, 9.0, 7.0]), np.array([[1.0], [1.0], [-1.0], [-1.0]]))
@@ -239,8 +246,8 @@ def test_position_and_stream_are_columns_of_the_fit() -> None:
     def run(position: int, stream: str) -> dict[str, str]:
         return {"position": str(position), "stream": stream}
 
-    found = pilot._others([(run(1, "0"), run(3, "2")), (run(2, "2"), run(1, "0")), (run(1, "0"), run(2, "0"))])
-    assert found.tolist() == [[2, -1, 1], [-1, 1, -1], [1, 0, 0]]
+    found = pilot._others([(run(1, "0"), run(3, "2")), (run(2, "1"), run(1, "0")), (run(1, "0"), run(2, "0"))])
+    assert found.tolist() == [[2, -1, 0, 1], [-1, 1, -1, 0], [1, 0, 0, 0]]
     assert pilot._others([(run(1, ""), run(2, ""))]).tolist() == [[1]]
 
 

@@ -214,16 +214,17 @@ def rows_of(file: Path) -> list[dict[str, str]]:
 def test_each_number_of_a_run_is_in_its_column(tmp_path: Path) -> None:
     """Those of the summary, of the record, and the share of right answers; a run without a number has an empty one."""
     a_full_run(tmp_path / "sessions")
-    files = write_tables(tmp_path / "sessions", tmp_path / "data")
+    for _ in range(2):  # into a folder that is not there, and again
+        files = write_tables(tmp_path / "sessions", tmp_path / "more" / "data")
     assert [file.name for file in files[:2]] == ["participants.tsv", "runs.tsv"]
     assert files[-1].name == "dictionary.tsv"
-    cut_off, whole = rows_of(tmp_path / "data" / "runs.tsv")
+    cut_off, whole = rows_of(tmp_path / "more" / "data" / "runs.tsv")
     assert whole == RUNS
     assert [*whole] == [*RUNS]
     first = {name: value for name, value in cut_off.items() if value}
     keys = {name: RUNS[name] for name in ("participant", "condition", "position", "scenario", "set", "stream")}
     assert first == {**keys, "run": "0-training", "attempt": "1", "complete": "0"}
-    assert rows_of(tmp_path / "data" / "participants.tsv") == [
+    assert rows_of(tmp_path / "more" / "data" / "participants.tsv") == [
         {
             "participant": "12",
             "language": "de",
@@ -234,7 +235,7 @@ def test_each_number_of_a_run_is_in_its_column(tmp_path: Path) -> None:
             "training_outcome": "reached",
         }
     ]
-    assert not list((tmp_path / "data").glob("*.part"))
+    assert not list((tmp_path / "more" / "data").glob("*.part"))
 
 
 def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
