@@ -1,15 +1,18 @@
-"""Make the page of all scenario keys, docs/SCENARIO.md, from the settings."""
+"""Make the pages of all keys from the settings: docs/SCENARIO.md, and of sweeps and studies docs/STUDY_KEYS.md."""
 
 import dataclasses
 import json
 import re
+import sys
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from deltaswarm_orchestrator.scenarios.load import keys_of
+from deltaswarm_orchestrator.sweeps.plan import SweepFile
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.settings import StudyFile
 from deltaswarm_wire import checked
 from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 
@@ -26,6 +29,16 @@ REFERENCE_TABLE = (
     "| key | type | default | unit | limits | meaning | source |",
     "| --- | --- | --- | --- | --- | --- | --- |",
 )
+
+STUDY_HEAD = """\
+# Keys of sweep and study files
+
+A sweep or a study is a TOML file with `schema = 1`. [Sweeps](SWEEPS.md) use the top level and `[sweep]`;
+[studies](STUDIES.md) add the other tables. `name[].key` is a key of each table `[[name]]`. A key without a default is
+absent unless you set it. Limits of a list apply to its items.
+"""
+
+STUDY_TABLE = tuple(line.removesuffix(end) for line, end in zip(REFERENCE_TABLE, (" source |", " --- |"), strict=True))
 
 TYPES = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
@@ -49,16 +62,41 @@ def reference() -> str:
     """Return docs/SCENARIO.md: every scenario key, by section, with type, default, unit, limits and meaning."""
     scenario = Scenario()
     rows = _reference_rows(scenario, "")
-    sections = [spec for spec in dataclasses.fields(scenario) if any(_is_below(key, spec.name) for key in rows)]
-    top = [row for key, row in rows.items() if not any(_is_below(key, spec.name, itself=True) for spec in sections)]
-    lines = [REFERENCE_HEAD, "## Top level", "", *REFERENCE_TABLE, *top]
-    for spec in sections:
-        heading = f"[[{spec.name}]]" if spec.name in rows else f"[{spec.name}]"
-        below = [row for key, row in rows.items() if _is_below(key, spec.name)]
-        lines += ["", f"## `{heading}`: {spec.metadata['doc']}", "", *REFERENCE_TABLE, *below]
-        if spec.name == "control":
+    lines = [REFERENCE_HEAD, "## Top level", "", *REFERENCE_TABLE, *_top(scenario, rows)]
+    for name, section in _sections(scenario, rows, REFERENCE_TABLE):
+        lines += section
+        if name == "control":
             lines += _controller_tables("control.")
     return "\n".join(lines) + "\n"
+
+
+def study_reference() -> str:
+    """Return docs/STUDY_KEYS.md: every key of a sweep file and of the tables that a study adds."""
+    lines = [STUDY_HEAD, "## Top level", "", *STUDY_TABLE]
+    sections: list[str] = []
+    for settings in (SweepFile(), StudyFile()):
+        rows = {key: row.removesuffix(" |") for key, row in _reference_rows(settings, "").items()}  # no source
+        lines += _top(settings, rows)
+        sections += [line for _, section in _sections(settings, rows, STUDY_TABLE) for line in section]
+    return "\n".join([*lines, *sections]) + "\n"
+
+
+def _top(settings: Any, rows: Mapping[str, str]) -> list[str]:
+    """Return the rows of the keys outside any section."""
+    names = [spec.name for spec in _with_section(settings, rows)]
+    return [row for key, row in rows.items() if not any(_is_below(key, name, itself=True) for name in names)]
+
+
+def _sections(settings: Any, rows: Mapping[str, str], head: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield each section's name and its lines: a heading and a table of its keys."""
+    for spec in _with_section(settings, rows):
+        heading = f"[[{spec.name}]]" if spec.name in rows else f"[{spec.name}]"
+        below = [row for key, row in rows.items() if _is_below(key, spec.name)]
+        yield spec.name, ["", f"## `{heading}`: {spec.metadata['doc']}", "", *head, *below]
+
+
+def _with_section(settings: Any, rows: Mapping[str, str]) -> "list[dataclasses.Field[Any]]":
+    return [spec for spec in dataclasses.fields(settings) if any(_is_below(key, spec.name) for key in rows)]
 
 
 def _is_below(key: str, section: str, itself: bool = False) -> bool:
@@ -131,4 +169,4 @@ def _limits(metadata: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    print(reference(), end="")
+    print(study_reference() if sys.argv[1:] == ["study"] else reference(), end="")

@@ -81,7 +81,11 @@ class ClaimSettings:
     text: str = key("", "the claim, in a sentence")
     source: str = key("", "who says so, and where")
     says: str = key("", "what the source says, as it says it")
-    kind: str = key("order", "order, value, alike or predicts", choices=("order", "value", "alike", "predicts"))
+    kind: str = key(
+        "order",
+        "an order of two variants, the value of one, two alike, or the better of two predictors",
+        choices=("order", "value", "alike", "predicts"),
+    )
     metric: str = key("waiting", "the metric's name; of predicts: what is predicted")
     less: str = key("", "of an order: the variant that has less; of predicts: the metric that predicts worse")
     more: str = key("", "of an order: the variant that has more; of predicts: the metric that predicts better")
@@ -206,14 +210,19 @@ class SpanSettings:
 class FigureSettings:
     """A table `[[figure]]`."""
 
-    name: str = key("", "of its files")
-    kind: str = key("boxes", "what is drawn", choices=("boxes", "levels", "time", "plane", "frontier", "swarm"))
+    name: str = key("", "name of its files, without a suffix")
+    kind: str = key(
+        "boxes",
+        "boxes: quartiles and a point per run; levels: medians along a factor; time: means over windows; plane: two "
+        "metrics, a point per run; frontier: medians of two metrics; swarm: agents and events at a moment",
+        choices=("boxes", "levels", "time", "plane", "frontier", "swarm"),
+    )
     caption: str = key("", "below the figure")
-    metric: str = key("waiting", "of the vertical axis")
+    metric: str = key("waiting", "the metric of the vertical axis; time: one with a time series")
     x: str = key("", "boxes, levels: the factor along the axis; plane, frontier: the metric of the horizontal axis")
     hue: str = key("", "the factor told apart by colour")
     facet: str = key("", "the factor with a panel for each level")
-    variants: tuple[str, ...] = key((), "only these, in this order")
+    variants: tuple[str, ...] = key((), "show only these variants, in this order (default: all)")
     path: tuple[str, ...] = key((), "plane: variants whose medians are joined by a line, in this order")
     paths: dict[str, Any] = key(dict, "frontier: variants whose medians are joined by a line, a list for each name")
     published: dict[str, Any] = key(dict, "boxes: a published median and interquartile range by level or variant")

@@ -3,11 +3,11 @@
 import dataclasses
 import io
 import re
-import typing
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from docs.extensions.scenario_keys import study_reference
 
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.load import COLLECTIONS, load_study
@@ -33,11 +33,15 @@ def test_the_example_works(tmp_path: Path) -> None:
     assert (tmp_path / "studies/my-study/figures/messages.pdf").exists()
 
 
-def test_every_key_and_metric_is_named() -> None:
-    """A key that nobody can read about is not there."""
-    tables = [item for hint in typing.get_type_hints(StudyFile).values() for item in (*typing.get_args(hint), hint)]
-    keys = {spec.name for table in tables if dataclasses.is_dataclass(table) for spec in dataclasses.fields(table)}
-    assert not {key for key in keys | set(BUILT_IN) if f"`{key}`" not in PAGE}
+def test_the_page_of_keys_is_up_to_date() -> None:
+    """docs/STUDY_KEYS.md is what `study_reference` writes: every key of sweep and study files."""
+    assert (ROOT / "docs" / "STUDY_KEYS.md").read_text() == study_reference()
+
+
+def test_every_metric_and_kind_of_table_is_named() -> None:
+    """A table that nobody can read about is not there."""
+    tables = {f"`[[{spec.name}]]`" for spec in dataclasses.fields(StudyFile)} - {"`[[study]]`"} | {"`[study]`"}
+    assert not {text for text in {*tables, *(f"`{name}`" for name in BUILT_IN)} if text not in PAGE}
 
 
 def test_every_study_is_listed() -> None:
@@ -71,6 +75,7 @@ def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
     assert found.incomplete or not found.unsupported
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [folder.name for folder in PUBLISHED])
 def test_todays_code_repeats_a_published_run(name: str) -> None:
     """Every number of it: a page is never older than the code."""

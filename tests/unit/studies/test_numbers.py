@@ -88,6 +88,15 @@ def test_a_contrast_is_hodges_and_lehmanns_estimate_with_its_interval() -> None:
     assert (found.none, stats.contrast([0, 1], [1, 1]).none) == (1.0, 0.0)
 
 
+def test_differences_of_nothing_are_no_evidence() -> None:
+    """Neither for more nor for less; a difference that is exactly the one asked about counts on no side."""
+    found = stats.contrast([5, 6, 7, 8, 9, 3], [5, 6, 7, 8, 9, 3], "difference")
+    assert (found.p_above(), found.p_below(), found.p(), found.effect) == (1.0, 1.0, 1.0, 0.0)
+    shifted = stats.contrast([7, 8, 9, 10, 11, 5], [5, 6, 7, 8, 9, 3], "difference")
+    assert (shifted.p_above(2.0), shifted.p_below(2.0), shifted.p(2.0)) == (1.0, 1.0, 1.0)
+    assert (shifted.p_above(), shifted.p_below()) == (1 / 64, 1.0)
+
+
 def test_a_margin_is_tested_by_the_worse_of_two_one_sided_tests() -> None:
     """Twice its p; beyond the margin, twice the better one's."""
     found = stats.contrast(np.exp(NOISE), np.ones(10))
@@ -191,6 +200,24 @@ def test_differences_have_no_margin() -> None:
     assert found["margin"].tolist() == [0.0] * 2
     assert found[["estimate", "low", "high", "effect"]].to_numpy().tolist() == [[5.0, 5.0, 5.0, 1.0]] * 2
     assert found["verdict"].tolist() == ["higher"] * 2
+
+
+@pytest.mark.parametrize(("least", "estimate", "scale"), [(20.0, 2.0, "ratio"), (0.0, 1.5, "difference")])
+def test_an_interaction_by_hand(least: float, estimate: float, scale: str) -> None:
+    """Three times as much in one mode, 1.5 times in the other: twice the change; or 3 more and 1.5 more."""
+    across = 'across = "mode"\nacross_pairs = [["hybrid 3", "decentralised"]]\n'
+    study = made(OWN + ONE + across)
+
+    def value(level: str, mode: str, replicate: int) -> float:
+        start = (least + replicate) * (2 if mode == "hybrid 3" else 1)
+        if level != "loss=0.9":
+            return start
+        factor = 3.0 if mode == "hybrid 3" else 1.5
+        return start * factor if scale == "ratio" else start + factor
+
+    [row] = contrasts_of(study, runs_with(study, value)).to_dict("records")
+    assert (row["scale"], row["verdict"], row["n"]) == (scale, "higher", 10)
+    assert (row["estimate"], row["within"]) == (pytest.approx(estimate), "hybrid 3 against decentralised")
 
 
 @pytest.mark.parametrize(("few", "is_told"), [(5, False), (6, True)])
