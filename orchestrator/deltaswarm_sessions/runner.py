@@ -135,6 +135,6 @@ class Runner:
 
         page = Station(self.speed, self.listen, self._token)
         try:
-            serve_page(QUESTIONS, {"--briefing": briefing, "--out": out}, out / "logs", page, say_url, self._lock)
+            serve_page(QUESTIONS, {"--briefing": briefing, "--out": out}, out / "logs", page, say_url, lock=self._lock)
         except LaunchError as error:
             raise CommandError(str(error), FAILED) from None

@@ -15,6 +15,9 @@ from tests.support.sweeping import marked, marked_command, sweeping, written
 
 pytestmark = pytest.mark.processes
 
+REPLAYING = 4
+"""The command, its fork server, what feeds the page, and the page."""
+
 
 @contextmanager
 def session(folder: Path, ending: signal.Signals) -> Iterator[subprocess.Popen[str]]:
@@ -52,6 +55,16 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     assert asked == ["tlx", "form"]
     [run] = [row for row in table(tmp_path, "runs") if row["run"] == "1-A"]
     assert (run["answers_missing"], run["tlx_raw"]) == ("0", "30.0")
+
+
+def test_a_killed_replay_leaves_no_process(tmp_path: Path) -> None:
+    """Neither what feeds its page nor the page's own process."""
+    run = tmp_path / "run"
+    assert told("run", "smoke", "--in-process", "--set", "run.duration_s=5", "--out", str(run)).returncode == 0
+    with marked_command(*COMMAND, "replay", str(run)) as (process, mark):
+        wait_until(lambda: len(marked(mark)) >= REPLAYING, "all processes of the replay")
+        process.kill()
+        wait_until(lambda: not marked(mark), "the end of all its processes", BOUND_S)
 
 
 def test_a_sweep_that_is_killed_while_its_cluster_starts_leaves_no_process(tmp_path: Path) -> None:

@@ -1,13 +1,13 @@
-"""`python -m deltaswarm_operator.io.replaying`: the station's page for a finished run, from a file of its steps.
+"""`python -m deltaswarm_operator.io.replaying`: feed the station's page of a finished run, from a file of its steps.
 
 The file is a stream of MessagePack values: the briefing, then each step: clock, workload, encoded reports, items read.
 """
 
 import argparse
 import contextlib
+import queue
 import socket
 import sys
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,6 @@ import msgpack
 
 from deltaswarm_operator.core.replay import RecordedStep, Replay
 from deltaswarm_operator.io.channel import Channel
-from deltaswarm_operator.station import __main__ as station
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES
@@ -29,10 +28,10 @@ HELLO_EVERY_S = 1.0
 
 def parser() -> argparse.ArgumentParser:
     """Make the argument parser of a replay."""
-    made = Parser(prog="deltaswarm replay", description="Show a finished run on the station's page.")
-    made.add_argument("steps", type=Path, metavar="FILE", help="the run's steps, as `deltaswarm replay` makes them")
+    made = Parser(prog="python -m deltaswarm_operator.io.replaying", description="Feed the page of a finished run.")
+    made.add_argument("--steps", type=Path, required=True, metavar="FILE", help="as `deltaswarm replay` makes them")
     made.add_argument("--run", default="run", help="the run's name on the page")
-    made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="where the page is served")
+    made.add_argument("--channel-fd", type=int, required=True, metavar="N", help="its end of the station's channel")
     return made
 
 
@@ -53,55 +52,31 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
     return briefing, steps
 
 
-class ReplayDriver:
-    """Drives a replay through a channel, in a separate thread, until the station has gone."""
-
-    def __init__(self, run: str, replay: Replay, end: socket.socket) -> None:
-        self._run = run
-        self._replay = replay
-        self._lock = threading.Lock()
-        self._has_ended = threading.Event()
-        self._news = threading.Event()
-        self._channel = Channel(end, self._take)
-        self._thread = threading.Thread(target=self._drive, daemon=True)
-        self._thread.start()
-
-    def _take(self, intent: bytes | None) -> None:
-        if intent is None:
-            self._has_ended.set()
-        else:
-            with self._lock:
-                for answer in self._replay.intend(intent):
-                    self._channel.send(answer)
-        self._news.set()
-
-    def _drive(self) -> None:
-        hello_due = 0.0
-        while not self._has_ended.is_set():
-            with self._lock:
-                self._replay.tick(time.monotonic())
-                if time.monotonic() >= hello_due:
-                    hello_due = time.monotonic() + HELLO_EVERY_S
-                    self._channel.send(self._replay.hello(self._run))
-                self._channel.send(self._replay.show())
-                for told in self._replay.news():
-                    self._channel.send(told)
-            self._news.wait(SHOW_EVERY_S)
-            self._news.clear()
+def feed(run: str, replay: Replay, end: socket.socket) -> None:
+    """Feed the page until its station has gone."""
+    inbox = queue.SimpleQueue[bytes | None]()
+    channel = Channel(end, inbox.put)
+    hello_due = 0.0
+    asked: bytes | None = b""
+    while asked is not None:
+        now_s = time.monotonic()
+        replay.tick(now_s)
+        if now_s >= hello_due:
+            hello_due = now_s + HELLO_EVERY_S
+            channel.send(replay.hello(run))
+        for message in (replay.show(), *replay.news()):
+            channel.send(message)
+        with contextlib.suppress(queue.Empty):
+            asked = inbox.get(timeout=SHOW_EVERY_S)
+            for message in replay.intend(asked) if asked is not None else ():
+                channel.send(message)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve the replay until interrupted. Exit code: 2 for bad arguments, else the station's."""
+    """Feed the page of a replay until its station has gone."""
     arguments = parser().parse_args(argv)
-    try:
-        briefing, steps = read(arguments.steps)
-    except (OSError, ValueError) as error:
-        print(f"deltaswarm replay: {error}", file=sys.stderr)
-        return 2
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ReplayDriver(arguments.run, Replay(briefing, steps), ours)
-    with contextlib.suppress(KeyboardInterrupt):
-        return station.main(["--channel-fd", str(theirs.detach()), "--listen", arguments.listen])
+    briefing, steps = read(arguments.steps)
+    feed(arguments.run, Replay(briefing, steps), socket.socket(fileno=arguments.channel_fd))
     return 0
 
 

@@ -1,13 +1,14 @@
 """Commands about one run: `export`, `info`, `replay`, `station`, `top` and `why`."""
 
 import argparse
-import importlib
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.cli.arguments import (
     A_RUN,
     add_json,
@@ -99,8 +100,14 @@ def add_replay(command: argparse.ArgumentParser) -> None:
 
 def replay(arguments: argparse.Namespace) -> int:
     """Serve the station's page from a recording, until Ctrl-C."""
+    from deltaswarm_orchestrator.processes.pages import serve_page
+    from deltaswarm_orchestrator.processes.starter import REPLAY, LaunchError, StoppedError
+    from deltaswarm_orchestrator.processes.station import Station
     from deltaswarm_orchestrator.recording.reader import RecordingError
     from deltaswarm_orchestrator.recording.replay import write_steps
+
+    def show_url(url: str) -> None:
+        print(url, flush=True)
 
     must_exist(arguments.run, "RUN", A_RUN)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
@@ -109,8 +116,16 @@ def replay(arguments: argparse.Namespace) -> int:
             write_steps(arguments.run, steps)
         except (RecordingError, OSError) as error:
             raise CommandError(f"{arguments.run}: {error}") from None
-        replaying = importlib.import_module("deltaswarm_operator.io.replaying")
-        return int(replaying.main([str(steps), "--run", arguments.run.name, "--listen", arguments.listen]))
+        page = Station(listen=arguments.listen)
+        options = {"--steps": steps, "--run": arguments.run.name}
+        with stoppable() as stop, suppress(StoppedError):
+            try:
+                serve_page(REPLAY, options, Path(folder) / "logs", page, show_url, was_stopped=lambda: stop.by)
+            except LaunchError as error:
+                raise CommandError(str(error), FAILED) from None
+            finally:
+                stop.conclude()
+    return OK
 
 
 def add_station(command: argparse.ArgumentParser) -> None:

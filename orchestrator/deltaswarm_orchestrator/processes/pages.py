@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.processes.station import STATION, Station
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 
 START_WITHIN_S = 60.0
-LOOK_EVERY_S = 60.0
+LOOK_EVERY_S = 0.2
 
 
 def serve_page(
@@ -21,9 +21,11 @@ def serve_page(
     logs: Path,
     station: Station,
     say_url: Callable[[str], None],
+    *,
     lock: FolderLock | None = None,
-) -> int:
-    """Serve the page of a feed until the feed ends; return its exit code.
+    was_stopped: Callable[[], object] = lambda: None,
+) -> None:
+    """Serve the page of a feed until the feed ends, or the user stops it.
 
     Args:
         feed: the role of the process that feeds the page.
@@ -31,16 +33,18 @@ def serve_page(
         logs: a folder for the logs of both, which is created.
         station: address and token of the page; its two ends are closed.
         say_url: is told the page's URL once browsers can connect.
+        was_stopped: returns something true once the user has asked to stop.
         lock: a folder that the feed holds, too, until it has ended, however this process ends.
 
     Raises:
-        LaunchError: a process did not start; the text has its last log lines.
+        LaunchError: a process did not start, or the feed failed; the text has its last log lines.
+        StoppedError: the user asked to stop before the page was there.
     """
     if problem := fork_server_problem():
         raise LaunchError(problem)
     logs.mkdir()
     adopt_orphans(do_so=True)
-    starter = Starter(logs, "", START_WITHIN_S, lambda: False)
+    starter = Starter(logs, "", START_WITHIN_S, was_stopped)
     try:
         to_station: dict[str, socket.socket] = {"--channel-fd": station.stations_end}
         say_url(
@@ -51,8 +55,10 @@ def serve_page(
         part = starter.start(feed, 0, options, channels={"--channel-fd": station.operators_end}, lock=lock)
         station.close()  # each process notices the end of the other one
         while wait_for([part], LOOK_EVERY_S):
-            pass
-        return part.exit_code or 0
+            if was_stopped():
+                return
+        if (code := part.exit_code or 0) > 0:
+            raise LaunchError(f"the {feed} ended with exit code {code}:\n{part.log_tail()}")
     finally:
         starter.end()
         station.close()

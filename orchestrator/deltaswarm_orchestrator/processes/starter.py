@@ -33,9 +33,9 @@ from deltaswarm_wire.session import PASSWORD_VARIABLE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
-QUESTIONS = "questions"
-"""The role of the operator that only asks what was not answered in a run."""
-MODULES[QUESTIONS] = "deltaswarm_operator.io.asking"
+QUESTIONS, REPLAY = "questions", "replay"
+"""The roles of those who feed a page without a run in progress: with missing answers, or with what was recorded."""
+MODULES |= {QUESTIONS: "deltaswarm_operator.io.asking", REPLAY: "deltaswarm_operator.io.replaying"}
 """The main module of each role. Parts are referred to by module name and not imported here."""
 
 PRELOADED = [
