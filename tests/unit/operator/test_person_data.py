@@ -224,3 +224,19 @@ def test_forms_come_one_after_another() -> None:
     ]
     assert (rows[2].probe, rows[2].value) == ("end", 7)
     assert console.probes.outcomes["questions"] == 4
+
+
+@pytest.mark.parametrize(("name", "holds"), [("spam", False), ("sagat", True)])
+def test_an_answer_lets_only_a_run_go_on_that_was_held_for_it(name: str, holds: bool) -> None:
+    """A run that the person has paused stays paused."""
+    asks = {"probes": {f"{name}_at_s": [2.0], f"{name}_questions": ["trees"], "isa_every_s": 0}}
+    console = Console(briefing(operator=asks))
+    console.attend()
+    console.start(0.0)
+    for step in range(3):
+        close(console, step)
+    if not holds:
+        say(console, "pace", paused=True)
+    assert console.is_held
+    assert not say(console, "form", 1.0, form=name, answers={"trees": 2})
+    assert console.is_held == (not holds)

@@ -113,6 +113,7 @@ def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
         ({"isa_every_s": 9}, 0, {"answer": 1}, {"isa": 1}, {"value": 1}),
         ({"isa_every_s": 9}, 0, {"answer": 5}, {"isa": 5}, {"value": 5}),
         ({"tlx": True}, 0, {"scales": SIX, "weights": None}, SIX, {}),
+        ({"tlx": True}, 0, {"scales": {**SIX, "mental": 0, "effort": 100}}, {**SIX, "mental": 0, "effort": 100}, {}),
         (
             {"tlx": True, "tlx_weights": True},
             0,
@@ -240,6 +241,22 @@ def test_a_simulated_person_answers_isa_by_its_load(load: float, answer: int) ->
 def test_the_outline_of_a_session_says_what_is_asked(settings: dict[str, Any], words: str | None) -> None:
     """Forms and the sheet are listed elsewhere."""
     assert technique(**settings).outline == words
+
+
+@pytest.mark.parametrize(
+    ("settings", "keys"),
+    [
+        ({"isa_every_s": 60.0}, ["person.isa"]),
+        ({"tlx": True}, ["person.tlx.raw"]),
+        ({"tlx": True, "tlx_weights": True}, ["person.tlx.raw", "person.tlx.weighted"]),
+        ({"sagat_at_s": (5.0,)}, ["person.situation_right_share"]),
+        ({"spam_at_s": (5.0,)}, ["person.situation_right_share"]),
+        ({"form": (FORM,)}, []),
+    ],
+)
+def test_the_numbers_that_a_technique_gives_a_run(settings: dict[str, Any], keys: list[str]) -> None:
+    """Weighted scores only with weights."""
+    assert [measure.key for measure in technique(**settings).measures] == keys
 
 
 def test_what_the_page_shows() -> None:
