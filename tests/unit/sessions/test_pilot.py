@@ -200,6 +200,19 @@ def test_a_plan_has_the_pilots_numbers(tmp_path: Path) -> None:
     assert (back["difference"], back["effect"]) == (pytest.approx(-3), -2.0)
 
 
+def test_a_metric_that_says_nothing_has_its_reason(tmp_path: Path) -> None:
+    """Beside those of which something can be said; if there is none, the pilot is refused."""
+    file = a_table(tmp_path)
+    file.write_text(file.read_text().replace("inf", "4"))
+    found = planned(tmp_path, file, test=T_TEST)["metrics"]
+    assert [*found] == ["isa", "far"]
+    assert found["far"] == {"problem": "must have participants whose difference in far varies (got 0 of each)"}
+    with pytest.raises(CommandError, match=r"difference in far varies \(got 0 of each\)"):
+        planned(tmp_path, file, test=T_TEST, metric="far")
+    with pytest.raises(CommandError, match=r"must have isa in A and in B of at least 6 participants"):
+        planned(tmp_path, file)
+
+
 @pytest.mark.parametrize(
     ("question", "said"),
     [
