@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,7 @@ def test_six_values_give_a_median_an_interval() -> None:
     assert (found.n, found.missing, found.median, found.low, found.high) == (6, 0, 3.5, 1, 9)
     few = stats.describe([1, 2, 3, 4, 5, None])
     assert (few.n, few.missing, few.median, few.low, few.high, few.q1, few.q3) == (5, 1, 3, None, None, 2, 4)
+    assert stats.median_interval(np.arange(5.0), 0.05) == (-math.inf, math.inf)
     nothing = stats.describe([None])
     assert (nothing.n, nothing.missing, nothing.median, nothing.low, nothing.q3) == (0, 1, None, None, None)
 
@@ -233,6 +235,24 @@ def test_waiting_that_ranks_in_opposite_order_is_told_only_if_one_is_significant
     assert len(told) == (2 if is_told else 0)
     assert not disagreements(made(OWN + ONE.replace('"waiting_all"', '"messages"')), runs)
     assert not disagreements(study, runs.drop(columns="waiting"))
+    other = ONE.replace('"waiting_all"', '"messages"').replace('id = "c"', 'id = "d"')
+    assert disagreements(made(OWN + other + ONE), runs)[:1] == [
+        "loss=0.9 against loss=0.0 (decentralised): waiting by sensed events and by all events rank"
+        " them in opposite order"
+    ]
+
+
+def test_one_significant_ranking_is_enough_to_tell() -> None:
+    """By sensed events all ten are lower; by all events the estimate is higher, and unclear."""
+    study = made(OWN + ONE)
+    runs = runs_with(
+        study,
+        lambda level, _, r: (20.0 + r) * ((0.95, 1.06)[r % 2] if level == "loss=0.9" else 1),
+        sensed=lambda level, _, r: (20.0 + r) * (0.9 if level == "loss=0.9" else 1),
+    )
+    assert len(disagreements(study, runs)) == 2
+    lower = ONE.replace('"waiting_all"', '"waiting"')
+    assert contrasts_of(made(OWN + lower), runs)["verdict"].tolist() == ["lower"] * 2
 
 
 @pytest.mark.parametrize(("replicates", "is_known"), [(2, False), (3, True)])
@@ -246,9 +266,20 @@ def test_a_pilots_effect_by_hand(replicates: int, is_known: bool, tmp_path: Path
     quantiles = scipy_stats.t.isf(0.0125, 9) + 0.841621
     shift = quantiles * np.std(NOISE[:replicates], ddof=1) / math.sqrt(3 / math.pi * 10)
     assert shown == (f"{math.exp(shift):.2f} times" if is_known else None)
-    assert smallest_effects(made(OWN + ONE, SWEEP.replace("repeats = 10", "repeats = 6")), tmp_path / "runs.csv") == {
-        key: None  # two comparisons need seven
-    }
+    for repeats in (6, 7):  # two comparisons need seven
+        fewer = made(OWN + ONE, SWEEP.replace("repeats = 10", f"repeats = {repeats}"))
+        [shown] = smallest_effects(fewer, tmp_path / "runs.csv").values()
+        assert (shown is not None) == (is_known and repeats == 7)
+
+
+def test_a_pilots_effect_on_a_scale_of_differences(tmp_path: Path) -> None:
+    """With a value of 0, in the metric's unit with three digits."""
+    study = made(OWN + ONE)
+    runs = runs_with(study, lambda level, _, r: float(r) + (NOISE[r] if level == "loss=0.9" else 0))
+    runs.to_csv(tmp_path / "runs.csv", index=False)
+    quantiles = scipy_stats.t.isf(0.0125, 9) + 0.841621
+    shift = quantiles * np.std(NOISE, ddof=1) / math.sqrt(3 / math.pi * 10)
+    assert list(smallest_effects(study, tmp_path / "runs.csv").values()) == [f"{shift:.3g} s"]
 
 
 # Claims
@@ -307,6 +338,19 @@ def test_a_value_is_judged_by_where_its_interval_lies(within: str, verdict: str)
     """That of the ten values 20 to 29 is 21 to 28."""
     study = made(OWN + TWO_CLAIMS.format("v", f'kind = "value"\nof = "{SAME}"\nwithin = {within}'))
     assert claims_of(study, runs_with(study, noisy))["verdict"].tolist() == [verdict]
+
+
+@pytest.mark.parametrize(
+    ("within", "p"),
+    [("[20.0, 29.0]", 2 / 1024), ("[21.0, 28.0]", 22 / 1024), ("[28.5, 40.0]", 22 / 1024), ("[24.4, 24.6]", 1.0)],
+)
+def test_the_p_of_a_value_is_that_of_the_widest_interval_that_decides(within: str, p: float) -> None:
+    """The k-th order statistics of ten hold the median but for twice the binomial tail below k."""
+    study = made(OWN + TWO_CLAIMS.format("v", f'kind = "value"\nof = "{SAME}"\nwithin = {within}'))
+    runs = runs_with(study, noisy)
+    assert claims_of(study, runs)["p"].tolist() == pytest.approx([p])
+    none = claims_of(study, runs[runs["variant"] != SAME]).iloc[0]
+    assert (none["verdict"], none["n"], none["p"]) == ("no data", 0, None)
 
 
 @pytest.mark.parametrize(("at_least", "verdict"), [(1.0, "holds"), (2.0, "undecided"), (3.0, "refuted")])
@@ -527,6 +571,29 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
         "told",
     ]
     assert planning.plan(made(OWN), tmp_path, 1)["note"] is None
+    single = planning.plan(made(OWN + ONE, SWEEP.replace("repeats = 10", "repeats = 1")), tmp_path, 4)
+    assert single["families"][0]["smallest_p"] == 1.0
+
+
+def test_a_plan_needs_no_pandas(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """It says what is missing for the effects of a pilot; with it, each line ends with the effect."""
+    study = made(OWN + ONE)
+    runs_with(study, noisy).to_csv(tmp_path / "runs.csv", index=False)
+    monkeypatch.setattr(planning, "_run_s", lambda scenario: 2.0)
+    [effect] = smallest_effects(study, tmp_path / "runs.csv").values()
+    assert (
+        planning.text(planning.plan(study, tmp_path, 4))
+        .splitlines()[2]
+        .endswith(f"smallest corrected p 0.0039; shows {effect} with a probability of 80 %")
+    )
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "deltaswarm_studies.contrasts", None)
+        with pytest.raises(ModuleNotFoundError):
+            planning.plan(study, tmp_path, 4)
+        patched.delitem(sys.modules, "deltaswarm_studies.contrasts")
+        patched.setitem(sys.modules, "pandas", None)
+        note = planning.plan(study, tmp_path, 4)["note"]
+    assert note == f"the smallest effects that could be shown need pandas: {planning.INSTALL_STUDY}"
 
 
 def test_a_plan_measures_at_most_24_variants(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -545,7 +612,7 @@ def test_a_plan_measures_at_most_24_variants(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_the_time_of_a_run_is_that_of_its_first_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """0.1 s a step, measured for 0.4 s, of 1000 steps: 100 s."""
-    clock = itertools.count(0.0, 0.05)
+    clock = itertools.count(7.0, 0.05)
     monkeypatch.setattr(planning.time, "monotonic", lambda: next(clock))
     scenario = made().sweep.variants[0].scenario
     assert scenario.run.steps == 1000
