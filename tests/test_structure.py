@@ -17,6 +17,7 @@ from deltaswarm_agent.controllers.paper import settings as paper_settings
 from deltaswarm_scenario import density, downlink, fault, operator_settings, page_language, radio, scenario, uplink
 from deltaswarm_wire import obstacles
 from deltaswarm_wire import settings as agent_settings
+from deltaswarm_wire.plugins import FAULTS, find
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -93,8 +94,7 @@ SETTINGS: list[Any] = [
     )
     for found in vars(module).values()
     if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == module.__name__
-    if found is not fault.FaultKind  # a row of a table, and no settings
-]
+] + [find(FAULTS, kind, "fault.kind").Settings for kind in FAULTS.shipped]
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=lambda found: found.__name__)

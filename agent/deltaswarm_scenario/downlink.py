@@ -46,9 +46,6 @@ class CommandSettings:
         120.0, "time for which agents relay it and may start carrying it out [s]", above=0, high=MAX_LIFE_S
     )
 
-    def __hash__(self) -> int:
-        return hash((self.at_s, self.name, self.target, self.numbers, repr(self.arguments), self.life_s))
-
     def command(self, number: int) -> Command:
         """The command that is sent."""
         return Command(number, self.name, Target(self.target, self.numbers), dict(self.arguments), self.life_s)

@@ -1,51 +1,23 @@
 """Faults: what fails in a run, when, and for which agents. `[[fault]]` tables are the timeline."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.checked import Problem, SettingsError, key, rest, unknown_key
+from deltaswarm_wire.plugins import FAULTS, find, own_settings
 
-KILL, FREEZE, RESTART = "kill", "freeze", "restart"
-BLIND, NOISY, SLOW, RADIO_DEAD, LYING = "sensor-blind", "sensor-noisy", "actuator-slow", "radio-dead", "lying"
-STUCK = "actuator-stuck"
+FREEZE = "freeze"
 MAY_LAST, MUST_END, NEVER_ENDS = "duration_s is optional", "duration_s is needed", "duration_s means nothing"
-
-
-@dataclass(frozen=True)
-class FaultKind:
-    """The keys of a kind of fault besides time and target."""
-
-    details: tuple[str, ...] = ()
-    """Keys of `FaultSettings` for this kind; at least one must be given."""
-    lasts: str = MAY_LAST
-    to_process: bool = False
-    """Whether it affects the agent's process (by a real signal, if there is a process) or its body."""
-
-
-KINDS = {
-    KILL: FaultKind(lasts=NEVER_ENDS, to_process=True),
-    FREEZE: FaultKind(lasts=MUST_END, to_process=True),
-    RESTART: FaultKind(to_process=True),
-    BLIND: FaultKind(),
-    NOISY: FaultKind(("noise_m", "miss")),
-    SLOW: FaultKind(("factor",)),
-    STUCK: FaultKind(),
-    RADIO_DEAD: FaultKind(),
-    LYING: FaultKind(("phantoms",)),
-}
-"""A new kind is one line here, and one in the world's `faults/kinds.py`."""
-
-FAULTS = tuple(KINDS)
-TO_PROCESSES = tuple(name for name, kind in KINDS.items() if kind.to_process)
-_DETAILS = tuple(detail for kind in KINDS.values() for detail in kind.details)
 
 
 @dataclass(frozen=True)
 class FaultSettings:
     """One fault: a kind, a time, a target."""
 
-    kind: str = key("", "what fails", choices=FAULTS)
+    kind: str = key("", "what fails: a shipped name, an entry point, or module:Class")
     at_s: float | None = key(None, "start time, rounded up to a step [s]", low=0, high=1e9)
     duration_s: float | None = key(
         None,
@@ -56,20 +28,25 @@ class FaultSettings:
     agents: tuple[int, ...] = key((), "target: these agents", low=0)
     fraction: float | None = key(None, "target: random share of the agents alive at the time", low=0, high=1)
     roots: bool = key(False, "target: the agents that are roots at the time, according to their acts")
-    noise_m: float | None = key(
-        None,
-        "sensor-noisy: standard deviation of each event's constant position error along x and y [m]",
-        above=0,
-        high=1e5,
-    )
-    miss: float | None = key(None, "sensor-noisy: probability of missing an event in a step", above=0, high=1)
-    factor: float | None = key(None, "actuator-slow: remaining share of the commanded speed", low=0, high=1)
-    phantoms: int | None = key(None, "lying: number of nonexistent events that the agent senses", low=1, high=64)
+    options: dict[str, Any] = rest("the kind's own options")
+
+    @property
+    def to_process(self) -> bool:
+        """Whether the fault affects the agent's process (by a real signal, if there is a process) or its body."""
+        return bool(find(FAULTS, self.kind, "kind").to_process)
+
+    def own(self) -> Any:
+        """Return the kind's own settings, from the options.
+
+        Raises:
+            SettingsError: with every mistake in them.
+        """
+        return own_settings(FAULTS, self.kind, self.options, "", "kind")
 
     def problems(self) -> list[Problem]:
         """There must be exactly one target and the keys of the kind, no others."""
         if not self.kind:
-            return [Problem("kind", "nothing", f"must be one of {', '.join(FAULTS)}")]
+            return [Problem("kind", "nothing", f"must be one of {', '.join(FAULTS.shipped)}, or module:Class")]
         problems = [] if self.at_s is not None else [Problem("at_s", "nothing", "must be a time in seconds")]
         targets = [bool(self.agents), self.fraction is not None, self.roots].count(True)
         if targets != 1:
@@ -78,26 +55,27 @@ class FaultSettings:
             )
         if len(set(self.agents)) != len(self.agents):
             problems.append(Problem("agents", str(list(self.agents))[:60], "must name each agent once"))
-        return problems + self._problems_of_details()
+        return problems + self._problems_of_kind()
 
-    def _problems_of_details(self) -> list[Problem]:
-        kind = KINDS[self.kind]
-        taken = kind.details
-        problems = [
-            Problem(
-                name, f"{getattr(self, name)}", f"must be left out: {self.kind} takes {', '.join(taken) or 'no detail'}"
-            )
-            for name in _DETAILS
-            if name not in taken and getattr(self, name) is not None
-        ]
-        if taken and all(getattr(self, name) is None for name in taken):
-            problems.append(Problem(taken[0], "nothing", f"must be given: {self.kind} needs {' or '.join(taken)}"))
+    def _problems_of_kind(self) -> list[Problem]:
+        try:
+            kind = find(FAULTS, self.kind, "kind")
+        except SettingsError as error:
+            return error.problems
+        problems = []
         if kind.lasts == MUST_END and self.duration_s is None:
             problems.append(Problem("duration_s", "nothing", f"must be given for {self.kind}"))
         if kind.lasts == NEVER_ENDS and self.duration_s is not None:
             problems.append(
                 Problem("duration_s", f"{self.duration_s:.15g}", f"must be left out for {self.kind}; restart takes it")
             )
+        known = [spec.name for of in (self, kind.Settings) for spec in dataclasses.fields(of) if spec.name != "options"]
+        unknown = [name for name in self.options if name not in known]
+        problems += [unknown_key(name, known) for name in unknown]
+        try:
+            dataclasses.replace(self, options={n: v for n, v in self.options.items() if n not in unknown}).own()
+        except SettingsError as error:
+            problems += error.problems
         return problems
 
     def begins(self, step_s: float) -> int:

@@ -5,11 +5,14 @@ Each effect is off by default and then costs nothing; together they are `[radio]
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
-from deltaswarm_wire.checked import Problem, key, plain_value
+from deltaswarm_wire.checked import Problem, SettingsError, key, plain_value
+from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
 
 DISC, LOG_DISTANCE = "disc", "log-distance"
 RECEPTIONS = (DISC, LOG_DISTANCE)
@@ -188,6 +191,26 @@ class RadioSettings:
         (), "circles without reception, as tables of center_m, radius_m, from_s, until_s, waypoints_m, times_s"
     )
     blackouts: tuple[BlackoutSettings, ...] = key((), "periods without any reception, as tables of from_s, until_s")
+
+    models: dict[str, Any] = key(dict, "models from outside: a table of options for each entry point or module:Class")
+
+    def problems(self) -> list[Problem]:
+        """Models from outside must be found and must accept their options."""
+        problems = []
+        for name, options in self.models.items():
+            path = f'models."{name}"'
+            try:
+                own_settings(RADIO_MODELS, name, options, path)
+                model = find(RADIO_MODELS, name, path)
+            except SettingsError as error:
+                problems += error.problems
+                continue
+            if name in RADIO_MODELS.shipped and not hasattr(model, "Settings"):
+                problems.append(Problem(path, repr(name), "must be set by the model's own keys in [radio]"))
+            if not re.fullmatch("[a-z][a-z0-9_]*", str(model.reason)):
+                must = "must have a reason of lower-case letters, digits and underscores"
+                problems.append(Problem(path, repr(model.reason), must))
+        return problems
 
     @property
     def is_late(self) -> bool:

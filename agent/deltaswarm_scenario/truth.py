@@ -3,8 +3,8 @@
 It is a map with named fields. Its size grows with the swarm, so it uses an ordinary link.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Self
 
 from deltaswarm_wire.codec import (
     MAX_ABS_M,
@@ -24,42 +24,34 @@ from deltaswarm_wire.codec import (
 )
 from deltaswarm_wire.digest import REPORT
 from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, NOBODY, role_name
+from deltaswarm_wire.plugins import RADIO_MODELS
 
 DEAD = "dead"
 """The role of an absent agent."""
 
-DROP_REASONS = (
-    "range",
-    "blackout",
-    "partition",
-    "obstacle",
-    "jam",
-    "asymmetry",
-    "loss",
-    "burst",
-    "contention",
-    "bandwidth",
-    "frame_full",
-    "dead",
-)
-"""Why a frame did not reach a receiver: the first cause that applied.
+AIR_REASONS = {
+    "range": "it was too far away, or the power too low",
+    "bandwidth": "the queue at the sender or the receiver was full",
+    "frame_full": "the world's frame to the receiver was full",
+    "dead": "a process is gone or hangs, or a radio is dead",
+}
+"""Why a frame did not reach a receiver, besides the reasons of the radio models."""
 
-range: too far, or too little power; blackout: no frame gets through; partition: a wall is in between; jam: the
-receiver is within a jammer's circle; obstacle: an obstacle blocks the frame or takes too much power; asymmetry:
-this direction of the link is worse; loss: by chance; burst: by chance, on a link in its bad state; contention: too
-many bytes on the air around the receiver; bandwidth: the queue at the sender or the receiver was full; frame_full: the
-receiver's frame over the fabric was full; dead: the receiver's process is gone or hangs, or the radio of the sender
-or the receiver is dead.
-"""
+DROP_REASONS = ("range", *RADIO_MODELS.shipped, "bandwidth", "frame_full", "dead")
+"""Why a frame did not reach a receiver: the first cause that applied."""
 
-UPLINK_REASONS = ("outage", "range", "loss", "burst", "bandwidth", "base_full", "expired", "left", "dead")
-"""Why a report did not reach the operator: the first cause that applied.
-
-outage: no report got through; range: too far from the base, and no tree to relay it; loss: by chance, at any hop;
-burst: by chance, on a link in its bad state; bandwidth: the queue at the sender or relay was full; base_full: the queue
-at the operator's radio was full; expired: relayed for too long; left: the relay left the tree; dead: the sender or
-relay is gone, hangs, or has a dead radio.
-"""
+UPLINK_REASONS = {
+    "outage": "no report gets through at this time",
+    "range": "the sender was too far from the base, and no tree relayed it",
+    "loss": "chance, at any hop",
+    "burst": "chance, on a link in its bad state",
+    "bandwidth": "the queue at the sender or a relay was full",
+    "base_full": "the queue at the operator's radio was full",
+    "expired": "it was relayed for too long",
+    "left": "the relay left the tree",
+    "dead": "the sender or a relay is gone or hangs, or its radio is dead",
+}
+"""Why a report did not reach the operator: the first cause that applied."""
 
 
 class Body(NamedTuple):
@@ -122,32 +114,41 @@ class StepRecord(NamedTuple):
     frames_received: int
     frames_duplicated: int
     frames_in_flight: int
-    dropped_range: int
-    dropped_blackout: int
-    dropped_partition: int
-    dropped_obstacle: int
-    dropped_jam: int
-    dropped_asymmetry: int
-    dropped_loss: int
-    dropped_burst: int
-    dropped_contention: int
-    dropped_bandwidth: int
-    dropped_frame_full: int
-    dropped_dead: int
+    frames_dropped: Mapping[str, int]
+    """Dropped receptions by reason: `DROP_REASONS`, then those of radio models from outside."""
     reports_sent: int
     reports_arrived: int
     reports_in_flight: int
-    reports_dropped_outage: int
-    reports_dropped_range: int
-    reports_dropped_loss: int
-    reports_dropped_burst: int
-    reports_dropped_bandwidth: int
-    reports_dropped_base_full: int
-    reports_dropped_expired: int
-    reports_dropped_left: int
-    reports_dropped_dead: int
+    reports_dropped: Mapping[str, int]
+    """Dropped reports by reason, `UPLINK_REASONS`."""
     rejected: int
     transport_lost: int
+
+    def columns(self) -> dict[str, Any]:
+        """Return the row by column, with a column `dropped_<reason>` or `reports_dropped_<reason>` for each reason."""
+        row: dict[str, Any] = {}
+        for name, value in self._asdict().items():
+            prefix = _DROPS.get(name)
+            row |= {name: value} if prefix is None else {f"{prefix}{reason}": n for reason, n in value.items()}
+        return row
+
+    @classmethod
+    def of(cls, columns: Mapping[str, Any]) -> Self:
+        """Make a row from the values of its columns; other columns are ignored."""
+        drops = {
+            name: {column.removeprefix(prefix): n for column, n in columns.items() if column.startswith(prefix)}
+            for name, prefix in _DROPS.items()
+        }
+        return cls._make(drops[name] if name in drops else columns[name] for name in cls._fields)
+
+
+_DROPS = {"frames_dropped": "dropped_", "reports_dropped": "reports_dropped_"}
+"""The fields of `StepRecord` with a column for each reason, and how these columns begin."""
+
+_REASONS = {"frames_dropped": DROP_REASONS, "reports_dropped": UPLINK_REASONS}
+
+COLUMNS = tuple(StepRecord._make(dict.fromkeys(_REASONS.get(name, ()), 0) for name in StepRecord._fields).columns())
+"""The columns of a row without radio models from outside."""
 
 
 class Truth(NamedTuple):
@@ -167,8 +168,16 @@ MAX_LINKS = 1_000_000
 
 
 def encode_truth(truth: Truth) -> bytes:
-    """A map with the fields of `Truth` and the version `v`; rows are arrays. Raises WireError."""
-    return pack({"v": PROTOCOL_VERSION, **truth._asdict()}, MAX_ORDINARY_BYTES)
+    """A map with the fields of `Truth` and the version `v`; rows are arrays. Raises WireError.
+
+    The step's record ends with a map of the drops of radio models from outside, if there are any.
+    """
+    columns = truth.step_record.columns()
+    row: list[Any] = [columns.pop(name) for name in COLUMNS]
+    return pack(
+        {"v": PROTOCOL_VERSION, **truth._asdict(), "step_record": [*row, columns] if columns else row},
+        MAX_ORDINARY_BYTES,
+    )
 
 
 def decode_truth(data: bytes) -> Truth:
@@ -224,15 +233,22 @@ def _link(row: Any) -> tuple[int, int]:
 
 
 def _step_record(row: Any) -> StepRecord:
-    array(row, len(StepRecord._fields), "truth.step_record")
-    named = dict(zip(StepRecord._fields, row, strict=True))
+    others = row[-1] if isinstance(row, list) and len(row) == len(COLUMNS) + 1 else {}
+    array(row, len(COLUMNS) + bool(others), "truth.step_record")
+    named = {**dict(zip(COLUMNS, row, strict=False)), **_other_drops(others)}
     values: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.step_record.time_s")}
     for name, most in _MEASURED.items():
         value = named.pop(name)
         values[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
     for name, value in named.items():
         values[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
-    return StepRecord(**values)
+    return StepRecord.of(values)
+
+
+def _other_drops(drops: Any) -> dict[str, Any]:
+    if not isinstance(drops, dict) or not all(type(name) is str and name.startswith("dropped_") for name in drops):
+        raise WireError("truth.step_record", "end with a map of drops", type(drops).__name__)
+    return drops
 
 
 _MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}

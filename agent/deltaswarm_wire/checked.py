@@ -67,7 +67,7 @@ def key(
     limits = {"low": low, "high": high, "above": above, "choices": choices, "length": length}
     metadata = {"doc": doc, "source": source, **limits}
     if isinstance(default, type):
-        return dataclasses.field(default_factory=default, metadata=metadata)
+        return dataclasses.field(default_factory=default, hash=False if default is dict else None, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -79,7 +79,7 @@ def with_default(cls: Any, name: str, default: Any) -> Any:
 
 def rest(doc: str) -> Any:
     """Declare a dict field for all other keys of the table; its user checks them."""
-    return dataclasses.field(default_factory=dict, metadata={"doc": doc, "rest": True})
+    return dataclasses.field(default_factory=dict, hash=False, metadata={"doc": doc, "rest": True})
 
 
 def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:

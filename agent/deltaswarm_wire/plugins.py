@@ -6,7 +6,7 @@ What comes with deltaswarm enters by the same door: a name is that of something 
 
 import importlib
 from collections.abc import Collection, Mapping
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, NamedTuple
 
 from deltaswarm_wire import checked
@@ -16,6 +16,11 @@ PAPER = "deltaswarm_agent.controllers.paper.controller:PaperController"
 
 MAX_DESCRIBED = 400
 """Characters of a foreign error's text."""
+
+
+@dataclass(frozen=True)
+class NoSettings:
+    """The settings of what takes no options."""
 
 
 class ExtensionPoint(NamedTuple):
@@ -64,6 +69,43 @@ BODIES = ExtensionPoint(
 )
 """What `body.kind` takes on a board; all bodies come with extension packages."""
 
+RADIO_MODELS = ExtensionPoint(
+    "deltaswarm.radio_models",
+    "radio model",
+    "deltaswarm_world.core.air.channel.model:Model",
+    {
+        "blackout": "deltaswarm_world.core.air.channel.zones:Blackouts",
+        "partition": "deltaswarm_world.core.air.channel.zones:Walls",
+        "obstacle": "deltaswarm_world.core.air.channel.obstacles:RadioObstacles",
+        "jam": "deltaswarm_world.core.air.channel.zones:Jammers",
+        "asymmetry": "deltaswarm_world.core.air.channel.asymmetry:Asymmetry",
+        "loss": "deltaswarm_world.core.air.channel.chance:Loss",
+        "burst": "deltaswarm_world.core.air.channel.chance:Bursts",
+        "contention": "deltaswarm_world.core.air.channel.chance:Contention",
+    },
+    ("reason", "meaning", "holds_for_step", "of", "cuts", "explain"),
+)
+"""What `radio.models` takes. A new model of the core is a line here, by its reason, in order."""
+
+FAULTS = ExtensionPoint(
+    "deltaswarm.faults",
+    "fault",
+    "deltaswarm_world.core.faults.kind:Kind",
+    {
+        "kill": "deltaswarm_world.core.faults.processes:Kill",
+        "freeze": "deltaswarm_world.core.faults.processes:Freeze",
+        "restart": "deltaswarm_world.core.faults.processes:Restart",
+        "sensor-blind": "deltaswarm_world.core.faults.senses:Blind",
+        "sensor-noisy": "deltaswarm_world.core.faults.senses:Noisy",
+        "actuator-slow": "deltaswarm_world.core.faults.bodies:Slow",
+        "actuator-stuck": "deltaswarm_world.core.faults.bodies:Stuck",
+        "radio-dead": "deltaswarm_world.core.faults.bodies:RadioDead",
+        "lying": "deltaswarm_world.core.faults.senses:Lying",
+    },
+    ("Settings", "lasts", "to_process", "begin", "end", "look", "misses", "distort", "drive"),
+)
+"""What `fault.kind` takes, in the order in which faults act on a body. A new kind of the core is a line here."""
+
 COMMANDS = ExtensionPoint("deltaswarm.commands", "command", "deltaswarm_orchestrator.cli:AddArguments", {}, ())
 """Commands of `deltaswarm`; those of the core are listed in `deltaswarm_orchestrator.cli`."""
 
@@ -95,7 +137,7 @@ SWEEPS = ExtensionPoint(
 )
 """Built-in files that `deltaswarm sweep` takes by their names: by kind, a function that returns the files by name."""
 
-POINTS = (CONTROLLERS, BODIES, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
+POINTS = (CONTROLLERS, BODIES, RADIO_MODELS, FAULTS, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
 """Every extension point; docs/EXTENDING.md tells how each is used."""
 
 
@@ -156,23 +198,44 @@ def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path
     Raises:
         SettingsError: with every mistake, including those of the class itself.
     """
-    controller = find_controller(mode, f"{path}.mode")
+    return own_settings(CONTROLLERS, mode, options, path, "mode", shared)
+
+
+def own_settings(
+    point: ExtensionPoint, name: str, options: Any, path: str, name_key: str = "", shared: Any = None
+) -> Any:
+    """Check the options of what `name` refers to; without a `Settings` class it has none.
+
+    Args:
+        point: the extension point.
+        name: the name, as for `find`.
+        options: the table of options.
+        path: the settings key of the options, for messages.
+        name_key: the key beside the options that holds the name; empty: the name is part of the path.
+        shared: what a method `problems_with` of the settings gets.
+
+    Raises:
+        SettingsError: with every mistake, including those of the class itself.
+    """
+    name_path = ".".join(filter(None, (path, name_key)))
+    cls = find(point, name, name_path)
     try:
-        settings: Any = checked.load(controller.Settings, options, path)
+        settings: Any = checked.load(getattr(cls, "Settings", NoSettings), options, path)
         check = getattr(settings, "problems_with", None)
-        problems = [Problem(f"{path}.{p.path}", p.given, p.allowed) for p in (check(shared) if check else None) or ()]
-        if "mode" in checked.plain(settings):
-            raise SettingsError(
-                [Problem(f"{path}.mode", repr(mode), "must have no option called mode in its Settings")]
-            )
-        if not _is_plain(checked.plain(settings)):
+        found = (check(shared) if check else None) or ()
+        problems = [Problem(".".join(filter(None, (path, p.path))), p.given, p.allowed) for p in found]
+        plain = checked.plain(settings)
+        if name_key and name_key in plain:
+            must = f"must have no option called {name_key} in its Settings"
+            raise SettingsError([Problem(name_path, repr(name), must)])
+        if not _is_plain(plain):
             raise TypeError("a value must be a bool, int, float, str, or tuple of these")
     except SettingsError:
         raise
     except Exception as error:  # a third-party class may raise anything
         needs = "every field has a default and the type bool, int, float, str or tuple[one of these, ...]"
-        must = f"must name a controller with valid Settings: {described(error)}; {needs}"
-        raise SettingsError([Problem(f"{path}.mode", repr(mode), must)]) from None
+        must = f"must name a {point.what} with valid Settings: {described(error)}; {needs}"
+        raise SettingsError([Problem(name_path, repr(name), must)]) from None
     if problems:
         raise SettingsError(problems)
     return settings

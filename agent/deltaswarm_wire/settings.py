@@ -14,9 +14,6 @@ class ControlSettings:
     mode: str = key("hybrid", "the controller: a shipped name, an entry point, or module:Class", source=PAPER)
     options: dict[str, Any] = rest("the controller's own options")
 
-    def __hash__(self) -> int:
-        return hash((self.mode, repr(sorted(self.options.items()))))
-
 
 @dataclass(frozen=True)
 class AgentSettings:

@@ -10,6 +10,8 @@ from deltaswarm_orchestrator.results.metrics import PER_EVENT
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
+from deltaswarm_scenario.truth import AIR_REASONS, DROP_REASONS, UPLINK_REASONS
+from deltaswarm_wire.plugins import RADIO_MODELS, find
 
 DOCS = Path(__file__).parents[1]
 
@@ -50,8 +52,18 @@ def person_tables() -> Iterator[str]:
             yield f"| `{column}` | {unit} | {meaning} |"
 
 
+def drop_reasons() -> Iterator[str]:
+    """List every reason for a drop, with what it means for a frame and for a report."""
+    frames = {name: find(RADIO_MODELS, name, "radio").meaning for name in RADIO_MODELS.shipped} | AIR_REASONS
+    yield "| reason | a frame did not reach a receiver because | a report did not reach the operator because |"
+    yield "| --- | --- | --- |"
+    for reason in dict.fromkeys((*DROP_REASONS, *UPLINK_REASONS)):
+        cells = (f"`{reason}`", frames.get(reason, ""), UPLINK_REASONS.get(reason, ""))
+        yield "".join(f"| {cell} " if cell else "| " for cell in cells) + "|"
+
+
 PARTS: dict[str, dict[str, Callable[[], Iterator[str]]]] = {
-    "RESULTS.md": {"person": person_tables, "summary": summary_keys},
+    "RESULTS.md": {"reasons": drop_reasons, "person": person_tables, "summary": summary_keys},
     "STUDIES.md": {"metrics": study_metrics},
     "OPERATOR.md": {"metrics": person_metrics},
 }

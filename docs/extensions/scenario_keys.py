@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.sweeps.plan import SweepFile
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.settings import StudyFile
 from deltaswarm_wire import checked
-from deltaswarm_wire.plugins import CONTROLLERS, find_controller
+from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, find, find_controller
 
 REFERENCE_HEAD = """\
 # Scenario keys
@@ -67,6 +67,8 @@ def reference() -> str:
         lines += section
         if name == "control":
             lines += _controller_tables("control.")
+        if name == "fault":
+            lines += _fault_tables("fault[].")
     return "\n".join(lines) + "\n"
 
 
@@ -115,6 +117,13 @@ def _controller_tables(prefix: str) -> Iterator[str]:
         if is_like_hybrid:
             yield from ("The options of `hybrid`, with other defaults for these:", "")
         yield from (*REFERENCE_TABLE, *(rows if "hybrid" in modes else differing))
+
+
+def _fault_tables(prefix: str) -> Iterator[str]:
+    """Yield a table of the keys of each shipped kind of fault that has any."""
+    for kind in FAULTS.shipped:
+        if rows := _reference_rows(find(FAULTS, kind, prefix).Settings(), prefix):
+            yield from ("", f"### `{kind}`", "", *REFERENCE_TABLE, *rows.values())
 
 
 def _reference_rows(settings: Any, prefix: str) -> dict[str, str]:

@@ -9,8 +9,7 @@ import pytest
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import UPLINK_REASONS
-from deltaswarm_world.core.air.channel.model import Context
-from deltaswarm_world.core.air.channel.models import models_of
+from deltaswarm_world.core.air.channel.model import models_of
 from deltaswarm_world.core.air.channel.reach import RangeDisc
 from tests.support.airs import EVERYTHING
 
@@ -19,7 +18,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "RADIO.md").read_text()
 
 def test_the_link_models_are_listed_in_the_order_of_the_code() -> None:
     """Each with its class and the reason that is counted."""
-    models = models_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
+    models = models_of(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0))
     rows = re.findall(r"^\| (\d) \| `(\w+)` \| `(\w+)` \|", PAGE, re.MULTILINE)
     assert rows == [(str(n), type(model).__name__, model.reason) for n, model in enumerate(models, start=1)]
 

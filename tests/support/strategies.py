@@ -128,13 +128,21 @@ event_states = st.builds(
 step_records = st.builds(
     truth.StepRecord,
     **{name: ids for name, hint in truth.StepRecord.__annotations__.items() if hint is int},
+    frames_dropped=st.tuples(*[ids] * 12).map(lambda drops: dict(zip(truth.DROP_REASONS, drops, strict=True))),
+    reports_dropped=st.tuples(*[ids] * 9).map(lambda drops: dict(zip(truth.UPLINK_REASONS, drops, strict=True))),
     time_s=times_s,
     covered_area_m2=st.none() | st.floats(0.0, MAX_ABS_M**2),
     roots_from_densest_m=st.none() | st.floats(0.0, MAX_ABS_M),
     delta=st.none() | st.floats(0.0, messages.MAX_DELTA),
 )
 _links = tuples_of(st.tuples(agents, agents), 4)
-truths = st.builds(truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, step_records)
+_foreign_drops = st.sampled_from([{}, {"fog": 3}, {"smoke": 0, "fog": 7}])
+_any_step_records = st.builds(
+    lambda record, more: record._replace(frames_dropped=record.frames_dropped | more), step_records, _foreign_drops
+)
+truths = st.builds(
+    truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, _any_step_records
+)
 
 
 @dataclass(frozen=True)

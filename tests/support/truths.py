@@ -11,7 +11,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from deltaswarm_orchestrator.recording import RECORDING
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, Body, EventState, StepRecord, Truth
+from deltaswarm_scenario.truth import COLUMNS, DEAD, Body, EventState, StepRecord, Truth
 from deltaswarm_wire.messages import NOBODY, Event
 from deltaswarm_wire.operator_messages import Report, Workload
 
@@ -76,9 +76,9 @@ def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
 
 def _step_record(rng: random.Random, step: int, time_s: float, events_open: int) -> StepRecord:
     area_m2 = rng.uniform(0, 700) if step % 10 == 0 else None
-    counts = {name: rng.randrange(30) for name in StepRecord._fields}
+    counts = {name: rng.randrange(30) for name in COLUMNS}
     counts |= {"step": step, "agents_alive": 25, "agents_late": rng.randrange(2), "agents_in_trees": 12, "trees": 3}
-    return StepRecord(**{**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_open": events_open})
+    return StepRecord.of({**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_open": events_open})
 
 
 def _report(
@@ -115,8 +115,8 @@ def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:
 
 
 def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
-    zeros: dict[str, Any] = dict.fromkeys(StepRecord._fields, 0)
-    return Truth(0, 0.0, bodies, events, links, StepRecord(**{**zeros, "time_s": 0.0, "covered_area_m2": None}))
+    zeros: dict[str, Any] = dict.fromkeys(COLUMNS, 0)
+    return Truth(0, 0.0, bodies, events, links, StepRecord.of({**zeros, "time_s": 0.0, "covered_area_m2": None}))
 
 
 def shown(folder: Path, *truths: Truth) -> list[tuple[str, int, Any]]:

@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_scenario.truth import DROP_REASONS, StepRecord
+from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock
 from tests.support.cores import paper, swarm
@@ -211,9 +211,9 @@ def test_a_dead_radio_neither_sends_nor_hears() -> None:
             assert not {0, 3} & {agent for link in links for agent in link}
         if last:
             sent = last[0].frames_sent * 5
-            assert sent == record.frames_received + sum(getattr(record, f"dropped_{reason}") for reason in DROP_REASONS)
-        dead += record.dropped_dead
-        assert (record.dropped_dead > 0) <= (40 <= step <= 80)
+            assert sent == record.frames_received + sum(record.frames_dropped.values())
+        dead += record.frames_dropped["dead"]
+        assert (record.frames_dropped["dead"] > 0) <= (40 <= step <= 80)
         last[:] = [record]
 
     watched.play(100, note)

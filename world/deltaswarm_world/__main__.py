@@ -10,7 +10,6 @@ from pathlib import Path
 
 import tomli_w
 
-from deltaswarm_scenario.fault import TO_PROCESSES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
@@ -95,8 +94,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     log_to_standard_error()
     try:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text(encoding="utf-8")))
-        if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
-            raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which controls the processes")
+        kinds = sorted({fault.kind for fault in scenario.fault if fault.to_process})
+        if RECORDER not in (arguments.expect or ()) and kinds:
+            raise ValueError(f"fault: {', '.join(kinds)} needs `deltaswarm run`, which controls the processes")
         if arguments.boards and arguments.boards[-1] >= scenario.agents.count:
             raise ValueError(f"--boards must be from 0 to {scenario.agents.count - 1} (got {arguments.boards[-1]})")
         listen = tuple(arguments.listen or (DEFAULT_ENDPOINT,))

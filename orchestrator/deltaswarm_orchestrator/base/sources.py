@@ -1,4 +1,7 @@
-"""Which files a third-party controller's results rest on: its module, what that imports, and data that it declares."""
+"""Which files the results of third-party extensions rest on: modules, what these import, and data that they declare.
+
+Extensions here are what a scenario names: its controller, radio models and faults.
+"""
 
 import ast
 import hashlib
@@ -8,34 +11,55 @@ import sysconfig
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.provenance import PACKAGES
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugins import CONTROLLERS, find_controller
+from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, POINTS, RADIO_MODELS, find
 
 INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 """Folders whose modules a version identifies, and not their content."""
 
 
-@cache
-def source_digest(mode: str) -> str | None:
-    """Digest all files that a third-party controller rests on; None for a shipped one, which the version identifies.
+class Source(NamedTuple):
+    """What the results of one third-party extension rest on."""
+
+    what: str
+    """The kind of extension, as `ExtensionPoint.what`."""
+    name: str
+    """How the scenario names it."""
+    digest: str
+    files: tuple[str, ...]
+
+
+def sources(scenario: Scenario) -> list[Source]:
+    """Return the sources of all third-party extensions of a scenario; shipped ones are identified by the version.
 
     Raises:
-        SettingsError: there is no such controller, its class lacks something, or a file of it cannot be read.
+        SettingsError: there is no such extension, its class lacks something, or a file of it cannot be read.
     """
-    if mode in CONTROLLERS.shipped:
-        return None
+    named = [
+        (CONTROLLERS, scenario.control.mode, "control.mode"),
+        *((RADIO_MODELS, name, "radio.models") for name in scenario.radio.models),
+        *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),
+    ]
+    return [_source(point.group, name, path) for point, name, path in named if name not in point.shipped]
+
+
+@cache
+def _source(group: str, name: str, path: str) -> Source:
+    point = next(point for point in POINTS if point.group == group)
     digest = hashlib.blake2b(digest_size=8)
-    for name, file in sorted(files_of(find_controller(mode)).items()):
+    files = sorted(files_of(find(point, name, path)).items())
+    for module, file in files:
         try:
             content = file.read_bytes()
         except OSError as error:
-            must = f"must be a controller whose files can be read: {file}: {error.strerror}"
-            raise SettingsError([Problem("control.mode", repr(mode), must)]) from None
-        digest.update(f"{name} {len(content)}\n".encode() + content)
-    return digest.hexdigest()
+            must = f"must be a {point.what} whose files can be read: {file}: {error.strerror}"
+            raise SettingsError([Problem(path, repr(name), must)]) from None
+        digest.update(f"{module} {len(content)}\n".encode() + content)
+    return Source(point.what, name, digest.hexdigest(), tuple(module for module, _ in files))
 
 
 def files_of(cls: type[Any]) -> dict[str, Path]:

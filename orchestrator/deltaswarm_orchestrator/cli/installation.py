@@ -87,7 +87,7 @@ def add_list(command: argparse.ArgumentParser) -> None:
 
 
 def list_all(arguments: argparse.Namespace) -> int:
-    """Print the names of scenarios, sweeps, studies, controllers, commands and bodies, each with a short text."""
+    """Print every name that a command or a settings file may use, by kind, each with a short text."""
     lists = known()
     texts = (f"{kind}:\n{aligned(('', *pair) for pair in names.items())}" for kind, names in lists.items())
     show(arguments, lists, "\n".join(texts))
@@ -99,7 +99,7 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_orchestrator.scenarios.load import BUILT_IN
     from deltaswarm_orchestrator.sweeps.load import built_in
     from deltaswarm_wire.commands import forms_of
-    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, find_controller
+    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, FAULTS, RADIO_MODELS, find_controller
 
     def about(files: Mapping[str, Traversable]) -> dict[str, str]:
         texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
@@ -111,4 +111,6 @@ def known() -> dict[str, dict[str, str]]:
         "controllers": CONTROLLERS.names(),
         "commands": {form.name: form.help for mode in CONTROLLERS.shipped for form in forms_of(find_controller(mode))},
         "bodies": BODIES.names(),
+        "radio models": RADIO_MODELS.names(),
+        "faults": FAULTS.names(),
     }

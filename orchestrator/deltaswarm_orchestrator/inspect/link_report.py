@@ -10,7 +10,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.text import aligned
 from deltaswarm_orchestrator.inspect.info import read_run
-from deltaswarm_orchestrator.run.in_process import InProcess, explain, watch
+from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -70,15 +70,15 @@ def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, 
     """Do a scenario's run up to a step, examine the link there, and compare the run with `rows`, as far as they go."""
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
-    is_traced = at is not None or swarm.world.uplink is not None
     differs = None
     for step in range(at_step + 1):
-        if step == at_step and is_traced:
-            watch(swarm, sender, at)
         record = swarm.step(step, last=False)
         if differs is None and step < len(rows) and _air_of(record) != _air_of(rows[step]):
             differs = step
-    findings, outcomes = explain(swarm, at) if is_traced else ([], _outcomes_at_once(swarm, sender, at_step))
+    diagnoses, outcomes = swarm.world.explain(sender, at)
+    if at is None and swarm.world.uplink is None:
+        outcomes = _outcomes_at_once(swarm, sender, at_step)
+    findings = [diagnosis._asdict() for diagnosis in diagnoses]
     reason = next((finding["reason"] for finding in findings if finding["cuts"]), None)
     time_s = at_step * scenario.run.step_s
     return Answer(sender, receiver, at_step, time_s, reason, tuple(findings), tuple(outcomes), differs, len(rows))
@@ -93,7 +93,7 @@ def _outcomes_at_once(swarm: InProcess, sender: int, step: int) -> list[str]:
 
 def _air_of(record: StepRecord) -> tuple[Any, ...]:
     """Return a row's values for comparison: all except the covered area, which is not measured in every row."""
-    return tuple(value for name, value in record._asdict().items() if name != "covered_area_m2")
+    return tuple(value for name, value in record.columns().items() if name != "covered_area_m2")
 
 
 def text(answer: Answer) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import tomli_w
 
-from deltaswarm_scenario.fault import TO_PROCESSES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, user_name
@@ -133,7 +132,7 @@ def signal_problems(scenario: Scenario, why: str) -> list[Problem]:
     return [
         Problem(f"fault.{number}.kind", repr(fault.kind), f"must not signal processes, {why}")
         for number, fault in enumerate(scenario.fault)
-        if fault.kind in TO_PROCESSES
+        if fault.to_process
     ]
 
 

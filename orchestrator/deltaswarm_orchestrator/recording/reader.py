@@ -91,7 +91,8 @@ def read_recording(path: Path) -> Recording:
     for name, content in entries(recording_in(path), FIGURES | {names.SCENARIO, names.MANIFEST}):
         match name:
             case "/net/stats":
-                net[content.step] = values_of(content)
+                others = {f"dropped_{drops.reason}": drops.frames for drops in getattr(content, "other_drops", ())}
+                net[content.step] = values_of(content) | others
             case "/swarm/state":
                 state[content.step] = values_of(content)
             case "/swarm/event":
@@ -110,7 +111,7 @@ def read_recording(path: Path) -> Recording:
     steps = sorted(net.keys() & state)
     if not recording.complete:
         steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
-    recording.step_records = [row_of(StepRecord, {**net[step], **state[step]}) for step in steps]
+    recording.step_records = [StepRecord.of({**net[step], **state[step]}) for step in steps]
     return recording
 
 

@@ -6,7 +6,7 @@ Viewers draw a topic by the name of its schema: Foxglove and Lichtblick the scen
 
 import typing
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -16,7 +16,7 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorP
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, Body, EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
 
@@ -26,27 +26,21 @@ ROOT_FRAME = "world"
 ARENA_FRAME = "arena"
 """The frame of all positions of agents and events: from (0, 0) to the arena's width and height."""
 
-NET_FIELDS = (
-    "frames_sent",
-    "bytes_sent",
-    "frames_received",
-    "frames_duplicated",
-    "frames_in_flight",
-    *(f"dropped_{reason}" for reason in DROP_REASONS),
-    "reports_sent",
-    "reports_arrived",
-    "reports_in_flight",
-    *(f"reports_dropped_{reason}" for reason in UPLINK_REASONS),
-    "rejected",
-    "transport_lost",
-)
-"""The fields of a record that `/net/stats` holds."""
+NET_FIELDS = COLUMNS[COLUMNS.index("frames_sent") :]
+"""The columns of a record that `/net/stats` holds, besides the drops of radio models from outside."""
 
-STATE_FIELDS = tuple(name for name in StepRecord._fields if name not in NET_FIELDS and name not in ("step", "time_s"))
-"""The fields of a record that `/swarm/state` holds: all the others."""
+STATE_FIELDS = tuple(name for name in COLUMNS if name not in NET_FIELDS and name not in ("step", "time_s"))
+"""The columns of a record that `/swarm/state` holds: all the others."""
 
 AGENT_FIELDS = tuple(name for name in Body._fields if name not in ("x_m", "y_m"))
 """The fields of a body that `/swarm/agents` holds, sent when one changes; positions are in `/tf`."""
+
+
+class Drops(NamedTuple):
+    """The drops of a radio model from outside in one step."""
+
+    reason: str
+    frames: int
 
 
 def _hints(row: Any, names: Iterable[str]) -> dict[str, Any]:
@@ -57,7 +51,8 @@ def _hints(row: Any, names: Iterable[str]) -> dict[str, Any]:
 _HEAD: dict[str, Any] = {"step": int, "time_s": float}
 
 _MESSAGES: dict[str, Mapping[str, Any]] = {
-    "NetStats": {**_HEAD, **_hints(StepRecord, NET_FIELDS)},
+    "NetStats": {**_HEAD, **dict.fromkeys(NET_FIELDS, int), "other_drops": list[Drops]},
+    "Drops": _hints(Drops, Drops._fields),
     "SwarmState": {**_HEAD, **_hints(StepRecord, STATE_FIELDS), "wall_s": float},
     "Agents": {**_HEAD, **{name: list[hint] for name, hint in _hints(Body, AGENT_FIELDS).items()}},  # type: ignore[valid-type]
     "Event": _hints(EventState, EventState._fields),
@@ -70,7 +65,7 @@ _MESSAGES: dict[str, Mapping[str, Any]] = {
 }
 """Our own messages, and the type of each field. In `Agents` each field has one entry per agent."""
 
-_NESTED = {Event: "Sighting", ReportedMember: "Member", Answer: "Answer", Report: "Report"}
+_NESTED = {Drops: "Drops", Event: "Sighting", ReportedMember: "Member", Answer: "Answer", Report: "Report"}
 _SIGNED = ("Agents", "Member")
 """Messages whose integers may be negative: NOBODY, and positions."""
 _SCALARS = {int: FieldDescriptorProto.TYPE_UINT32, float: FieldDescriptorProto.TYPE_DOUBLE}

@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from deltaswarm_orchestrator.recording.scene import Scene, stamp
 from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import EventState, Truth
+from deltaswarm_scenario.truth import DROP_REASONS, EventState, Truth
 from deltaswarm_wire.operator_messages import Report, Workload
 
 VIEW_RATE_HZ = 10.0
@@ -34,9 +34,12 @@ class Transcriber:
 
     def figures(self, truth: Truth, reports: Sequence[Report], wall_s: float) -> Iterator[TopicMessage]:
         """Yield the numbers of a step, without its events; `wall_s` is the run's wall time [s]."""
-        record = truth.step_record._asdict()
+        record = truth.step_record.columns()
         head = {"step": truth.step, "time_s": truth.time_s}
-        yield _encoded("/net/stats", head | {name: record[name] for name in NET_FIELDS if record[name]})  # absent is 0
+        drops = {name: count for name, count in truth.step_record.frames_dropped.items() if name not in DROP_REASONS}
+        others = [OURS["Drops"](reason=reason, frames=count) for reason, count in drops.items()]
+        net = {name: record[name] for name in NET_FIELDS if record[name]}  # absent is 0
+        yield _encoded("/net/stats", head | net | {"other_drops": others})
         yield _encoded("/swarm/state", head | {name: record[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
         inbox = OURS["Inbox"](step=truth.step, time_s=truth.time_s, count=len(reports))
         for report in reports:

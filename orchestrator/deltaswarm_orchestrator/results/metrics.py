@@ -5,6 +5,7 @@ of a sweep, studies, sessions, `deltaswarm info` and docs/RESULTS.md follow from
 keys of the summary.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
@@ -91,9 +92,16 @@ def total(column: str) -> Compute:
     return lambda run: sum(known(run.steps, column))
 
 
-def by_reason(prefix: str, reasons: Iterable[str]) -> Compute:
-    """Sum the columns of the reasons over the steps."""
-    return lambda run: {reason: total(prefix + reason)(run) for reason in reasons}
+def by_reason(drops: str, reasons: Iterable[str]) -> Compute:
+    """Sum drops over the run, by reason: these reasons first, then those of radio models from outside."""
+
+    def compute(run: RunData) -> dict[str, int]:
+        sums = Counter(dict.fromkeys(reasons, 0))
+        for record in run.steps:
+            sums.update(getattr(record, drops))
+        return dict(sums)
+
+    return compute
 
 
 def newest(column: str) -> Compute:
@@ -249,7 +257,9 @@ METRICS = (
     Metric("frames.received", "receptions", compute=total("frames_received")),
     Metric("frames.duplicated", "extra receptions of duplicated frames", compute=total("frames_duplicated")),
     Metric("frames.in_flight", "receptions pending at the end", compute=newest("frames_in_flight")),
-    Metric("frames_dropped", "receptions that did not happen, by reason", compute=by_reason("dropped_", DROP_REASONS)),
+    Metric(
+        "frames_dropped", "receptions that did not happen, by reason", compute=by_reason("frames_dropped", DROP_REASONS)
+    ),
     Metric(
         "reports.sent",
         "reports, over the run",
@@ -266,7 +276,7 @@ METRICS = (
     Metric(
         "reports_dropped",
         "reports that did not reach the operator, by reason",
-        compute=by_reason("reports_dropped_", UPLINK_REASONS),
+        compute=by_reason("reports_dropped", UPLINK_REASONS),
     ),
     Metric(
         "agents_in_trees.mean",

@@ -4,9 +4,10 @@ import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.sources import source_digest
+from deltaswarm_orchestrator.base.sources import sources
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_scenario.scenario import Scenario, scenario_digest
@@ -76,14 +77,20 @@ def check_inputs(folder: Path, scenario: Scenario) -> None:
     file = folder / "manifest.json"
     try:
         manifest = json.loads(file.read_text(encoding="utf-8"))
-        begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
-    except (OSError, ValueError, AttributeError) as error:
+        begun_by = manifest.get("code"), _sources_in(manifest)
+    except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
         raise FolderError(f"{file} cannot be read: {error}") from None
-    if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
+    if begun_by != (provenance.code_digest(), [source.digest for source in sources(scenario)]):
         raise FolderError(f"{folder} was started by another version of deltaswarm; resume it with that version")
     if newest(folder).scenario != scenario_digest(scenario):
         reason = "or a file that it names has been changed since the run began: undo that, or start a new run"
         raise FolderError(f"{folder / 'scenario.toml'} {reason}")
+
+
+def _sources_in(manifest: dict[str, Any]) -> list[str]:
+    """Return the digest of each extension that a run rested on, as `sources` orders them."""
+    controller = manifest.get("controller", {}).get("source")
+    return [*([controller] if controller else []), *(source["digest"] for source in manifest.get("extensions", ()))]
 
 
 def wait_for_leftovers(folder: Path) -> None:

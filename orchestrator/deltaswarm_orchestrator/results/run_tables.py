@@ -10,15 +10,15 @@ from typing import Any, TypeVar
 import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.sources import files_of, source_digest
+from deltaswarm_orchestrator.base.sources import sources
 from deltaswarm_orchestrator.recording import COMMANDS
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.plugins import CONTROLLERS
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""
@@ -32,13 +32,13 @@ OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if nam
 RUNNING = "running"
 """The exit reason of a run that has not ended. A killed run keeps it: see `folder_lock.is_held`."""
 
-Row = TypeVar("Row", StepRecord, Workload, EventState)
+Row = TypeVar("Row", Workload, EventState)
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
     """Return the manifest of a run that begins: where its results come from."""
-    mode = scenario.control.mode
-    files = sorted(files_of(find_controller(mode))) if (source := source_digest(mode)) else []
+    found = sources(scenario)
+    own = next((source for source in found if source.what == CONTROLLERS.what), None)
     return {
         "name": scenario.name,
         "seed": scenario.seed,
@@ -52,7 +52,12 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "host": provenance.host(),
         "code": provenance.code_digest(),
         "build": provenance.build(),
-        "controller": {"mode": mode, "source": source, "files": files},
+        "controller": {
+            "mode": scenario.control.mode,
+            "source": own and own.digest,
+            "files": list(own.files) if own else [],
+        },
+        "extensions": [source._asdict() for source in found if source is not own],
     }
 
 
@@ -65,11 +70,11 @@ def read_outcome(folder: Path) -> Outcome:
     """Read a run folder, merged or not, of a complete or an interrupted run."""
     if (folder / "series.csv").exists():
         rows = _table(folder / "series.csv")
-        step_records = [_row(StepRecord, row) for row in rows]
+        step_records = [_step_record(row) for row in rows]
         renamed = [{**row, **{name: row[column] for name, column in OPERATOR_COLUMNS.items()}} for row in rows]
         workloads = [_row(Workload, row) for row in renamed if row["messages"]]
     else:
-        step_records = [_row(StepRecord, row) for row in _table(folder / "world.csv")]
+        step_records = [_step_record(row) for row in _table(folder / "world.csv")]
         workloads = [_row(Workload, row) for row in _table(folder / "operator.csv")]
     events = _table(folder / "events.csv")
     if not events:
@@ -89,6 +94,12 @@ def _table(file: Path) -> list[dict[str, str]]:
     text = file.read_text(encoding="utf-8")
     lines = text[: text.rfind("\n") + 1].splitlines()
     return list(csv.DictReader(lines))
+
+
+def _step_record(row: dict[str, str]) -> StepRecord:
+    hints = StepRecord.__annotations__
+    own = [name for name in row if name not in OPERATOR_COLUMNS.values()]
+    return StepRecord.of({name: _cell(row[name], hints.get(name, int)) for name in own})
 
 
 def _row(kind: type[Row], row: dict[str, str]) -> Row:
@@ -111,9 +122,10 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     def rows() -> Iterable[list[Any]]:
         for record in outcome.step_records:
             workload = by_step.get(record.step)
-            yield [*record, *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
+            yield [*record.columns().values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
 
-    header = [*StepRecord._fields, *OPERATOR_COLUMNS.values()]
+    columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
+    header = [*columns, *OPERATOR_COLUMNS.values()]
     write_csv(folder / "series.csv", header, rows())
     write_csv(folder / "events.csv", EventState._fields, outcome.events)
     if commands := outcome.world.get("commands"):

@@ -31,7 +31,6 @@ from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_world.core import tracing
 from deltaswarm_world.core.world import WorldCore
 
 STATUS_EVERY_STEPS = 500
@@ -143,21 +142,6 @@ def rare_garbage_collections() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*thresholds)
-
-
-def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
-    """Trace an agent's frames to another agent, or its reports to the operator (None), from the next step on."""
-    if receiver is None:
-        tracing.watch_uplink(swarm.world, sender)
-    else:
-        tracing.watch(swarm.world, sender, receiver)
-
-
-def explain(swarm: InProcess, receiver: int | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return each model's findings on the watched link in the last step, and the outcomes of what was sent."""
-    answer = tracing.explain_uplink if receiver is None else tracing.explain
-    findings, outcomes = answer(swarm.world)
-    return [finding._asdict() for finding in findings], outcomes
 
 
 @rare_garbage_collections()

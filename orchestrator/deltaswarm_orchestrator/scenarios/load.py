@@ -1,6 +1,7 @@
 """Load scenarios from TOML files or built-in ones, apply `--set`, and check the result as a whole."""
 
 import dataclasses
+import re
 import tomllib
 import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
-from deltaswarm_wire.plugins import controller_settings, find_controller
+from deltaswarm_wire.plugins import RADIO_MODELS, controller_settings, find_controller, own_settings
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 
@@ -67,7 +68,12 @@ def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     options, wrong_options = _control_options(table, scenario)
     problems += wrong_options
     if scenario is not None:
-        scenario = dataclasses.replace(scenario, control=ControlSettings(scenario.control.mode, options))
+        scenario = dataclasses.replace(
+            scenario,
+            control=ControlSettings(scenario.control.mode, options),
+            radio=_with_model_options(scenario.radio),
+            fault=tuple(dataclasses.replace(fault, options=checked.plain(fault.own())) for fault in scenario.fault),
+        )
         problems += _grid_problems(scenario)
         if not wrong_options:
             problems += _command_problems(scenario)
@@ -133,6 +139,12 @@ def _control_options(table: dict[str, Any], scenario: Scenario | None) -> tuple[
         return {}, error.problems
 
 
+def _with_model_options(radio: RadioSettings) -> RadioSettings:
+    """Return the radio's settings with all options of its models from outside, defaults included."""
+    models = {name: own_settings(RADIO_MODELS, name, options, "radio") for name, options in radio.models.items()}
+    return dataclasses.replace(radio, models={name: checked.plain(own) for name, own in models.items()})
+
+
 def to_toml(settings: Scenario | AgentSettings) -> str:
     """Return the effective settings as TOML, with every key."""
     return tomli_w.dumps(checked.plain(settings))
@@ -141,7 +153,8 @@ def to_toml(settings: Scenario | AgentSettings) -> str:
 def commented_toml(scenario: Scenario) -> str:
     """Return the effective scenario as TOML, with each key's meaning as a comment."""
     options = find_controller(scenario.control.mode).Settings()
-    keys = [*keys_of(options, "control."), *keys_of(Scenario(), "")]  # the scenario's last, so that they win
+    own = [key for fault in scenario.fault for key in keys_of(fault.own(), "fault.")]
+    keys = [*own, *keys_of(options, "control."), *keys_of(Scenario(), "")]  # the scenario's last, so that they win
     about = {key.replace("[]", ""): spec.metadata["doc"] for key, spec, _, _ in keys}
     lines, table = [], ""
     for line in to_toml(scenario).splitlines():
@@ -275,7 +288,7 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
 def apply(table: dict[str, Any], override: str) -> list[Problem]:
     """Set one dotted key from `key=value`; the value is TOML, or else a plain string."""
     path, sign, text = override.partition("=")
-    if not sign or not all(path.strip().split(".")):
+    if not sign or not all(keys_in(path.strip())):
         return [Problem("--set", repr(override), "must be key=value")]
     try:
         value = tomllib.loads(f"value = {text}")["value"]
@@ -286,7 +299,7 @@ def apply(table: dict[str, Any], override: str) -> list[Problem]:
 
 def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
     """Set one dotted key of a nested table."""
-    keys = path.split(".")
+    keys = keys_in(path)
     if not all(keys):
         return [Problem(path or "''", "no key", "must be a dotted key such as control.delta")]
     for key in keys[:-1]:
@@ -295,6 +308,11 @@ def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
             return [Problem(path, f"{key!r} is not a table", "must be a key of a table")]
     table[keys[-1]] = value
     return []
+
+
+def keys_in(path: str) -> list[str]:
+    """Split a dotted key; a quoted part may hold dots, as in TOML."""
+    return [part.strip('"') for part in re.split(r'\.(?=(?:[^"]*"[^"]*")*[^"]*$)', path)]
 
 
 def keys_of(settings: Any, prefix: str) -> Iterator[tuple[str, "dataclasses.Field[Any]", Any, Any]]:

@@ -31,7 +31,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, EventState
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
@@ -164,12 +164,13 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     starts = range(0, len(outcome.step_records), width)
     edges_s = [start * step_s for start in starts]
     columns: dict[str, list[float | None]] = {"time_s": [*edges_s]}
-    rows: Sequence[tuple[str, str, Sequence[Any]]] = [
-        *((name, name, outcome.step_records) for name in StepRecord._fields if name not in ("step", "time_s")),
-        *((column, name, outcome.workloads) for name, column in OPERATOR_COLUMNS.items()),
-    ]
-    for column, name, source in rows:
-        values = np.array([getattr(row, name) for row in source], dtype=float)
+    records = [record.columns() for record in outcome.step_records]
+    rows = [(name, [row[name] for row in records]) for name in (records[0] if records else COLUMNS)]
+    rows += [(column, [getattr(row, name) for row in outcome.workloads]) for name, column in OPERATOR_COLUMNS.items()]
+    for column, cells in rows:
+        if column in ("step", "time_s"):
+            continue
+        values = np.array(cells, dtype=float)
         columns[column] = [_mean(values[start : start + width]) for start in starts]
 
     def window_of(time_s: float) -> int:

@@ -302,6 +302,6 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant],
 def _at(table: dict[str, Any], dotted: str) -> Any:
     """Return the value of a dotted key; None for a key that this scenario's controller does not have."""
     value: Any = table
-    for name in dotted.split("."):
+    for name in scenarios.keys_in(dotted):
         value = value.get(name) if isinstance(value, dict) else None
     return value

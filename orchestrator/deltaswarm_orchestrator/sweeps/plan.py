@@ -10,7 +10,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.base.sources import source_digest
+from deltaswarm_orchestrator.base.sources import sources
 from deltaswarm_scenario.scenario import NAME, Scenario, content_of
 from deltaswarm_wire.checked import Problem, key
 
@@ -73,10 +73,10 @@ class Job:
 
     @cached_property
     def key(self) -> str:
-        """The key that identifies a finished run: scenario (except its name), controller, windows, version of numpy."""
+        """The key that identifies a finished run: scenario (except its name), extensions, windows, version of numpy."""
         table = content_of(replace(self.scenario, name=""))
-        controller = source_digest(self.scenario.control.mode)
-        text = json.dumps([table, self.series_every_s, controller, version("numpy")], sort_keys=True)
+        extensions = [source.digest for source in sources(self.scenario)]
+        text = json.dumps([table, self.series_every_s, extensions, version("numpy")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     @property

@@ -21,7 +21,7 @@ from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DROP_REASONS, EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, DROP_REASONS, EventState, StepRecord
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.operator_messages import Workload
@@ -32,8 +32,8 @@ UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None, "delta": None}
 
 
 def record(step: int, **more: Any) -> StepRecord:
-    zeros: dict[str, Any] = dict.fromkeys(StepRecord._fields, 0)
-    return StepRecord(**{**zeros, "step": step, "time_s": step * STEP_S, **UNKNOWN, **more})
+    zeros: dict[str, Any] = dict.fromkeys(COLUMNS, 0)
+    return StepRecord.of({**zeros, "step": step, "time_s": step * STEP_S, **UNKNOWN, **more})
 
 
 def workload(step: int, messages: int = 0, **more: Any) -> Workload:
@@ -186,7 +186,7 @@ def test_the_columns_are_named(tmp_path: Path) -> None:
     outcome.events = [event(1, 0.0, None)]
     write_tables(tmp_path, outcome)
     rows = list(csv.DictReader((tmp_path / "series.csv").open(newline="")))
-    assert list(rows[0]) == [*StepRecord._fields, *OPERATOR_COLUMNS.values()]
+    assert list(rows[0]) == [*COLUMNS, *OPERATOR_COLUMNS.values()]
     assert [row["step"] for row in rows] == list("012345")
     assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(EventState._fields)
 
@@ -200,7 +200,7 @@ def put(file: Path, fields: Sequence[str], rows: Iterable[Sequence[Any]]) -> byt
 def test_a_row_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
     """Wherever a killed part's file ends: the whole rows before it count, half a number never does."""
     told = [record(step, frames_sent=1000 + step, covered_area_m2=123.25) for step in range(3)]
-    data = put(tmp_path / "world.csv", StepRecord._fields, told)
+    data = put(tmp_path / "world.csv", COLUMNS, [row.columns().values() for row in told])
     counted = set()
     for end in range(len(data) + 1):
         (tmp_path / "world.csv").write_bytes(data[:end])
@@ -214,7 +214,7 @@ def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
     """What an interrupted run left: the world's rows and the operator's, each as far as they go."""
     outcome = whole()
     outcome.workloads = [workload(step, messages=step) for step in range(4)]
-    put(tmp_path / "world.csv", StepRecord._fields, outcome.step_records)
+    put(tmp_path / "world.csv", COLUMNS, [record.columns().values() for record in outcome.step_records])
     put(tmp_path / "operator.csv", Workload._fields, outcome.workloads)
     write_json(tmp_path / "world.json", outcome.world)
     found = read_outcome(tmp_path)

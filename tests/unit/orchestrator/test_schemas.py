@@ -1,7 +1,7 @@
 """The messages of a recording: complete, and under the names by which viewers know them."""
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, NET_FIELDS, OURS, STATE_FIELDS, TOPICS
-from deltaswarm_scenario.truth import Body, EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, Body, EventState
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, Workload
 
@@ -12,8 +12,8 @@ def names(message: str) -> set[str]:
 
 def test_two_topics_hold_every_field_of_a_tally() -> None:
     """A field that is added to the record is recorded without a word here."""
-    assert sorted([*NET_FIELDS, *STATE_FIELDS, "step", "time_s"]) == sorted(StepRecord._fields)
-    assert {"step", "time_s", *NET_FIELDS} == names("NetStats")
+    assert sorted([*NET_FIELDS, *STATE_FIELDS, "step", "time_s"]) == sorted(COLUMNS)
+    assert {"step", "time_s", *NET_FIELDS, "other_drops"} == names("NetStats")
     assert {"step", "time_s", *STATE_FIELDS, "wall_s"} == names("SwarmState")
 
 

@@ -6,7 +6,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.situation import SituationRow, is_open, score
 from deltaswarm_scenario.technique import Recorded
-from deltaswarm_scenario.truth import EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
 
 ARENA = {"width_m": 100.0, "height_m": 60.0}
 
@@ -16,8 +16,8 @@ def event(number: int, x_m: float, y_m: float, arrived_s: float = 0.0, completed
 
 
 def step(time_s: float, **truth: int) -> StepRecord:
-    empty = dict.fromkeys(StepRecord._fields, 0)
-    return StepRecord(**{**empty, "time_s": time_s, **truth})
+    empty = dict.fromkeys(COLUMNS, 0)
+    return StepRecord.of({**empty, "time_s": time_s, **truth})
 
 
 def scored(answers: list[tuple[str, str]], events: list[EventState], **truth: int) -> list[SituationRow]:

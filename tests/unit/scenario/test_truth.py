@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_scenario import truth
 from deltaswarm_scenario.truth import (
+    COLUMNS,
     Body,
     EventState,
     Sample,
@@ -26,13 +26,13 @@ from tests.support.strategies import (
     step_records,
 )
 
-TALLY = StepRecord(*([0] * len(StepRecord._fields)))
+TALLY = StepRecord.of(dict.fromkeys(COLUMNS, 0))
 
 
-@given(step_records, st.sampled_from(StepRecord._fields))
+@given(step_records, st.sampled_from(COLUMNS))
 def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
     """Every count of the record is checked under its own name."""
-    wrong: Any = {**record._asdict(), field: "many"}
+    wrong: Any = {name: value for name, value in record.columns().items() if name in COLUMNS} | {field: "many"}
     raw = {
         "v": PROTOCOL_VERSION,
         "step": 0,
@@ -84,10 +84,23 @@ def test_oversized_truth_is_refused_at_both_ends() -> None:
         decode_truth(bytes(MAX_ORDINARY_BYTES + 1))
 
 
-def test_every_drop_reason_is_counted_in_the_tally() -> None:
-    """Each reason for which a frame is not heard has its own column, in the same order."""
-    columns = [name for name in StepRecord._fields if name.startswith("dropped_")]
-    assert columns == [f"dropped_{reason}" for reason in truth.DROP_REASONS]
+def test_the_drops_are_on_the_wire_in_their_order() -> None:
+    """Other readers of the wire know the columns by their places."""
+    frames = "range blackout partition obstacle jam asymmetry loss burst contention bandwidth frame_full dead"
+    reports = "outage range loss burst bandwidth base_full expired left dead"
+    expected = [f"dropped_{reason}" for reason in frames.split()]
+    expected += ["reports_sent", "reports_arrived", "reports_in_flight"]
+    expected += [f"reports_dropped_{reason}" for reason in reports.split()]
+    assert [*COLUMNS[17:]] == [*expected, "rejected", "transport_lost"]
+
+
+@pytest.mark.parametrize("drops", [{}, {"dropped_fog": -1}, {"dropped_fog": "3"}, {"fog": 3}, [], 3])
+def test_wrong_drops_of_models_from_outside_are_refused(drops: Any) -> None:
+    """They are a map of counts."""
+    row = [*TALLY.columns().values(), drops]
+    raw = {"v": PROTOCOL_VERSION, "step": 0, "time_s": 0.0, "bodies": [], "events": [], "links": []}
+    with pytest.raises(WireError, match=r"^truth\.step_record"):
+        decode_truth(msgpack.packb({**raw, "step_record": row}))
 
 
 SAID = st.tuples(st.integers(0, 0xFFFF), st.sampled_from([RADIO, REPORT]), st.binary(max_size=50))

@@ -205,7 +205,7 @@ def test_a_crowded_frame_drops_what_does_not_fit_and_says_so() -> None:
     assert all(len(encode_frame(frame)) <= MAX_SAMPLE_BYTES for frame in frames.values())
     heard = [len(frame.heard) for frame in frames.values()]
     assert set(heard) == {3}
-    assert (record.frames_received, record.dropped_frame_full) == (27, 9 * 8 - 27)
+    assert (record.frames_received, record.frames_dropped["frame_full"]) == (27, 9 * 8 - 27)
 
 
 def test_more_events_than_a_frame_may_hold_are_left_out_and_counted() -> None:
@@ -249,7 +249,7 @@ def test_a_dead_agent_stops_and_hears_nothing() -> None:
     stage.event(50, 50)
     assert list(stage.begin()) == [1]
     record = stage.end()
-    assert (record.agents_alive, record.dropped_dead, record.frames_received) == (1, 1, 0)
+    assert (record.agents_alive, record.frames_dropped["dead"], record.frames_received) == (1, 1, 0)
     assert stage.core.truth(record).bodies[0][1:4] == (50.0, 50.0, "dead")
     assert stage.core.totals(complete=True)["agents_lost"] == [0]
 
@@ -270,7 +270,7 @@ def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> Non
     for step in range(250):
         changes.get(step, lambda agent: None)(step // 30)
         record = crew.step(step, last=False)
-        drops = {reason: getattr(record, f"dropped_{reason}") for reason in DROP_REASONS}
+        drops = record.frames_dropped
         came = record.frames_sent * 9 + record.frames_duplicated
         assert in_flight + came == record.frames_received + sum(drops.values()) + record.frames_in_flight
         assert record.bytes_sent >= 6 * record.frames_sent

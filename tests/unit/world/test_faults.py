@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_scenario.fault import FAULTS, TO_PROCESSES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
+from deltaswarm_wire.plugins import FAULTS, find
 from deltaswarm_world.core.event_ids import EventIds
-from deltaswarm_world.core.faults.kinds import KINDS
 from deltaswarm_world.core.faults.timeline import Faults
 
 COUNT, STEPS = 8, 40
@@ -125,10 +124,10 @@ def test_a_restart_is_for_the_living_and_the_dead() -> None:
     assert orders(made, 10, ALL - {1}) == [(START, (1,))]
 
 
-def test_each_kind_of_the_settings_is_one_of_the_world() -> None:
-    """In the same order, under the same name."""
-    assert tuple(kind.name for kind in KINDS) == FAULTS
-    assert {kind.name for kind in KINDS if kind.kills} < set(TO_PROCESSES)
+def test_what_kills_acts_on_processes() -> None:
+    """So it is refused where nobody could kill them."""
+    kinds = [find(FAULTS, name, "fault.kind") for name in FAULTS.shipped]
+    assert [kind for kind in kinds if kind.kills and not kind.to_process] == []
 
 
 def test_a_frozen_agent_that_died_by_accident_is_not_frozen_when_it_restarts() -> None:

@@ -5,25 +5,17 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DROP_REASONS
-from deltaswarm_world.core.air.channel.model import Context
-from deltaswarm_world.core.air.channel.models import MODELS, models_of
+from deltaswarm_wire.plugins import RADIO_MODELS
+from deltaswarm_world.core.air.channel.model import models_of
 from deltaswarm_world.core.air.channel.reach import RangeDisc
 from tests.support.airs import EVERYTHING
 
 
 def test_a_model_is_built_only_where_the_scenario_asks_for_it() -> None:
     """None by default; all of them, in the order of the table, where every model is on."""
-    assert models_of(Context(Scenario(), RangeDisc(9.0))) == []
-    models = models_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
-    assert [type(model) for model in models] == list(MODELS)
-
-
-def test_reasons_of_models_are_columns_in_the_order_of_the_table() -> None:
-    """Each model's drops have a column of their own in `series.csv`."""
-    models = models_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
-    reasons = [model.reason for model in models]
-    assert reasons == [reason for reason in DROP_REASONS if reason in reasons]
+    assert models_of(Scenario(), RangeDisc(9.0)) == []
+    models = models_of(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0))
+    assert [model.reason for model in models] == list(RADIO_MODELS.shipped)
 
 
 def test_no_stream_of_chance_is_used_twice() -> None:

@@ -17,7 +17,6 @@ from deltaswarm_wire.messages import Act, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_world.core.air.radio import Air
 from deltaswarm_world.core.uplink.relay import TIME_TO_LIVE_S
-from deltaswarm_world.core.uplink.trace import TracedUplink
 from deltaswarm_world.core.uplink.uplink import Uplink
 from deltaswarm_world.core.world import WorldCore
 from tests.support.airs import rates, shares, times
@@ -104,14 +103,13 @@ def test_what_it_says_of_reports_is_what_happened(
     found, record = list[str](), (0, 0, {})
     for watched in range(5):
         stage = Stage(LINE_M, uplink)
-        stage.uplink = traced = TracedUplink(stage.uplink, watched)
         for senders, trees, absent in steps:
             record = (
                 len(stage.carry(sorted(senders), trees, sorted(absent))),
                 stage.uplink.under_way,
                 stage.uplink.dropped,
             )
-        found += traced.outcomes
+        found += stage.uplink.outcomes(watched)
     arrived, under_way, dropped = record
     assert found.count("arrived") == arrived
     assert sum(not outcome.startswith(("arrived", "dropped")) for outcome in found) == under_way
@@ -140,9 +138,8 @@ def explained(
 ) -> tuple[bool, dict[str, Any]]:
     """Whether the range cuts an agent of the line off in a step in which it reports, and the numbers to it."""
     stage = Stage(LINE_M, uplink)
-    stage.uplink = traced = TracedUplink(stage.uplink, sender)
     stage.carry([sender], trees)
-    (found,) = (one for one in traced.explain() if one.reason == "range")
+    (found,) = (one for one in stage.uplink.explain(sender) if one.reason == "range")
     return found.cuts, found.numbers
 
 
@@ -266,4 +263,4 @@ def test_a_dead_radio_reports_to_nobody() -> None:
             core.intake.hear_report(agent, report(agent, step, step))
             core.intake.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
         step_records.append(core.end())
-    assert [(record.reports_arrived, record.reports_dropped_dead) for record in step_records] == [(2, 0), (1, 1)]
+    assert [(record.reports_arrived, record.reports_dropped["dead"]) for record in step_records] == [(2, 0), (1, 1)]

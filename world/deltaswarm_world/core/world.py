@@ -11,7 +11,7 @@ from itertools import accumulate
 from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, Body, Sample, StepRecord, Truth
+from deltaswarm_scenario.truth import COLUMNS, DEAD, DROP_REASONS, UPLINK_REASONS, Body, Sample, StepRecord, Truth
 from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
@@ -19,7 +19,9 @@ from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSE
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.saved import Saved
-from deltaswarm_world.core.air.radio import Air, Reception
+from deltaswarm_world.core.air.channel.links import Diagnosis
+from deltaswarm_world.core.air.radio import Air
+from deltaswarm_world.core.air.reception import Reception
 from deltaswarm_world.core.coverage import Coverage
 from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.environment import Environment
@@ -27,7 +29,6 @@ from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.intake import Intake
 from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.sleep_schedule import SleepSchedule
-from deltaswarm_world.core.step_record import record
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 from deltaswarm_world.core.uplink.uplink import Uplink
 
@@ -71,7 +72,7 @@ class WorldCore(Saved):
         self._faults = Faults(scenario) if scenario.fault else None
         count = scenario.agents.count
         self._present = [True] * count
-        self._listening = self.speaking = [True] * count
+        self._listening = self._speaking = [True] * count
         """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
         self._tree_statuses: dict[int, TreeStatus] = {}
         """Each present agent's tree status, by its last act."""
@@ -83,6 +84,7 @@ class WorldCore(Saved):
         self._is_last = False
         self._time_s = 0.0
         self._carried = Reception(0)
+        self._no_drops = dict.fromkeys(self.air.reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
 
     # A step: inject and begin, then acts and radio frames as they arrive, then end
 
@@ -167,7 +169,7 @@ class WorldCore(Saved):
         listening = [False] * len(self._present)
         for agent in taking_part:
             listening[agent] = agent not in deaf
-        self.speaking, self._listening = self._listening, listening
+        self._speaking, self._listening = self._listening, listening
         reception = self.air.carry(
             self._step, self._time_s, self.intake.transmitted, self.environment.positions_m, listening, mute
         )
@@ -258,7 +260,8 @@ class WorldCore(Saved):
         due = self._coverage.is_due(self._step)
         rejected, lost = self.intake.drain_counts()
         reception, others = self._carried, self.scenario.agents.count - 1
-        return record(
+        no_frames, no_reports = self._no_drops
+        return StepRecord(
             step=self._step,
             time_s=self._time_s,
             agents_alive=len(self.participants.present),
@@ -278,16 +281,23 @@ class WorldCore(Saved):
             frames_in_flight=len(self.intake.transmitted) * others + self.air.under_way,
             rejected=rejected,
             transport_lost=lost,
-            frames_dropped=reception.dropped,
+            frames_dropped=no_frames | reception.dropped,
             reports_sent=sent,
             reports_arrived=len(self.forwarded) if uplink else sent,
             reports_in_flight=uplink.under_way + self._too_late_to_send if uplink else 0,
-            reports_dropped=uplink.dropped if uplink else {},
+            reports_dropped=no_reports | uplink.dropped if uplink else no_reports,
         )
 
     def _mean_delta(self) -> float | None:
         deltas = [status.delta for status in self._tree_statuses.values() if status.delta]
         return sum(deltas) / len(deltas) if deltas else None
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns of a step's record: with one for each reason of a drop."""
+        foreign = [reason for reason in self.air.reasons if reason not in DROP_REASONS]
+        end = COLUMNS.index("reports_sent")
+        return [*COLUMNS[:end], *(f"dropped_{reason}" for reason in foreign), *COLUMNS[end:]]
 
     def truth(self, row: StepRecord) -> Truth:
         """Return the full state of the last closed step for the recorder. Call it once per step, or never."""
@@ -297,6 +307,19 @@ class WorldCore(Saved):
             bodies.append(Body(agent, x_m, y_m, *status))
         events = tuple(self.environment.states_to_show())
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
+
+    def explain(self, sender: int, receiver: int | None) -> tuple[list[Diagnosis], list[str]]:
+        """Explain one agent's link to another, or to the operator (None), in the last closed step; change nothing.
+
+        Return each model's finding, and what became of the frames or reports. What is heard in a step was sent in the
+        step before. Without an uplink model nothing is found about the operator's link.
+        """
+        if receiver is None:
+            return ([], []) if self.uplink is None else (self.uplink.explain(sender), self.uplink.outcomes(sender))
+        outcomes = self.air.outcomes(sender, receiver)
+        for _ in range(outcomes.count("delivered") - list(self.links).count((sender, receiver))):
+            outcomes[outcomes.index("delivered")] = "dropped: frame_full"
+        return self.air.explain(sender, receiver, self._speaking), outcomes
 
     @property
     def samples(self) -> list[Sample]:

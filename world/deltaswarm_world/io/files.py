@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from deltaswarm_scenario.truth import EventState, StepRecord
+from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
 from deltaswarm_world.core.environment import EventRecord
 from deltaswarm_world.core.world import WorldCore
 
@@ -25,10 +25,13 @@ TABLES = ("world.csv", EVENTS_SO_FAR)
 class WorldOutput:
     """Writes one row per closed step, which a killed world leaves behind, and totals at the end.
 
-    With `table_bytes` it continues tables of these lengths from a checkpoint, after `wall_s` of the run.
+    `columns` are those of a row. With `table_bytes` it continues tables of these lengths from a checkpoint, after
+    `wall_s` of the run.
     """
 
-    def __init__(self, folder: Path, table_bytes: Sequence[int] = (), wall_s: float = 0.0) -> None:
+    def __init__(
+        self, folder: Path, columns: Iterable[str] = COLUMNS, table_bytes: Sequence[int] = (), wall_s: float = 0.0
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._handle = os.open(folder, os.O_RDONLY)
         self._folder = Path(f"/proc/self/fd/{self._handle}")
@@ -40,7 +43,7 @@ class WorldOutput:
         ]
         self._rows, self._events = (csv.writer(file) for file in self._files)
         if not table_bytes:
-            self._rows.writerow(StepRecord._fields)
+            self._rows.writerow(columns)
             self._events.writerow(EventState._fields)
         self._wall_before_s = wall_s
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
@@ -58,7 +61,7 @@ class WorldOutput:
 
     def write(self, record: StepRecord, changed: Iterable[EventRecord]) -> None:
         """Write one closed step, and the events that arrived, were first sensed or completed in it."""
-        self._rows.writerow(record)
+        self._rows.writerow(record.columns().values())
         self._events.writerows(event.state() for event in changed)
         now = time.monotonic()
         if now >= self._flush_due:

@@ -31,7 +31,7 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     keys, agents = Keys(config.run), range(config.scenario.agents.count)
     trusted = trusted_sessions(config.credentials.read_text(encoding="utf-8"))
     asked = config.listen or (config.link.endpoint,)
-    with WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output:
+    with WorldOutput(config.out, saved.core.columns, saved.table_bytes, saved.wall_s) as output:
         session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
         with session:
             wakeup, transport = Wakeup(session, keys), Transport(session, keys, len(agents))

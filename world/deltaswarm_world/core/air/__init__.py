@@ -1,1 +1,1 @@
-"""Emulated radio: `radio.py` composes the models in `channel/`; `trace.py` follows one link."""
+"""Emulated radio: `radio.py` composes the models in `channel/`; `reception.py` holds the outcome of a step."""

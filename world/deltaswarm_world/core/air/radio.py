@@ -17,19 +17,18 @@ import numpy as np
 
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.messages import Heard
-from deltaswarm_world.core.air.channel.links import Ends, Links, Mask
-from deltaswarm_world.core.air.channel.model import Context
-from deltaswarm_world.core.air.channel.models import models_of
+from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links, Mask
+from deltaswarm_world.core.air.channel.model import models_of, reasons_of
 from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import reach_of
+from deltaswarm_world.core.air.reception import EVERYBODY, Reception
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator
 
 SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
 ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
-"""Each use of chance has its own generator, and so has each model (`channel/models.py`)."""
+"""Each use of chance has its own generator, and so has each model."""
 
 
 class _Moment(NamedTuple):
@@ -38,35 +37,6 @@ class _Moment(NamedTuple):
     time_s: float
     positions_m: Floats
     listening: Sequence[bool]
-
-
-class Reception:
-    """The outcome of frames in one step."""
-
-    def __init__(self, ends: int) -> None:
-        self.heard: list[list[Heard]] = [[] for _ in range(ends)]
-        """Received frames per receiver, with their senders, by sender, then age."""
-        self.links: list[tuple[int, int]] = []
-        """(sender, receiver) of each frame, by receiver, then as in `heard`."""
-        self.dropped: dict[str, int] = {}
-        """Dropped receptions by reason."""
-        self.duplicated = 0
-        """Duplicated receptions."""
-        self.largest_bytes = 0
-        """Upper bound of the length of received frames."""
-
-    def hear_all(self, arriving: Sequence[Arrival]) -> None:
-        """Add received frames, in order of receiver, then sender and age."""
-        heard = self.heard
-        for receiver, (sender, _, data) in arriving:
-            heard[receiver].append((sender, data))
-        self.links = [(sender, receiver) for receiver, (sender, _, _) in arriving]
-        self.largest_bytes = max([len(data) for _, (_, _, data) in arriving], default=0)
-
-    def drop(self, reason: str, count: int) -> None:
-        """Count dropped receptions."""
-        if count:
-            self.dropped[reason] = self.dropped.get(reason, 0) + count
 
 
 def _queue(bytes_per_s: float, radio: RadioSettings, step_s: float) -> RateLimitedQueue | None:
@@ -85,7 +55,9 @@ class Air:
         count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
         self._ids = np.arange(count)
         self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
-        self._models = models_of(Context(scenario, self._reach))
+        self._models = models_of(scenario, self._reach)
+        self.reasons = reasons_of(self._models)
+        """Every reason for a drop, in the order of the columns in tables."""
         self._steady = [model for model in self._models if model.holds_for_step]
         self._sending = _queue(radio.bandwidth.sender_bytes_per_s, radio, step_s)
         self._taking_in = _queue(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
@@ -99,6 +71,7 @@ class Air:
         """Random order of senders into the queues of a step, so that low numbers have no priority."""
         self._numbers = 0
         self._moment = _Moment(0.0, np.zeros((count, 2)), [True] * count)
+        self._reception = Reception(count)
 
     @property
     def under_way(self) -> int:
@@ -122,15 +95,17 @@ class Air:
         mute: Collection[int] = (),
     ) -> Reception:
         """Run one step: frames by sender, positions (n, 2) [m], present receivers, muted senders."""
-        reception = Reception(len(listening))
+        self._reception = reception = Reception(len(listening))
         senders = sorted(transmitted)
         if mute:
             senders = [sender for sender in senders if sender not in mute]
-            reception.drop("dead", (len(transmitted) - len(senders)) * (len(listening) - 1))
+            silent = [(EVERYBODY, Packet(sender, -1, b"")) for sender in transmitted.keys() & mute]
+            reception.lose("dead", "the sender's radio", silent, len(listening) - 1)
         frames = [transmitted[sender] for sender in senders]
         if self._sending is not None:
             senders, frames = self._send(self._sending, senders, frames, listening, reception)
         self._moment = _Moment(time_s, positions_m, listening)
+        reception.on_air = senders
         is_late = self._delays is not None or self._taking_in is not None
         if not (is_late or self._models):
             self._hear_at_once(senders, frames, reception)
@@ -140,7 +115,7 @@ class Air:
             arriving = [] if links is None else self._set_off(step, links, senders, frames, reception)
             self._deliver(step, arriving, listening, reception)
         elif links is not None:
-            _hear_all(links, senders, frames, reception)
+            reception.hear_open(links, senders, frames)
         return reception
 
     def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
@@ -156,6 +131,44 @@ class Air:
                 links.is_open &= ~cut
         is_open = links.is_open
         return list(zip(links.senders[is_open].tolist(), links.receivers[is_open].tolist(), strict=True))
+
+    # Questions about the last step, which change nothing
+
+    def explain(self, sender: int, receiver: int, speaking: Sequence[bool]) -> list[Diagnosis]:
+        """Return each model's finding about one link in the last step, in order.
+
+        Args:
+            sender: the sending agent.
+            receiver: the receiving agent.
+            speaking: whether each agent's radio worked when this step's frames were sent.
+        """
+        time_s, positions_m, listening = self._moment
+        ends = [Ends(np.array([agent]), positions_m[[agent]]) for agent in (sender, receiver)]
+        links = Links.of_pairs(ends[0], ends[1])
+        gone = [agent for agent, works in ((sender, speaking[sender]), (receiver, listening[receiver])) if not works]
+        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
+        findings = [Diagnosis("dead", bool(gone), says, {"gone": gone}), self._reach.explain(links, time_s)]
+        findings += [model.explain(links, time_s) for model in self._models]
+        if self._delays is not None:
+            findings.append(self._delays.explain())
+        for queue, end, whose in ((self._sending, sender, "sender"), (self._taking_in, receiver, "receiver")):
+            if queue is not None:
+                findings.append(queue.explain(end, whose))
+        return findings
+
+    def outcomes(self, sender: int, receiver: int) -> list[str]:
+        """Return what became in the last step of the frames from one agent to another, those in flight included."""
+        found = self._reception.outcomes(sender, receiver, self._moment.listening[receiver])
+        if self._sending is not None:
+            found += ["waits in the sender's queue"] * len(self._sending.holds(sender))
+        if self._delays is not None:
+            found += [f"under way, due in step {due}" for due in self._delays.due_of(sender, receiver)]
+        if self._taking_in is not None:
+            held = self._taking_in.holds(receiver)
+            found += ["waits in the receiver's queue" for packet in held if packet.sender == sender]
+        return found
+
+    # On the way of a frame
 
     def _send(
         self,
@@ -177,8 +190,9 @@ class Air:
             passed, dropped = queue.take(sender, arriving)
             on_air += [(sender, packet.data) for packet in passed]
             gone = [] if listening[sender] else queue.clear(sender)
-            reception.drop("bandwidth", len(dropped) * others)
-            reception.drop("dead", len(gone) * others)
+            full = "the sender's queue is full"
+            reception.lose("bandwidth", full, [(EVERYBODY, packet) for packet in dropped], others)
+            reception.lose("dead", "in the sender's queue", [(EVERYBODY, packet) for packet in gone], others)
         on_air = sorted([*on_air, *new.items()], key=itemgetter(0))
         return [sender for sender, _ in on_air], [data for _, data in on_air]
 
@@ -224,13 +238,11 @@ class Air:
         dead = sum(absent - (not listening[sender]) for sender in senders) if absent else 0
         reception.drop("dead", dead)
         reception.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
+        reception.cross(links)
         for model in self._models:
             cut = model.cuts(links, time_s)
-            if cut is None:
-                continue
-            cut &= links.is_open
-            links.is_open ^= cut
-            reception.drop(model.reason, int(np.count_nonzero(cut)))
+            if cut is not None:
+                reception.cut(model.reason, links, cut)
         return links
 
     def _set_off(
@@ -257,9 +269,8 @@ class Air:
         """Pass arriving and waiting frames to the receivers."""
         if self._delays is not None:
             due = self._delays.take(step)
-            there = [arrival for arrival in due if listening[arrival[0]]]
-            reception.drop("dead", len(due) - len(there))
-            arriving += there
+            arriving += [arrival for arrival in due if listening[arrival[0]]]
+            reception.lose("dead", "on arrival", [arrival for arrival in due if not listening[arrival[0]]])
         if self._taking_in is not None:
             arriving = self._take_in(self._taking_in, arriving, listening, reception)
         arriving.sort()
@@ -282,21 +293,12 @@ class Air:
                 passing.append(arrival)
         for receiver, packets in by_receiver.items():
             if not listening[receiver]:
-                reception.drop("dead", len(queue.clear(receiver)))
+                gone = [(receiver, packet) for packet in queue.clear(receiver)]
+                reception.lose("dead", "in the receiver's queue", gone)
                 continue
             packets.sort(key=lambda packet: (order[packet.sender], packet.number))
             passed, dropped = queue.take(receiver, packets)
-            reception.drop("bandwidth", len(dropped))
+            full = "the receiver's queue is full"
+            reception.lose("bandwidth", full, [(receiver, packet) for packet in dropped])
             passing += [(receiver, packet) for packet in passed]
         return passing
-
-
-def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], reception: Reception) -> None:
-    """Receive on all open links at once; equal to `Reception.hear_all` for frames without delay."""
-    is_open = links.is_open
-    receivers = links.receivers[is_open].tolist()
-    reception.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
-    reception.largest_bytes = max(map(len, frames))
-    heard, transmissions = reception.heard, list(zip(senders, frames, strict=True))
-    for column, receiver in zip(links.columns[is_open].tolist(), receivers, strict=True):
-        heard[receiver].append(transmissions[column])

@@ -1,9 +1,10 @@
 """Faults of an agent's drive and radio."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from deltaswarm_scenario.fault import RADIO_DEAD, SLOW, STUCK
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import Problem, key
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
 
@@ -11,19 +12,30 @@ STANDING = (0.0, 0.0)
 """Velocity of a body at rest [m/s]."""
 
 
+@dataclass(frozen=True)
+class SlowSettings:
+    """The keys of actuator-slow."""
+
+    factor: float | None = key(None, "remaining share of the commanded speed", low=0, high=1)
+
+    def problems(self) -> list[Problem]:
+        """The factor must be given."""
+        return [Problem("factor", "nothing", "must be given")] if self.factor is None else []
+
+
 class Slow(Kind):
     """The body moves at a share of the commanded speed; shares multiply."""
 
-    name = SLOW
+    Settings = SlowSettings
 
-    def __init__(self, scenario: Scenario, orders: Orders) -> None:
-        super().__init__(scenario, orders)
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(name, scenario, orders)
         self._factors: list[tuple[list[int], float]] = []
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
         """See `Kind`."""
         super().look(faults)
-        self._factors = [(sorted(fault.agents), fault.fault.factor or 0.0) for fault in faults]
+        self._factors = [(sorted(fault.agents), fault.settings.factor) for fault in faults]
 
     def drive(self, velocities_mps: Floats) -> None:
         """See `Kind`."""
@@ -34,10 +46,8 @@ class Slow(Kind):
 class Stuck(Kind):
     """The body keeps its velocity from the start of the fault and ignores commands."""
 
-    name = STUCK
-
-    def __init__(self, scenario: Scenario, orders: Orders) -> None:
-        super().__init__(scenario, orders)
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(name, scenario, orders)
         self._kept_mps: dict[int, tuple[float, float]] = {}
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
@@ -58,8 +68,6 @@ class Stuck(Kind):
 
 class RadioDead(Kind):
     """The radio neither sends nor receives."""
-
-    name = RADIO_DEAD
 
     @property
     def deaf(self) -> frozenset[int]:

@@ -2,14 +2,15 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from deltaswarm_scenario.fault import FaultSettings
+from deltaswarm_scenario.fault import MAY_LAST, FaultSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import NOTE, ProcessOrder
+from deltaswarm_wire.plugins import NoSettings
 from deltaswarm_world.core.arrays import Floats
 
 
@@ -19,6 +20,8 @@ class ActiveFault:
 
     index: int
     fault: FaultSettings
+    settings: Any
+    """The kind's own `Settings`."""
     agents: set[int]
     end: int | None
     rng: np.random.Generator
@@ -50,19 +53,25 @@ class Kind:
     """One kind of fault in one run. Hooks that a kind does not override have no effect.
 
     Args:
+        name: the name in `[[fault]]`.
         scenario: the run's scenario.
         orders: collects the orders for processes.
     """
 
-    name: ClassVar[str]
-    """The name in `[[fault]]`, from `deltaswarm_scenario.fault`."""
+    Settings: ClassVar[type] = NoSettings
+    """A frozen dataclass of the kind's own keys in `[[fault]]`."""
+    lasts: ClassVar[str] = MAY_LAST
+    """Whether a fault may, must or cannot have a duration: MAY_LAST, MUST_END or NEVER_ENDS."""
+    to_process: ClassVar[bool] = False
+    """Whether it affects the agent's process (by a real signal, if there is a process) or its body."""
     hits_dead: ClassVar[bool] = True
     """Whether it also affects named agents without a process: a body can fail without one."""
 
     kills: ClassVar[bool] = False
     """Whether it ends its targets' processes."""
 
-    def __init__(self, scenario: Scenario, orders: Orders) -> None:
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        self.name = name
         self.agents: frozenset[int] = frozenset()
         """Return the agents under this fault in this step."""
         self._scenario = scenario

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 
-from deltaswarm_scenario import fault as kinds
+from deltaswarm_scenario.fault import MUST_END, NEVER_ENDS
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind
 
@@ -10,7 +10,8 @@ from deltaswarm_world.core.faults.kind import ActiveFault, Kind
 class Kill(Kind):
     """The process ends for good; the body stops where it is."""
 
-    name = kinds.KILL
+    lasts = NEVER_ENDS
+    to_process = True
     hits_dead = False
     kills = True
 
@@ -25,7 +26,7 @@ class Kill(Kind):
 class Restart(Kind):
     """The process ends, and a new one begins: at once, or after the duration."""
 
-    name = kinds.RESTART
+    to_process = True
     kills = True
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
@@ -48,7 +49,8 @@ class Restart(Kind):
 class Freeze(Kind):
     """The process stops and continues; overlapping freezes merge."""
 
-    name = kinds.FREEZE
+    lasts = MUST_END
+    to_process = True
     hits_dead = False
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from deltaswarm_scenario.fault import BLIND, LYING, NOISY
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.messages import Event
 from deltaswarm_world.core.arrays import Floats
@@ -20,21 +21,34 @@ FIRST_PHANTOM = MAX_ID
 class Blind(Kind):
     """The agent senses nothing."""
 
-    name = BLIND
-
     @property
     def blind(self) -> frozenset[int]:
         """See `Kind`."""
         return self.agents
 
 
+@dataclass(frozen=True)
+class NoisySettings:
+    """The keys of sensor-noisy."""
+
+    noise_m: float | None = key(
+        None, "standard deviation of each event's constant position error along x and y [m]", above=0, high=1e5
+    )
+    miss: float | None = key(None, "probability of missing an event in a step", above=0, high=1)
+
+    def problems(self) -> list[Problem]:
+        """There must be noise, or misses."""
+        is_given = self.noise_m is not None or self.miss is not None
+        return [] if is_given else [Problem("noise_m", "nothing", "must be given, or else miss")]
+
+
 class Noisy(Kind):
     """Each event is sensed with a position error, or missed in some steps."""
 
-    name = NOISY
+    Settings = NoisySettings
 
-    def __init__(self, scenario: Scenario, orders: Orders) -> None:
-        super().__init__(scenario, orders)
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(name, scenario, orders)
         self._missing: dict[int, list[ActiveFault]] = {}
         self._noisy: dict[int, list[ActiveFault]] = {}
         self._errors_m: dict[tuple[int, int, int], tuple[float, float]] = {}
@@ -45,15 +59,15 @@ class Noisy(Kind):
         self._missing, self._noisy = {}, {}
         for fault in faults:
             for agent in sorted(fault.agents):
-                if fault.fault.miss is not None:
+                if fault.settings.miss is not None:
                     self._missing.setdefault(agent, []).append(fault)
-                if fault.fault.noise_m is not None:
+                if fault.settings.noise_m is not None:
                     self._noisy.setdefault(agent, []).append(fault)
 
     def misses(self, agent: int) -> bool:
         """See `Kind`."""
         faults = self._missing.get(agent)
-        return faults is not None and any(fault.rng.random() < (fault.fault.miss or 0.0) for fault in faults)
+        return faults is not None and any(fault.rng.random() < fault.settings.miss for fault in faults)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
         """See `Kind`."""
@@ -65,19 +79,30 @@ class Noisy(Kind):
         """Return a constant error: with a new error each step agents would never arrive."""
         key = (fault.index, agent, event.event)
         if key not in self._errors_m:
-            dx_m, dy_m = (fault.rng.standard_normal(2) * (fault.fault.noise_m or 0.0)).tolist()
+            dx_m, dy_m = (fault.rng.standard_normal(2) * fault.settings.noise_m).tolist()
             self._errors_m[key] = dx_m, dy_m
         dx_m, dy_m = self._errors_m[key]
         return Event(event.event, *_in_arena(self._scenario, event.x_m + dx_m, event.y_m + dy_m))
 
 
+@dataclass(frozen=True)
+class LyingSettings:
+    """The keys of lying."""
+
+    phantoms: int | None = key(None, "number of nonexistent events that the agent senses", low=1, high=64)
+
+    def problems(self) -> list[Problem]:
+        """The number must be given."""
+        return [Problem("phantoms", "nothing", "must be given")] if self.phantoms is None else []
+
+
 class Lying(Kind):
     """The sensor shows nonexistent events. Of two lies the later one in the scenario applies."""
 
-    name = LYING
+    Settings = LyingSettings
 
-    def __init__(self, scenario: Scenario, orders: Orders) -> None:
-        super().__init__(scenario, orders)
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(name, scenario, orders)
         self._range_m = scenario.agents.sensing_range_m
         self._liars: dict[int, ActiveFault] = {}
         self._phantoms: dict[int, list[Event]] = {}
@@ -95,7 +120,7 @@ class Lying(Kind):
         for agent, fault in self._liars.items():
             x_m, y_m = positions_m[agent].tolist()
             phantoms = [event for event in self._phantoms[agent] if self._is_near(event, x_m, y_m)]
-            while len(phantoms) < (fault.fault.phantoms or 0):
+            while len(phantoms) < fault.settings.phantoms:
                 phantoms.append(self._phantom(x_m, y_m, fault.rng))
             self._phantoms[agent] = phantoms
             sensed[agent].extend(phantoms)

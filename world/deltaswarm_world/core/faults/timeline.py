@@ -11,10 +11,10 @@ from deltaswarm_scenario.fault import FREEZE, FaultSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
+from deltaswarm_wire.plugins import FAULTS, find
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
-from deltaswarm_world.core.faults.kinds import KINDS
 
 FAULT_STREAM = 11
 """The faults' stream of the run; each fault has two generators: for its targets and for its effect."""
@@ -35,7 +35,10 @@ class Faults:
         self._count = scenario.agents.count
         self._faults = scenario.fault
         self._orders = Orders(self._step_s)
-        self._kinds: dict[str, Kind] = {kind.name: kind(scenario, self._orders) for kind in KINDS}
+        names = dict.fromkeys((*FAULTS.shipped, *(fault.kind for fault in scenario.fault)))
+        self._kinds: dict[str, Kind] = {
+            name: find(FAULTS, name, "fault.kind")(name, scenario, self._orders) for name in names
+        }
         self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
         """Step and index of pending faults, the next one last."""
         self._active: list[ActiveFault] = []
@@ -76,7 +79,7 @@ class Faults:
         until_s = None if end is None else end * self._step_s
         head = {"fault": index, "kind": fault.kind, "step": step, "at_s": step * self._step_s}
         self.log.append({**head, "until_s": until_s, "agents": sorted(targets)})
-        active = ActiveFault(index, fault, targets, end, generator(self._seed, FAULT_STREAM, index, 1))
+        active = ActiveFault(index, fault, fault.own(), targets, end, generator(self._seed, FAULT_STREAM, index, 1))
         if kind.begin(active, living, f"{fault.kind} of {_whom(fault)}"):
             self._active.append(active)
         if kind.kills:

@@ -14,8 +14,10 @@ import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.chance import Bursts, Loss
-from deltaswarm_world.core.air.channel.links import Ends, LinkModel, Links
+from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
+from deltaswarm_world.core.air.channel.model import Model
 from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator
@@ -35,11 +37,13 @@ class Uplink:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
         self.dropped: dict[str, int] = {}
         """Dropped reports of the last step by reason."""
+        self._outcomes: list[tuple[str, Packet]] = []
+        """What became of each report that arrived or was dropped in the last step."""
         self._count = count
         self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
         self._range_m = uplink.range_m
         self._relay = Relay(scenario, steady_links) if uplink.relay else None
-        self._models: list[LinkModel] = []
+        self._models: list[Model] = []
         if uplink.outages:
             self._models.append(Blackouts(uplink.outages, "outage"))
         if uplink.loss > 0:
@@ -77,7 +81,7 @@ class Uplink:
         sent: Mapping[int, bytes],
     ) -> list[bytes]:
         """Run one step with positions [m], presence and root by agent, and reports; return arrived reports."""
-        self.dropped = {}
+        self.dropped, self._outcomes = {}, []
         self._state = state = StepState(step, time_s, positions_m, there, roots, self._within(positions_m))
         entering = []
         for sender in sorted(sent):
@@ -92,7 +96,61 @@ class Uplink:
         if self._delays is not None:
             arriving = self._delays.send(step, arriving, self._delays.draw(len(arriving)).tolist())
             arriving += self._delays.take(step)
-        return [packet.data for packet in sorted(self._take_in([packet for _, packet in arriving]))]
+        arrived = sorted(self._take_in([packet for _, packet in arriving]))
+        self._outcomes += [("arrived", packet) for packet in arrived]
+        return [packet.data for packet in arrived]
+
+    # Questions about the last step, which change nothing
+
+    def explain(self, sender: int) -> list[Diagnosis]:
+        """Return each model's finding about an agent's link to the operator in the last step, in order."""
+        state = self._state
+        there = state.there[sender]
+        says = f"agent {sender} is there" if there else f"agent {sender} is gone, hangs, or its radio is dead"
+        findings = [Diagnosis("dead", not there, says, {"gone": [] if there else [sender]})]
+        if self._sending is not None:
+            findings.append(self._sending.explain(sender, "sender"))
+        links = self._links(state, [sender])
+        if self._range_m is not None:
+            findings.append(self._explain_range(self._range_m, sender, links))
+        findings += [model.explain(links, state.time_s) for model in self._models]
+        if self._delays is not None:
+            findings.append(self._delays.explain())
+        if self._taking_in is not None:
+            findings.append(self._taking_in.explain(BASE_INDEX, "operator"))
+        return findings
+
+    def _explain_range(self, range_m: float, sender: int, links: Links) -> Diagnosis:
+        """Explain with distance and range, and with the relays of an agent out of range."""
+        state = self._state
+        direct = RangeDisc(range_m).explain(links, state.time_s)
+        says = f"{direct.says} from the operator's base"
+        if self._relay is None or not direct.cuts:
+            return direct._replace(says=says)
+        if sender not in state.roots:
+            return direct._replace(says=f"{says}; in no tree that could carry it")
+        way = self._relay.ways(state).get(sender)
+        if way is None:
+            return direct._replace(says=f"{says}; the tree of root {state.roots[sender]} has no way to it now")
+        says = f"{says}; its tree carries it, first to agent {way.to}, over {way.hops} hops to one within range"
+        return direct._replace(cuts=False, says=says, numbers={**direct.numbers, **way._asdict()})
+
+    def outcomes(self, sender: int) -> list[str]:
+        """Return what became of an agent's reports in the last step, those in flight included."""
+        found = list(self._outcomes)
+        if self._sending is not None:
+            for end in self._sending.ends:
+                found += [(f"waits in the queue of agent {end}", packet) for packet in self._sending.holds(end)]
+        if self._relay is not None:
+            found += [(f"handed on to agent {to}", packet) for to, packet in self._relay.handed]
+            found += [(f"waits at agent {end} for a way", packet) for end, packet in self._relay.waiting]
+        if self._taking_in is not None:
+            found += [("waits in the operator's queue", packet) for packet in self._taking_in.holds(BASE_INDEX)]
+        due = [] if self._delays is None else self._delays.due_of(sender, BASE_INDEX)
+        own = [outcome for outcome, packet in found if packet.sender == sender]
+        return own + [f"under way, due in step {step}" for step in due]
+
+    # On the way of a report
 
     def _within(self, positions_m: Floats) -> Sequence[bool]:
         """Return the agents within and at the base's range."""
@@ -103,8 +161,9 @@ class Uplink:
         return within
 
     def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
-        """Count a dropped report; `where` is for `TracedUplink`."""
+        """Count a dropped report."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        self._outcomes.append((f"dropped: {reason}{where}", packet))
         if self._relay:
             self._relay.forget(packet.number)
 

@@ -19,6 +19,7 @@ class Asymmetry:
     """Some directed links carry nothing, others have a reduced range, constant for a whole run."""
 
     reason = "asymmetry"
+    meaning = "this direction of the link is worse"
     holds_for_step = True
     stream = 32
 
@@ -54,7 +55,7 @@ class Asymmetry:
         return factors
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         factors = self.factors(links)
         if self._settings.range_factor_low >= 1.0:
             return factors < 0.0

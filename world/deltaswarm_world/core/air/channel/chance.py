@@ -15,6 +15,7 @@ class Loss:
     """Each frame is lost with the same probability, independently per receiver."""
 
     reason = "loss"
+    meaning = "chance"
     holds_for_step = False
     stream = 3
 
@@ -29,7 +30,7 @@ class Loss:
         return cls(share, context.rng(cls.stream)) if share > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         lost: Mask = self._rng.random(len(links)) < self._share
         return lost
 
@@ -53,6 +54,7 @@ class Bursts:
     """
 
     reason = "burst"
+    meaning = "chance, on a link in its bad state"
     holds_for_step = False
     stream = 33
 
@@ -80,7 +82,7 @@ class Bursts:
         return cls(settings, context.ends, context.step_s, context.rng(cls.stream)) if settings.is_on else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         settings, places = self._settings, self._places(links)
         draws: Floats = self._rng.random((2, len(links)))
         now = self._now(time_s)
@@ -135,6 +137,7 @@ class Contention:
     """
 
     reason = "contention"
+    meaning = "there were too many bytes on the air around the receiver"
     holds_for_step = False
     stream = 34
 
@@ -149,7 +152,7 @@ class Contention:
         return cls(bytes_per_step, context.rng(cls.stream)) if bytes_per_step > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`. Frames cut by other models take no capacity."""
+        """See `Model`. Frames cut by other models take no capacity."""
         order = self._rng.random(len(links))
         if not len(links):
             return None

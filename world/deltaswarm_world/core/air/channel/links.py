@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, Self, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -106,24 +106,6 @@ class Diagnosis(NamedTuple):
     cuts: bool
     says: str
     numbers: dict[str, Any]
-
-
-class LinkModel(Protocol):
-    """One model, which cuts links."""
-
-    @property
-    def reason(self) -> str:
-        """The reason under which its cuts are counted."""
-
-    @property
-    def holds_for_step(self) -> bool:
-        """Whether it cuts links for whole steps, without draws and state; the relay uses it, too."""
-
-    def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """Return the links cut in this step (None: none), called once per step. Only this method may draw."""
-
-    def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain a single link (the only row), without a draw."""
 
 
 class LinkDraws:

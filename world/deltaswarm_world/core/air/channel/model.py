@@ -1,14 +1,21 @@
-"""The interface of a radio model, and its inputs."""
+"""Build the radio models of a scenario, shipped or from outside, in the order in which they apply to a frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
+from zlib import crc32
 
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_world.core.air.channel.links import LinkModel
+from deltaswarm_scenario.truth import DROP_REASONS
+from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
+from deltaswarm_world.core.air.channel.links import Diagnosis, Links, Mask
 from deltaswarm_world.core.air.channel.reach import Reach
 from deltaswarm_world.core.chance import generator
+
+FOREIGN_STREAM = 30
+"""Stream of the generators of models from outside, each with a number from its class."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +25,10 @@ class Context:
     scenario: Scenario
     reach: Reach
     """Reach by distance or power, before any model cuts a link."""
+    settings: Any = None
+    """The model's own settings, if its class has `Settings`."""
+    name: str = ""
+    """The model's class, as `module:Class`."""
 
     @property
     def ends(self) -> int:
@@ -29,14 +40,57 @@ class Context:
         """Length of a step [s]."""
         return self.scenario.run.step_s
 
-    def rng(self, stream: int) -> np.random.Generator:
-        """Make a model's own generator, so that models do not change each other's draws."""
+    def rng(self, stream: int | None = None) -> np.random.Generator:
+        """Make a model's own generator, so that models do not change each other's draws.
+
+        A shipped model has its own unique `stream`; without one, the generator is that of the model's class.
+        """
+        if stream is None:
+            return generator(self.scenario.seed, FOREIGN_STREAM, crc32(self.name.encode()))
         return generator(self.scenario.seed, stream)
 
 
-class Model(LinkModel, Protocol):
-    """An optional model. A model that draws has its own unique `stream` number."""
+class Model(Protocol):
+    """One model, which cuts links. Its class may have `Settings`, a frozen dataclass of its options."""
+
+    reason: str
+    """The reason under which its cuts are counted: lower-case letters, digits and underscores."""
+    meaning: str
+    """Why such a frame does not reach a receiver, for the table of reasons."""
+    holds_for_step: bool
+    """Whether it cuts links for whole steps, without draws and state; the relay uses it, too."""
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
         """Build the scenario's model; None if it is off."""
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """Return the links cut in this step (None: none), called once per step. Only this method may draw."""
+
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
+        """Explain a single link (the only row), without a draw and without a change of state."""
+
+
+def models_of(scenario: Scenario, reach: Reach) -> list[Model]:
+    """Build the models that are on, in order; the first one that cuts a frame gives the reason.
+
+    Models from outside come before the last shipped one, contention, which counts what the others let through.
+    """
+    *shipped, last = RADIO_MODELS.shipped
+    named = scenario.radio.models
+    models = []
+    for name in [*shipped, *(name for name in named if name not in RADIO_MODELS.shipped), last]:
+        path = f'radio.models."{name}"'
+        kind: type[Model] = find(RADIO_MODELS, name, path)
+        if hasattr(kind, "Settings") and name not in named:
+            continue
+        settings = own_settings(RADIO_MODELS, name, named[name], path) if name in named else None
+        model = kind.of(Context(scenario, reach, settings, f"{kind.__module__}:{kind.__qualname__}"))
+        if model is not None:
+            models.append(model)
+    return models
+
+
+def reasons_of(models: Sequence[Model]) -> tuple[str, ...]:
+    """Return every reason for which the air may drop a frame: the shipped ones, then those of models from outside."""
+    return tuple(dict.fromkeys((*DROP_REASONS, *(model.reason for model in models))))

@@ -20,6 +20,7 @@ class RadioObstacles:
     """
 
     reason = "obstacle"
+    meaning = "an obstacle blocks it or takes too much power"
     holds_for_step = True
 
     def __init__(self, obstacles: Obstacles, reach: Reach, exponent: float) -> None:
@@ -34,7 +35,7 @@ class RadioObstacles:
         return cls(obstacles, context.reach, context.scenario.radio.path_loss.exponent) if obstacles else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         losses_db = self._losses_db(links)
         lossy = losses_db > 0
         if not lossy.any():

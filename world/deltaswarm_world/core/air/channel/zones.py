@@ -25,6 +25,8 @@ def _when(zone: BlackoutSettings | JammerSettings | WallSettings) -> str:
 class Blackouts:
     """Periods without reception; outages of the operator's uplink."""
 
+    reason = "blackout"
+    meaning = "no frame gets through at this time"
     holds_for_step = True
 
     def __init__(self, zones: Sequence[BlackoutSettings], reason: str = "blackout") -> None:
@@ -38,7 +40,7 @@ class Blackouts:
         return cls(zones) if zones else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
@@ -53,6 +55,7 @@ class Walls:
     """Walls cut frames whose line of sight crosses them between a wall's two ends."""
 
     reason = "partition"
+    meaning = "a wall is in between"
     holds_for_step = True
 
     def __init__(self, walls: Sequence[WallSettings]) -> None:
@@ -65,7 +68,7 @@ class Walls:
         return cls(walls) if walls else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         cut: Mask | None = None
         for wall in self._walls:
             if is_on(wall, time_s):
@@ -112,6 +115,7 @@ class Jammers:
     """Circles without reception, edge included. Agents inside can be heard outside."""
 
     reason = "jam"
+    meaning = "the receiver is within a jammer's circle"
     holds_for_step = True
 
     def __init__(self, zones: Sequence[JammerSettings]) -> None:
@@ -137,7 +141,7 @@ class Jammers:
         return x + share * (to_x - x), y + share * (to_y - y)
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `LinkModel`."""
+        """See `Model`."""
         deaf: Mask | None = None
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):

@@ -1,0 +1,155 @@
+"""Radio models and faults from outside the package: found by name, checked, counted, and asked like shipped ones."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.scenarios.load import commented_toml, load_scenario
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import SettingsError, plain
+from deltaswarm_world.core.air.channel.links import Ends
+from deltaswarm_world.core.air.radio import Air
+from tests.support.cores import play
+from tests.support.weather import put_weather
+
+FOG, WIND = 'radio.models."weather:Fog".density=0.05', 'fault=[{kind="weather:Wind", at_s=10, agents=[0, 1]}]'
+
+
+@pytest.fixture(autouse=True)
+def weather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put_weather(tmp_path, monkeypatch)
+
+
+def scenario(*overrides: str) -> Scenario:
+    return load_scenario("smoke", ["run.duration_s=60", "radio.range_m=100", *overrides])
+
+
+def mistakes(*overrides: str) -> list[tuple[str, str]]:
+    with pytest.raises(SettingsError) as caught:
+        scenario(*overrides)
+    return [(problem.path, f"{problem.given}; {problem.allowed}") for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("override", "path", "said"),
+    [
+        (
+            'radio.models."weather:Fog".density=2.0',
+            'radio.models."weather:Fog".density',
+            "2.0; must be a number from 0",
+        ),
+        ('radio.models."weather:Fog".densty=0.1', 'radio.models."weather:Fog".densty', "did you mean 'density'?"),
+        ('radio.models."weather:Fog"=3', 'radio.models."weather:Fog"', "3; must be a table"),
+        ("radio.models.fogg={}", 'radio.models."fogg"', "did you mean 'fog'?"),
+        ("radio.models.loss={}", 'radio.models."loss"', "must be set by the model's own keys in [radio]"),
+        ('radio.models."weather:Curtain".a=1', 'radio.models."weather:Curtain".a', "unknown key"),
+        ('radio.models."weather:WrongReason"={}', 'radio.models."weather:WrongReason"', "lower-case letters"),
+        ('radio.models."weather:Wind"={}', 'radio.models."weather:Wind"', "must be a radio model with reason"),
+        ('radio.models."nowhere:Fog"={}', 'radio.models."nowhere:Fog"', "No module named 'nowhere'"),
+        (WIND.replace("agents", "speed_mps=11, agents"), "fault[0].speed_mps", "11; must be a number from 0 to 10"),
+        (WIND.replace("agents", "sped_mps=1, agents"), "fault[0].sped_mps", "did you mean 'speed_mps'?"),
+        (WIND.replace("at_s", "durations_s=3, at_s"), "fault[0].durations_s", "did you mean 'duration_s'?"),
+        (WIND.replace("Wind", "Squall"), "fault[0].duration_s", "must be given for weather:Squall"),
+        (WIND.replace("weather:Wind", "winds"), "fault[0].kind", "did you mean 'wind'?"),
+        (WIND.replace("Wind", "Fog"), "fault[0].kind", "must be a fault with lasts"),
+    ],
+)
+def test_a_mistake_is_one_message(override: str, path: str, said: str) -> None:
+    """With its key, before anything starts."""
+    [(found, text)] = mistakes(override)
+    assert found == path
+    assert said in text
+
+
+def test_an_effective_scenario_has_their_options() -> None:
+    """Defaults included; an entry point's name does as well; so does a scenario's own file."""
+    table = plain(scenario(FOG, WIND))
+    assert table["radio"]["models"] == {"weather:Fog": {"density": 0.05, "until_s": 1e6}}
+    assert table["fault"] == [
+        {"kind": "weather:Wind", "at_s": 10.0, "agents": [0, 1], "roots": False, "speed_mps": 0.2}
+    ]
+    named = plain(scenario("radio.models.fog.density=0.5", WIND.replace("weather:Wind", "wind")))
+    assert named["radio"]["models"] == {"fog": {"density": 0.5, "until_s": 1e6}}
+    text = commented_toml(scenario(WIND))
+    assert "speed of the wind along x [m/s]" in text
+
+
+def test_their_files_count_for_results() -> None:
+    """As a third-party controller's do: a run is resumed, and a sweep reuses runs, only with the same ones."""
+    found = sources(scenario(FOG, WIND))
+    assert [(source.what, source.name, source.files) for source in found] == [
+        ("radio model", "weather:Fog", ("weather",)),
+        ("fault", "weather:Wind", ("weather",)),
+    ]
+    assert found[0].digest == found[1].digest
+
+
+def columns(*overrides: str) -> list[dict[str, Any]]:
+    return [record.columns() for record in play(InProcess(scenario(*overrides)), 60)]
+
+
+def test_a_model_counts_its_drops_under_its_own_reason() -> None:
+    """In a column after the shipped ones'; and what does not arrive adds up."""
+    rows = columns(FOG)
+    assert sum(row["dropped_fog"] for row in rows) > 0
+    names = list(rows[0])
+    assert names.index("dropped_fog") == names.index("dropped_dead") + 1
+    for before, row in pairwise(rows):
+        drops = sum(count for name, count in row.items() if name.startswith("dropped_"))
+        others = len(InProcess(scenario()).agents) - 1
+        came = before["frames_in_flight"] + row["frames_sent"] * others
+        assert came == row["frames_received"] + drops + row["frames_in_flight"]
+    assert list(columns()[0]) == [name for name in names if name != "dropped_fog"]
+
+
+def test_a_model_changes_no_draw_of_another() -> None:
+    """Its chance is its own: a fog that is off leaves the run as it is, and two models draw apart."""
+    ever = columns("radio.loss=0.3")
+    off = columns("radio.loss=0.3", 'radio.models."weather:Fog".density=0.0')
+    assert [{name: row[name] for name in ever[0]} for row in off] == ever
+
+
+def test_contention_comes_after_models_from_outside() -> None:
+    """A frame that fog takes takes no room from the others: the medium carries what is left."""
+    swarm = InProcess(scenario("radio.contention_bytes_per_s=40", "radio.loss=0.1", "radio.models.fog.density=0.01"))
+    list(play(swarm, 3))
+    findings, _ = swarm.world.explain(0, 1)
+    assert [finding.reason for finding in findings] == ["dead", "range", "loss", "fog", "contention"]
+
+
+def test_the_link_is_explained_by_the_model() -> None:
+    """As by the shipped ones: it is asked about one pair, and what became of each frame adds up."""
+    swarm = InProcess(scenario(FOG))
+    pairs = [(sender, receiver) for sender in range(len(swarm.agents)) for receiver in range(len(swarm.agents))]
+    for record in play(swarm, 60):
+        outcomes = [outcome for a, b in pairs if a != b for outcome in swarm.world.explain(a, b)[1]]
+        assert outcomes.count("dropped: fog") == record.frames_dropped["fog"]
+    findings, _ = swarm.world.explain(0, 1)
+    [fog] = [finding for finding in findings if finding.reason == "fog"]
+    distance_m = next(finding.numbers["distance_m"] for finding in findings if finding.reason == "range")
+    assert fog.numbers == {"share": pytest.approx(min(1.0, 0.05 * distance_m))}
+
+
+def test_a_model_for_whole_steps_closes_relays_too() -> None:
+    """The relay of reports asks it as it asks the shipped ones."""
+    agents = Ends(np.arange(2), np.array([[1.0, 1.0], [2.0, 1.0]]))
+    assert Air(scenario(FOG)).steady_links(0.0, agents) == [(1, 0), (0, 1)]
+    assert Air(scenario('radio.models."weather:Curtain"={}')).steady_links(0.0, agents) == []
+
+
+def test_a_fault_acts_on_its_agents_from_its_time_on() -> None:
+    """Bodies drift by the wind's speed, and those of other agents do not."""
+    calm, windy = (InProcess(scenario(*overrides)) for overrides in ((), (WIND,)))
+    for step, _ in enumerate(zip(play(calm, 12), play(windy, 12), strict=True)):
+        drift_m = windy.world.environment.positions_m - calm.world.environment.positions_m
+        if step == 9:
+            assert not drift_m.any()
+        if step == 10:
+            assert drift_m[:2].tolist() == pytest.approx(np.array([[0.2, 0.0], [0.2, 0.0]]))
+            assert not drift_m[2:].any()
+    assert windy.world.totals(complete=False)["faults"][0]["kind"] == "weather:Wind"
