@@ -152,7 +152,8 @@ def _source(folder: Path) -> Path:
     if not all((data / name).exists() for name in DATA):
         data = Path(__file__).parents[1] / INSTALLED_DATA
     for origin in origins:
-        shutil.copytree(origin, folder / origin.name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+        ignored = shutil.ignore_patterns("__pycache__", "*.so", INSTALLED_DATA)
+        shutil.copytree(origin, folder / origin.name, ignore=ignored)
     for name in DATA:
         if not (data / name).exists():
             raise BundleError(f"{data / name} is missing: this installation of deltaswarm {__version__} is incomplete")
