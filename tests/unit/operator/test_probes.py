@@ -223,9 +223,10 @@ def test_whom_a_question_is_asked(name: str, is_attended: bool, is_held: bool, k
     asked = probes(**settings)
     asked.tick(5.0, False, 0.0, is_attended=is_attended, is_held=is_held)
     assert (asked.open(0.0) or {}).get("kind") == kind
-    asked = probes(**settings)
-    asked.tick(5.0, False, 0.0)
-    assert (asked.open(0.0) is None) == (name != "isa")
+    for nobody in ({}, {"is_attended": name == "sagat"}):
+        asked = probes(**settings)
+        asked.tick(5.0, False, 0.0, **nobody)
+        assert (asked.open(0.0) is None) == (name != "isa")
 
 
 @pytest.mark.parametrize(("first", "second"), [("spam", "isa"), ("isa", "spam")])
@@ -286,3 +287,17 @@ def test_a_simulated_person_answers_at_once_and_has_no_wall_time() -> None:
     assert asked.answer_as(0.5, 1001.0) is None
     assert asked.given("isa") == [{"isa": 3}]
     assert asked.outcomes["isa"] == 3
+
+
+def test_after_a_restart_the_last_questions_are_asked_once() -> None:
+    """An operator that was killed before it had saved the last step asks them; the time left is told to 0.1 s."""
+    one = probes(tlx=True, isa_every_s=5.0, isa_wait_s=10.0)
+    one.tick(5.0, False, 0.0)
+    assert one.open(0.04)["left_s"] == 10.0
+    assert one.open(0.16)["left_s"] == 9.8
+    one.tick(9.0, True, 1.0)
+    other = reloaded(one)
+    other.resume()
+    assert other.open(2.0) is None
+    other.end(9.0, 2.0)
+    assert other.open(2.0) == {"kind": "tlx"}

@@ -99,6 +99,49 @@ def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None
     assert [technique(**settings).due_s(number, 100.0, Random(1)) for number in range(len(due_s))] == due_s
 
 
+@pytest.mark.parametrize(
+    ("question", "path"),
+    [
+        (QuestionSettings("a", "A?"), None),
+        (QuestionSettings("", "A?"), "name"),
+        (QuestionSettings("a", ""), "name"),
+        (QuestionSettings("a", "A?", "choice", choices=("x", "y")), None),
+        (QuestionSettings("a", "A?", "choice", choices=("x", "x")), "choices"),
+        (QuestionSettings("a", "A?", "likert", 1.0, 1.0), "high"),
+        (QuestionSettings("a", "A?", "likert", 1.0, 2.0), None),
+        (QuestionSettings("a", "A?", "likert", 0.0, 10.0), None),
+        (QuestionSettings("a", "A?", "likert", 0.0, 11.0), "high"),
+        (QuestionSettings("a", "A?", "number", 5.0, 5.0), None),
+        (QuestionSettings("a", "A?", "number", 5.0, 4.0), "high"),
+        (QuestionSettings("a", "A?", "text", 5.0, 4.0), None),
+    ],
+)
+def test_a_question_of_a_form_can_be_answered(question: QuestionSettings, path: str | None) -> None:
+    """2 to 11 points, bounds in order, two different choices, a name and a text."""
+    assert [problem.path for problem in question.problems()] == ([path] if path else [])
+
+
+@pytest.mark.parametrize(
+    ("form", "is_right"),
+    [
+        (FORM, True),
+        (FormSettings("f", text="Read this."), True),
+        (FormSettings("f"), False),
+        (FormSettings("", text="Read this."), False),
+        (FormSettings("f", question=(FORM.question[0], FORM.question[0])), False),
+        (FormSettings("f", text="Read this.", question=(FORM.question[0], FORM.question[0])), False),
+    ],
+)
+def test_a_form_has_a_name_and_something_to_show(form: FormSettings, is_right: bool) -> None:
+    """Questions of different names, or a text."""
+    assert [problem.path for problem in form.problems()] == ([] if is_right else ["question"])
+
+
+def test_the_longest_text_is_taken() -> None:
+    """2000 characters."""
+    assert technique(form=(FORM,)).answers(0, {"answers": {**GIVEN, "why": "x" * 2000}})["why"] == "x" * 2000
+
+
 def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
     """Uniform, and no less than the interval."""
     rng = Random(1)
