@@ -173,7 +173,7 @@ class CommandLog:
             for sent in self.sent
         ]
 
-    def fates(self, now_s: float) -> list[dict[str, Any]]:
+    def described(self, now_s: float) -> list[dict[str, Any]]:
         """Return all commands and their outcomes, for JSON."""
         return [
             {

@@ -5,7 +5,7 @@ Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` desc
 
 import json
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 from random import Random
@@ -14,7 +14,6 @@ from typing import Any
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.command_log import CommandLog
-from deltaswarm_operator.core.mirror import Mirror
 from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
@@ -22,7 +21,7 @@ from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_scenario.page_messages import Message, made
-from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction
+from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -35,6 +34,34 @@ HISTORY_ROWS = 600
 SHEET_FIELDS = ("consent", "participant", "condition")
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
+
+ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")
+"""Columns of an act that the page shows."""
+
+ACTS_KEPT = 200
+
+
+class RecentActs:
+    """What the conductor is told of the person: the newest acts and answers, also for a page that connects late."""
+
+    def __init__(self) -> None:
+        self.acts: deque[dict[str, Any]] = deque(maxlen=ACTS_KEPT)
+
+    def take(self, rows: Iterable[OperatorAction | ProbeRow]) -> list[dict[str, Any]]:
+        """Return the acts in new rows, for the page."""
+        new = [act for row in rows if (act := act_of(row)) is not None]
+        self.acts += new
+        return new
+
+
+def act_of(row: OperatorAction | ProbeRow) -> dict[str, Any] | None:
+    """Return a row in the page's format; None for an answer to ISA, which is an act too."""
+    if isinstance(row, OperatorAction):
+        return {name: value for name in ACT_COLUMNS if (value := getattr(row, name)) not in ("", None)}
+    if row.probe == ISA and row.value is not None:
+        return None
+    value = "no answer" if row.value is None else row.value
+    return {"time_s": row.asked_s, "kind": "answer", "name": f"{row.probe}: {row.item}", "value": value}
 
 
 class Console:
@@ -63,7 +90,7 @@ class Console:
         self.pace = Pace(briefing.speed, -1)
         self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
-        self.mirror = Mirror()
+        self.recent_acts = RecentActs()
         self.judgements: dict[int, str] = {}
         """The class that the person judged an event to be of, by the page's numbers."""
         self.briefing = briefing

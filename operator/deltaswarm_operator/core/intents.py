@@ -154,7 +154,7 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _catch_up(console: Console, raw: Raw, at: Raw) -> list[Message]:
     newest = console.picture.inbox[-INBOX_CAUGHT_UP:]
     read = [item.number for item in newest if item.number not in console.picture.unread]
-    acts = {"acts": list(console.mirror.acts)} if at["by"] == CONDUCTOR else {}
+    acts = {"acts": list(console.recent_acts.acts)} if at["by"] == CONDUCTOR else {}
     history = list(console.history)
     return [made("catch_up", to=at["page"], inbox=item_rows(newest), read=read, history=history, **acts)]
 

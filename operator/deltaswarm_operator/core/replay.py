@@ -49,7 +49,7 @@ class Replay:
         self._done = 0
         """Number of steps that the console has taken in."""
         self._kept = {0: copy.deepcopy(self._console)}
-        self._news: list[int] = []
+        self._newly_read: list[int] = []
         """Items read since the page was last told."""
         self._now_s = self.from_s
         self._told_wall_s: float | None = None
@@ -77,12 +77,13 @@ class Replay:
         if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
             self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
             self._console = copy.deepcopy(self._kept[self._done])
-            self._news.clear()
+            self._newly_read.clear()
         while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
             clock, workload, reports, read = self._steps[self._done]
             self._console.close_step(clock, workload, reports, 0.0)
-            self._news += self._console.picture.read(read)
-            self._news += [int(item) for act in self._console.actions for item in act.items.split()]  # a simulation
+            self._newly_read += self._console.picture.read(read)
+            acts = self._console.actions  # of a simulated person
+            self._newly_read += [int(item) for act in acts for item in act.items.split()]
             self._console.actions.clear()
             self._done += 1
             if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
@@ -95,9 +96,9 @@ class Replay:
         """Return the message that describes the run to the page."""
         return self._console.hello(run, "replay", SPEEDS)
 
-    def news(self) -> list[Message]:
+    def newly_read(self) -> list[Message]:
         """Return what the page must not miss: the items that were read since."""
-        read, self._news = self._news, []
+        read, self._newly_read = self._newly_read, []
         return [made("read", items=read)] if read else []
 
     def show(self) -> Message:

@@ -1,6 +1,8 @@
 """Serves a console in the operator's process: sends turns and pace, and exchanges datagrams with the station."""
 
+import json
 import socket
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -11,10 +13,9 @@ from typing import Any
 from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
-from deltaswarm_operator.io.channel import Channel
 from deltaswarm_operator.io.markers import Markers
 from deltaswarm_scenario.downlink import FIRST_STEP
-from deltaswarm_scenario.page_messages import made
+from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, Message, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON, OperatorAction
 from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -23,8 +24,40 @@ SHOW_EVERY_S = 0.1
 """Shortest interval between pictures for the station [wall s]."""
 
 HELLO_EVERY_S = 1.0
+SEND_BUFFER_BYTES = 1024 * 1024
 ANSWER_WITHIN_S = 900.0
 """Time that the person has after the last step to answer open questions [wall s]."""
+
+
+class Channel:
+    """Sends datagrams to the station, and receives its intents.
+
+    `take` is called in a separate thread: with each intent, and with None once the station has closed its end.
+    """
+
+    def __init__(self, end: socket.socket, take: Callable[[bytes | None], None]) -> None:
+        end.setblocking(True)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        self._end = end
+        self._take = take
+        threading.Thread(target=self._receive, daemon=True).start()
+
+    def send(self, message: Message) -> None:
+        """Send one message; drop it if the station is behind or gone."""
+        try:
+            self._end.send(json.dumps(message, separators=(",", ":"), allow_nan=False).encode(), socket.MSG_DONTWAIT)
+        except OSError:
+            return
+
+    def _receive(self) -> None:
+        while True:
+            try:
+                data = self._end.recv(MAX_DATAGRAM_BYTES)
+            except OSError:
+                data = b""
+            self._take(data or None)
+            if not data:
+                return
 
 
 @dataclass
@@ -136,12 +169,12 @@ class ConsoleServer:
                     self._conductor.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
-        has_news = self._write() or console.pace != self._pace
+        is_changed = self._write() or console.pace != self._pace
         if console.pace != self._pace:
             self._pace = console.pace
             self._send_pace(self._pace)
         self._show_due = 0.0
-        return has_news
+        return is_changed
 
     def show(self) -> None:
         """Write down the person's acts, and send the station a picture if one is due."""
@@ -165,7 +198,7 @@ class ConsoleServer:
         """Write down new acts and answers, mark them, and tell the conductor; return whether there are any."""
         rows = self._tables.write(self.console)
         if self._conductor is not None:
-            for act in self.console.mirror.take(rows):
+            for act in self.console.recent_acts.take(rows):
                 self._conductor.send(made("act", act=act))
         while self.console.probes.opened:
             asked = self.console.probes.opened.popleft()

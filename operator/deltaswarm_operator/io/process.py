@@ -14,8 +14,7 @@ from typing import Any, cast
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
-from deltaswarm_operator.io.channel import Channel
-from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
+from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, Channel, ConsoleServer
 from deltaswarm_operator.io.files import Output
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings

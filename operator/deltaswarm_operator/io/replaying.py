@@ -15,15 +15,12 @@ from pathlib import Path
 import msgpack
 
 from deltaswarm_operator.core.replay import RecordedStep, Replay
-from deltaswarm_operator.io.channel import Channel
+from deltaswarm_operator.io.console_server import HELLO_EVERY_S, SHOW_EVERY_S, Channel
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES
 from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
-
-SHOW_EVERY_S = 0.1
-HELLO_EVERY_S = 1.0
 
 
 def parser() -> argparse.ArgumentParser:
@@ -64,7 +61,7 @@ def feed(run: str, replay: Replay, end: socket.socket) -> None:
         if now_s >= hello_due:
             hello_due = now_s + HELLO_EVERY_S
             channel.send(replay.hello(run))
-        for message in (replay.show(), *replay.news()):
+        for message in (replay.show(), *replay.newly_read()):
             channel.send(message)
         with contextlib.suppress(queue.Empty):
             asked = inbox.get(timeout=SHOW_EVERY_S)

@@ -364,7 +364,7 @@ def test_the_conductor_may_pause_and_note_and_nothing_else() -> None:
     assert conduct("pace", paused=True) == conduct("note", text="tired") == []
     assert console.is_held
     say(console, "read", items=[0])
-    told = console.mirror.take(console.actions)
+    told = console.recent_acts.take(console.actions)
     assert [(act["kind"], act["by"]) for act in told] == [
         ("pace", "conductor"),
         ("note", "conductor"),

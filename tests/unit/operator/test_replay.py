@@ -90,13 +90,13 @@ def test_items_are_read_when_they_were_read_in_the_run() -> None:
     told: set[int] = set()
     for time_s in (at - 1, at):
         replay.seek(time_s)
-        told.update(*(news["items"] for news in replay.news()))
+        told.update(*(message["items"] for message in replay.newly_read()))
         assert told == {item.number for item in replay._console.picture.inbox} - replay._console.picture.unread
     assert told >= unread
-    assert replay.news() == []
+    assert replay.newly_read() == []
     replay.seek(20)
     replay.seek(at - 1)
-    told = {item for news in replay.news() for item in news["items"]}
+    told = {item for message in replay.newly_read() for item in message["items"]}
     assert not unread & told
 
 
