@@ -21,8 +21,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 )
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
-from deltaswarm_sessions.outline import outline, outline_text
-from deltaswarm_sessions.plan import plan
+from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session

@@ -106,7 +106,7 @@ def _later(folder: Path) -> list[Row]:
 
 def _names_of_attempts(folder: Path, run: PlannedRun) -> list[str]:
     """Return the names of the folders of all attempts at a run: further attempts have a number behind the name."""
-    names = {path.name.removesuffix(".part") for path in folder.iterdir()} if folder.exists() else set()
+    names = [path.name for path in folder.iterdir()] if folder.exists() else []
     return sorted((name for name in names if _attempt_number(name, run)), key=lambda name: _attempt_number(name, run))
 
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from json import dumps
 from pathlib import Path
 from random import Random
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from deltaswarm_orchestrator.base.text import aligned
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_scenario.operator_settings import begun_with
 from deltaswarm_scenario.scenario import Scenario
@@ -37,6 +38,9 @@ from deltaswarm_wire.seeds import agent_seed
 MAX_RUNS = (MAX_PARTICIPANT + 2) * (MAX_CONDITIONS + 1)
 MAX_SEED = 2**53
 """Seeds stay below it, so that programs that read numbers as floating point lose no digit."""
+
+OUTLINE = ("run", "scenario", "simulated s", "wall min", "asks")
+"""Columns of the table that `--dry-run` prints."""
 
 MORE = "Please wait: the next run follows by itself."
 WAIT = "Please wait."
@@ -215,3 +219,58 @@ def order_warning(planned: Sequence[PlannedRun]) -> str | None:
         f"the conditions vary {found[1]}, which the participant reads and can change in the order {found[0]!r}: "
         'operator.page.orders = ["none"], or a list without it, leaves it out'
     )
+
+
+def outline(settings: SessionSettings, planned: Sequence[PlannedRun], *, is_concealed: bool) -> dict[str, Any]:
+    """Return what a session asks of a participant: runs, their length, questions and forms.
+
+    `is_concealed`: leave the runs in the order of the file, since the experimenter must not know that of the participant.
+    """
+    runs = list(planned)
+    if is_concealed:
+        labels = [condition.label for condition in settings.condition]
+        runs[1:] = sorted(runs[1:], key=lambda run: labels.index(run.label))
+    rows = [_row(run.label, run.scenario, settings.speed) for run in runs]
+    minutes = [row["wall_min"] for row in rows]
+    return {
+        "runs": rows,
+        "is_order_concealed": is_concealed,
+        "training_runs_at_most": settings.training.criterion.max_runs if settings.training.criterion else 1,
+        "wall_min": None if None in minutes else sum(minutes),
+        "forms": {form.name: form.when for form in settings.form},
+    }
+
+
+def outline_text(outlined: dict[str, Any]) -> str:
+    """Format the result of `outline`."""
+    rows = [
+        (row["label"], row["scenario"], f"{row['simulated_s']:g}", _minutes(row["wall_min"]), "; ".join(row["asks"]))
+        for row in outlined["runs"]
+    ]
+    lines = [aligned([OUTLINE, *rows]), ""]
+    if outlined["is_order_concealed"]:
+        lines.append("The order of the runs after the training is shown once the session has begun.")
+    if forms := ", ".join(f"{name} ({when})" for name, when in outlined["forms"].items()):
+        lines.append(f"Forms of the session: {forms}.")
+    if (most := outlined["training_runs_at_most"]) > 1:
+        lines.append(f"Training: until the criterion is reached, at most {most} runs.")
+    if outlined["wall_min"] is not None:
+        lines.append(f"All runs take {outlined['wall_min']:.0f} min, besides questions, forms and repeated training.")
+    return "\n".join(lines)
+
+
+def _row(label: str, scenario: Scenario, speed: float) -> dict[str, Any]:
+    return {
+        "label": label,
+        "scenario": scenario.name,
+        "simulated_s": scenario.run.duration_s,
+        "wall_min": scenario.run.duration_s / speed / 60 if speed else None,
+        "asks": [
+            *filter(None, (one.outline for one in scenario.operator.probes.techniques)),
+            *(["task"] if scenario.operator.task.is_on else []),
+        ],
+    }
+
+
+def _minutes(minutes: float | None) -> str:
+    return "as fast as possible" if minutes is None else f"{minutes:.1f}"

@@ -262,6 +262,7 @@ def test_position_and_stream_are_columns_of_the_fit() -> None:
     found = pilot._others([(run(1, "0"), run(3, "2")), (run(2, "1"), run(1, "0")), (run(1, "0"), run(2, "0"))])
     assert found.tolist() == [[2, -1, 0, 1], [-1, 1, -1, 0], [1, 0, 0, 0]]
     assert pilot._others([(run(1, ""), run(2, ""))]).tolist() == [[1]]
+    assert pilot._others([(run(1, "0"), run(2, "0"))]).tolist() == [[1, 0]]
 
 
 ROW = {"pilot": 8, "difference": 10.25, "low": 4.0, "high": 16.5, "deviation": 3.14159, "effect": 5.0}
