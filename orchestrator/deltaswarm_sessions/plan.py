@@ -224,7 +224,7 @@ def order_warning(planned: Sequence[PlannedRun]) -> str | None:
 def outline(settings: SessionSettings, planned: Sequence[PlannedRun], *, is_concealed: bool) -> dict[str, Any]:
     """Return what a session asks of a participant: runs, their length, questions and forms.
 
-    `is_concealed`: leave the runs in the order of the file, since the experimenter must not know that of the participant.
+    `is_concealed`: leave the runs in the order of the file; the experimenter must not know the participant's.
     """
     runs = list(planned)
     if is_concealed:

@@ -9,6 +9,7 @@ import pytest
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_scenario.person_tables import ProbeRow
+from deltaswarm_scenario.situation import SituationRow
 from deltaswarm_sessions.folder import answers, attempts_at, folders_of_later_answers, read_record, summary_of
 from tests.support.sessions import a_session, with_criterion
 
@@ -73,6 +74,17 @@ def test_answers_to_forms_alone_leave_the_scores(tmp_path: Path) -> None:
     nobody = a_run(tmp_path / "2-B", {"complete": True, "person": None})
     a_run(tmp_path / "2-B.again-1", None, row("trust", "why", "x"))
     assert summary_of(nobody) == {"complete": True, "person": None}
+
+
+def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path: Path) -> None:
+    """A question without an answer is not right; who was asked nothing has no share."""
+    run = a_run(tmp_path / "1-A", {"complete": True, "person": {"read": 1}})
+    assert summary_of(run) == {"complete": True, "person": {"read": 1}}
+    rows = [SituationRow("sagat", 0, "trees", 9.0, *of) for of in (("2", "2", 1, 0), ("1", "3", 0, 2), ("", "3", 0, 0))]
+    with (run / "situation.csv").open("w", newline="") as stream:
+        unanswered = SituationRow("spam", 1, "trees", 9.0, "", "3", None, None)
+        csv.writer(stream).writerows([SituationRow._fields, *rows, unanswered])
+    assert summary_of(run) == {"complete": True, "person": {"read": 1, "situation_right_share": 0.25}}
 
 
 def test_attempts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -12,22 +12,8 @@ from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.situation import SituationRow
-from deltaswarm_sessions.folder import summary_of
-from deltaswarm_sessions.settings import CriterionSettings
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file, with_criterion
-
-
-def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path: Path) -> None:
-    """A question without an answer is not right; who was asked nothing has no share."""
-    (tmp_path / "summary.json").write_text(json.dumps({"complete": True, "person": {"read": 1}}))
-    assert summary_of(tmp_path) == {"complete": True, "person": {"read": 1}}
-    answers = [SituationRow("sagat", 0, "trees", 9.0, *row) for row in (("2", "2", 1, 0), ("", "3", None, None))]
-    with (tmp_path / "situation.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([SituationRow._fields, *answers])
-    found = CriterionSettings("person.situation_right_share", at_least=1).value(summary_of(tmp_path))
-    assert found == 0.5
 
 
 class Runs:
