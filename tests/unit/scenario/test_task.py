@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_scenario.task import DECOY, TARGET, JudgementRow, judgement_rows, score
+from deltaswarm_scenario.task import DECOY, TARGET, JudgementRow, Task, TaskSettings, judgement_rows, score
+from deltaswarm_scenario.technique import Recorded
 from deltaswarm_sessions.session import score_form
 
 
@@ -72,3 +73,45 @@ def test_the_person_is_told_the_score() -> None:
     assert "7 of 15" in form.text
     assert not form.problems()
     assert score_form({}) is None
+
+
+@pytest.mark.parametrize(
+    ("counts", "share_right", "d_prime", "criterion"),
+    [
+        ((0, 0, 0, 0, 0), None, None, None),
+        ((3, 1, 0, 0, 0), 0.75, None, None),
+        ((0, 0, 1, 4, 0), 0.8, None, None),
+        ((3, 1, 1, 4, 1), 0.7, 1.1989, 0.0750),
+        ((1, 0, 0, 1, 2), 0.5, 1.3490, 0.0),
+    ],
+)
+def test_scores_of_few_events(
+    counts: tuple[int, int, int, int, int], share_right: float | None, d_prime: float | None, criterion: float | None
+) -> None:
+    """Worked out by hand: z(0.7) = 0.5244, z(0.25) = -0.6745 and so on."""
+    found = score(rows(*counts))
+    kinds = ("hits", "misses", "false_alarms", "correct_rejections", "unjudged")
+    assert tuple(found[kind] for kind in kinds) == counts
+    assert found["events"] == sum(counts)
+    assert found["share_right"] == share_right
+    for name, value in (("d_prime", d_prime), ("criterion", criterion)):
+        assert found[name] == (None if value is None else pytest.approx(value, abs=1e-4))
+
+
+def test_the_table_is_there_if_there_was_a_task_and_somebody_to_do_it() -> None:
+    """Also if nothing was judged."""
+    numbers = [{"number": "1", "event": "77"}, {"number": "2", "event": "78"}]
+    acts = [{"kind": "judge", "time_s": f"{at}", "event": "1", "name": name} for at, name in enumerate("aab")]
+    scored = Task.scored
+    assert scored is not None
+    assert scored.score(Recorded({"event_numbers": numbers}.get)) is None
+    assert scored.score(Recorded({}.get, targets=frozenset({77}))) is None
+    unjudged = scored.score(Recorded({"event_numbers": numbers}.get, targets=frozenset({77})))
+    assert unjudged == [JudgementRow(1, 77, TARGET, "", None, 0), JudgementRow(2, 78, DECOY, "", None, 0)]
+    tables = {"event_numbers": numbers, "actions": acts}
+    judged = scored.score(Recorded(tables.get, targets=frozenset({78})))
+    assert judged == [JudgementRow(1, 77, DECOY, "b", 2.0, 1), JudgementRow(2, 78, TARGET, "", None, 0)]
+    assert list(Task.of(None)) == []
+    assert (TaskSettings().is_on, TaskSettings(target_share=0.5).is_on) == (False, True)
+    whole = {measure.key.removeprefix("task.") for measure in Task.measures if measure.is_whole}
+    assert whole == {"hits", "misses", "false_alarms", "correct_rejections", "unjudged", "events"}
