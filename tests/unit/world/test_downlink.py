@@ -15,7 +15,7 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.commands import MAX_IN_TURN, Pace, Turn, decode_command, decode_relayed
 from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
 from deltaswarm_world.core.downlink import Downlink
-from deltaswarm_world.core.step_gate import StepGate
+from deltaswarm_world.core.pace import StepGate
 from deltaswarm_world.core.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns
 from tests.support.commanding import a_command, sign
 

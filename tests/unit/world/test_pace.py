@@ -1,9 +1,14 @@
-"""The pace of clock `realtime`, driven by a clock of the test's own."""
+"""The pace of clock `realtime`, and the gate of the operator's pace, driven by a clock of the test's own."""
 
+import math
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_world.core.pace import RealTimePace
+from deltaswarm_wire.commands import Pace, Turn
+from deltaswarm_world.core.pace import RealTimePace, StepGate
+from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 
 TICK_S = 0.25
 """A sum of powers of two, as all times here are: no rounding."""
@@ -55,6 +60,7 @@ def test_a_delay_of_less_than_a_tick_is_made_up_for() -> None:
     """The next step is shorter by it, and that is no overrun."""
     wall = Wall(began_s=0.0)
     assert [wall.step(0.375), wall.step(), wall.step()] == [0.375, 0.5, 0.75]
+    assert [wall.step(2 * TICK_S), wall.step(), wall.step()] == [1.25, 1.25, 1.5], "a whole tick as well"
     assert wall.pace.overruns == 0
 
 
@@ -94,3 +100,93 @@ def test_it_is_never_faster_than_the_wall_clock(works: list[float]) -> None:
     assert all(end >= TICK_S * (number + 1) for number, end in enumerate(ends))
     assert all(later - began >= TICK_S for began, later in zip([0.0, *ends], ends[1:], strict=False))
     assert ends[-1] <= TICK_S * len(works) + sum(works)
+
+
+class Gate:
+    """A step gate at speed 2 with steps of 1 s, so a tick is 0.5 s of wall time; the first step begins at 100 s."""
+
+    def __init__(self, speed: float = 2.0, mode: str = OFF) -> None:
+        self.now_s = 100.0
+        self.turns = Turns(mode)
+        self.gate = StepGate(self.turns, 1.0, lambda: self.now_s)
+        self.gate.set_pace(Pace(speed, -1))
+        self.begin_at(100.0)
+
+    def begin_at(self, now_s: float) -> None:
+        """Begin a step at a time of the wall clock [s]."""
+        self.now_s = now_s
+        self.gate.begin_step()
+
+
+@pytest.mark.parametrize(
+    ("begins_s", "next_s"),
+    [
+        (100.5, 101.0),
+        (100.75, 101.0),  # half a tick late: the next step is due as if this one had been in time
+        (101.0, 101.0),  # a whole tick late is still made up for, at once
+        (101.0625, 101.5625),  # more is not: no burst of steps
+        (107.0, 107.5),
+    ],
+)
+def test_a_step_that_begins_late_is_made_up_for_up_to_a_tick(begins_s: float, next_s: float) -> None:
+    """The pace holds on average, without a burst after a long wait."""
+    stage = Gate()
+    stage.begin_at(begins_s)
+    assert stage.gate.wait_s(2) == next_s - begins_s
+    if next_s > begins_s:
+        stage.now_s = next_s - 0.0625
+        assert not stage.gate.may_begin(2)
+    stage.now_s = next_s
+    assert stage.gate.may_begin(2)
+    assert stage.gate.wait_s(2) == 0.0
+
+
+def test_the_first_step_waits_for_no_pace() -> None:
+    """Not even of a clock that starts at 0."""
+    gate = StepGate(Turns(OFF), 1.0, lambda: 0.0)
+    gate.set_pace(Pace(2.0, -1))
+    assert gate.may_begin(0)
+
+
+def test_late_steps_in_a_row_do_not_slow_the_pace() -> None:
+    """Each begins a quarter of a tick late; ten of them take ten ticks."""
+    stage = Gate()
+    for step in range(1, 11):
+        stage.begin_at(100.0 + 0.5 * step + 0.125)
+    stage.now_s = 105.5
+    assert stage.gate.may_begin(11)
+
+
+def test_without_a_pace_every_step_may_begin_at_once() -> None:
+    """The step that begins without one is where a later pace starts from."""
+    stage = Gate(speed=0.0)
+    stage.begin_at(103.0)
+    assert stage.gate.may_begin(2)
+    stage.gate.set_pace(Pace(4.0, -1))
+    assert stage.gate.wait_s(2) == 0.25
+
+
+def test_the_operator_holds_a_step_and_all_after_it() -> None:
+    """Until it says otherwise; the world has nothing to wait for but that."""
+    stage = Gate()
+    stage.now_s = 200.0
+    stage.gate.set_pace(Pace(2.0, 3))
+    assert [stage.gate.may_begin(step) for step in (2, 3, 4)] == [True, False, False]
+    assert [stage.gate.wait_s(step) for step in (2, 3, 4)] == [0.0, math.inf, math.inf]
+    stage.gate.set_pace(Pace(2.0, 0))
+    assert not stage.gate.may_begin(0)
+    stage.gate.set_pace(Pace(2.0, -1))
+    assert stage.gate.may_begin(3)
+
+
+def test_a_step_waits_for_the_turn_of_the_step_before_the_last() -> None:
+    """How long, nobody knows; and a step that is due for its turn still keeps the pace."""
+    stage = Gate(mode=AWAITED)
+    assert stage.gate.wait_s(2) is None
+    stage.now_s = 100.75
+    assert not stage.gate.may_begin(2)
+    assert stage.turns.accept(Turn(0, ())) is None
+    assert stage.gate.may_begin(2)
+    assert not stage.gate.may_begin(3)
+    stage.now_s = 100.25
+    assert (stage.gate.may_begin(2), stage.gate.wait_s(2)) == (False, 0.25)

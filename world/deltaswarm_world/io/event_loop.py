@@ -9,9 +9,8 @@ from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Status
 from deltaswarm_wire.orders import ProcessOrder
-from deltaswarm_world.core.pace import RealTimePace
+from deltaswarm_world.core.pace import RealTimePace, StepGate
 from deltaswarm_world.core.retransmit_buffer import RetransmitBuffer
-from deltaswarm_world.core.step_gate import StepGate
 from deltaswarm_world.core.turns import LIVE, OFF
 from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.control_input import Ack, OperatorMessage, Persisted
