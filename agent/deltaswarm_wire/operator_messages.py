@@ -6,7 +6,7 @@ They are few, so all but a forwarded report are maps with named fields.
 import struct
 from functools import lru_cache
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from deltaswarm_wire.codec import (
     MAX_ABS_CM,
@@ -18,7 +18,6 @@ from deltaswarm_wire.codec import (
     WireError,
     array,
     arrays,
-    boolean,
     fields,
     integer,
     keep,
@@ -30,6 +29,7 @@ from deltaswarm_wire.codec import (
     version,
 )
 from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, Event, read_events, role_name
+from deltaswarm_wire.records import Limits, Record
 
 MAX_REPORTED = 64
 """Events in one report."""
@@ -228,102 +228,56 @@ def decode_health(data: bytes) -> Health:
     return Health(fault)
 
 
+_STEP = Limits("step", 0, MAX_STEP)
+_TIME_S = Limits("simulated time [s]", 0.0, MAX_TIME_S)
+
+
 class Clock(NamedTuple):
     """Step `step` is closed: everything sent in it has already been forwarded."""
 
-    step: int
-    time_s: float
-    last: bool
+    step: Annotated[int, _STEP]
+    time_s: Annotated[float, _TIME_S]
+    last: Annotated[bool, Limits("whether the run is over")]
 
 
-_CLOCK_FIELDS = Clock._fields
-
-
-def encode_clock(clock: Clock) -> bytes:
-    """A map with the fields of `Clock` and the version `v`."""
-    return pack({"v": PROTOCOL_VERSION, **clock._asdict()})
-
-
-def decode_clock(data: bytes) -> Clock:
-    """Check and decode. Raises WireError."""
-    raw = fields(unpack(data), _CLOCK_FIELDS, "clock")
-    return Clock(
-        integer(raw["step"], 0, MAX_STEP, "clock.step"),
-        number(raw["time_s"], 0.0, MAX_TIME_S, "clock.time_s"),
-        boolean(raw["last"], "clock.last"),
-    )
+CLOCK = Record(Clock, "clock")
+encode_clock, decode_clock = CLOCK.encode, CLOCK.decode
 
 
 class Workload(NamedTuple):
     """The operator's counts for one closed step; rates are per simulated second."""
 
-    step: int
-    time_s: float
-    messages: int
-    senders: int
-    rate_1s_hz: float
-    rate_60s_hz: float
-    time_above_s: float
-    backlog: int
-    lost: int
-    rejected: int
+    step: Annotated[int, _STEP]
+    time_s: Annotated[float, _TIME_S]
+    messages: Annotated[int, Limits("reports that arrived in the step", 0, MAX_ID)]
+    senders: Annotated[int, Limits("agents that sent them", 0, MAX_ID)]
+    rate_1s_hz: Annotated[float, Limits("rate of reports over 1 s [1/s]", 0.0, MAX_ID)]
+    rate_60s_hz: Annotated[float, Limits("rate of reports over 60 s [1/s]", 0.0, MAX_ID)]
+    time_above_s: Annotated[float, Limits("time in which the rate was above the threshold [s]", 0.0, MAX_TIME_S)]
+    backlog: Annotated[int, Limits("samples that wait after the clock", 0, MAX_ID)]
+    lost: Annotated[int, Limits("reports lost on the fabric in the step", 0, MAX_ID)]
+    rejected: Annotated[int, Limits("samples rejected in the step", 0, MAX_ID)]
 
 
-_WORKLOAD_COUNTS = ("messages", "senders", "backlog", "lost", "rejected")
+WORKLOAD = Record(Workload, "workload")
+encode_workload, decode_workload = WORKLOAD.encode, WORKLOAD.decode
 
-
-def encode_workload(workload: Workload) -> bytes:
-    """A map with the fields of `Workload` and the version `v`."""
-    return pack({"v": PROTOCOL_VERSION, **workload._asdict()})
-
-
-def decode_workload(data: bytes) -> Workload:
-    """Check and decode. Raises WireError."""
-    raw = fields(unpack(data), Workload._fields, "workload")
-    counts = {name: integer(raw[name], 0, MAX_ID, f"workload.{name}") for name in _WORKLOAD_COUNTS}
-    return Workload(
-        step=integer(raw["step"], 0, MAX_STEP, "workload.step"),
-        time_s=number(raw["time_s"], 0.0, MAX_TIME_S, "workload.time_s"),
-        rate_1s_hz=number(raw["rate_1s_hz"], 0.0, MAX_ID, "workload.rate_1s_hz"),
-        rate_60s_hz=number(raw["rate_60s_hz"], 0.0, MAX_ID, "workload.rate_60s_hz"),
-        time_above_s=number(raw["time_above_s"], 0.0, MAX_TIME_S, "workload.time_above_s"),
-        **counts,
-    )
+STATUS_PHASES = ("waiting", "running", "ended")
 
 
 class Status(NamedTuple):
     """The world's progress for display: about once per wall second, never part of a digest."""
 
-    step: int
-    steps: int
-    time_s: float
-    agents_alive: int
-    agents_in_trees: int
-    mean_waiting_s: float
-    events_open: int
-    events_completed: int
-    phase: str
+    step: Annotated[int, _STEP]
+    steps: Annotated[int, Limits("steps of the whole run", 0, MAX_STEP)]
+    time_s: Annotated[float, _TIME_S]
+    agents_alive: Annotated[int, Limits("agents that are alive", 0, MAX_AGENT_ID)]
+    agents_in_trees: Annotated[int, Limits("agents in a tree", 0, MAX_AGENT_ID)]
+    mean_waiting_s: Annotated[float, Limits("mean waiting time of events [s]", 0.0, MAX_TIME_S)]
+    events_open: Annotated[int, Limits("events that are not complete", 0, MAX_ID)]
+    events_completed: Annotated[int, Limits("events completed since the start", 0, MAX_ID)]
+    phase: Annotated[str, Limits("state of the run", choices=STATUS_PHASES)]
 
 
-STATUS_PHASES = ("waiting", "running", "ended")
-
-
-def encode_status(status: Status) -> bytes:
-    """A map with the fields of `Status` and the version `v`."""
-    return pack({"v": PROTOCOL_VERSION, **status._asdict()})
-
-
-def decode_status(data: bytes) -> Status:
-    """Check and decode. Raises WireError."""
-    raw = fields(unpack(data), Status._fields, "status")
-    return Status(
-        integer(raw["step"], 0, MAX_STEP, "status.step"),
-        integer(raw["steps"], 0, MAX_STEP, "status.steps"),
-        number(raw["time_s"], 0.0, MAX_TIME_S, "status.time_s"),
-        integer(raw["agents_alive"], 0, MAX_AGENT_ID, "status.agents_alive"),
-        integer(raw["agents_in_trees"], 0, MAX_AGENT_ID, "status.agents_in_trees"),
-        number(raw["mean_waiting_s"], 0.0, MAX_TIME_S, "status.mean_waiting_s"),
-        integer(raw["events_open"], 0, MAX_ID, "status.events_open"),
-        integer(raw["events_completed"], 0, MAX_ID, "status.events_completed"),
-        text(raw["phase"], "status.phase", allowed=STATUS_PHASES),
-    )
+STATUS = Record(Status, "status")
+encode_status, decode_status = STATUS.encode, STATUS.decode

@@ -1,6 +1,6 @@
 """The protocol's page: its examples are what the code sends, its numbers are the code's numbers.
 
-`python -m tests.docs.test_protocol` prints the examples anew.
+`python -m tests.docs.test_protocol` writes examples and tables of records anew into the page.
 """
 
 import re
@@ -35,7 +35,10 @@ from deltaswarm_wire.envelope import Sample
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Act, Event, Frame, TreeStatus
 from deltaswarm_wire.operator_messages import (
+    CLOCK,
     DONE,
+    STATUS,
+    WORKLOAD,
     Answer,
     Clock,
     Health,
@@ -170,6 +173,8 @@ EXAMPLES = {
     "pace": Example(Pace(5.0, -1), encode_pace, decode_pace, message("pace", Pace._fields)),
 }
 
+RECORDS = {record.name: record for record in (CLOCK, STATUS, WORKLOAD)}
+
 PAGE = Page(Path(__file__).parents[2] / "agent" / "PROTOCOL.md", EXAMPLES)
 
 
@@ -182,6 +187,12 @@ def test_an_example_is_what_the_code_sends(name: str) -> None:
 def test_every_message_has_its_example() -> None:
     """Whatever crosses the fabric but the truth and its like, which are for the recorder."""
     PAGE.assert_shows_no_other()
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_table_of_a_record_is_the_codes(name: str) -> None:
+    """Every field with its type, limits and meaning."""
+    assert f"<!-- record {name} -->\n\n{RECORDS[name].table()}\n\n" in PAGE.text
 
 
 @pytest.mark.parametrize(("name", "number"), PAGE.constants())
@@ -234,4 +245,11 @@ def test_reports_have_the_roles_of_the_page() -> None:
 
 
 if __name__ == "__main__":
-    print("\n".join(PAGE.example(name) for name in EXAMPLES))
+    text = PAGE.text
+    for name in EXAMPLES:
+        example = rf"```hexdump {name}\n.*?\n```\n\nIt decodes to `.*?`\.\n"
+        text = re.sub(example, lambda _, name=name: PAGE.example(name), text, flags=re.DOTALL)
+    for name, record in RECORDS.items():
+        table = rf"(<!-- record {name} -->\n\n)(\|[^\n]*\n)+"
+        text = re.sub(table, lambda found, record=record: f"{found[1]}{record.table()}\n", text)
+    PAGE.path.write_text(text)

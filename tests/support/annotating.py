@@ -115,6 +115,7 @@ class Page:
     """A page of the documentation, and the examples that it should show."""
 
     def __init__(self, path: Path, examples: dict[str, Example]) -> None:
+        self.path = path
         self.text = path.read_text()
         self.examples = examples
 
