@@ -4,6 +4,6 @@
 real processes, `pages/` a browser; `docs/` holds the documentation to the code. `support/` is what tests share.
 
 What takes too long for each time: `DELTASWARM_LONG=1 pytest tests/boards/test_namespaces_*` (boards on separate
-machines, in full length, 10 minutes), `DELTASWARM_EXPLORE=1 pytest` (properties with other examples, each time anew),
-and `python -m tests.support.soak` (a board's memory over a day).
+machines, in full length, 10 minutes), `.ci/nightly` (slow tests, properties with many more examples, storms,
+mutants), and `python -m tests.support.soak` (a board's memory over a day).
 """

@@ -14,16 +14,12 @@ if TYPE_CHECKING:
 
     from tests.support.station_page import Page
 
-# The gate tries the same examples each time; with DELTASWARM_EXPLORE=1 others, each time anew. A loaded machine
-# is no failure; a failing example can be pasted from the log.
-settings.register_profile(
-    "deltaswarm",
-    deadline=None,
-    derandomize="DELTASWARM_EXPLORE" not in os.environ,
-    suppress_health_check=[HealthCheck.too_slow],
-    print_blob=True,
-)
-settings.load_profile("deltaswarm")
+# The gate tries the same few examples each time; `--hypothesis-profile=nightly` tries many, each time others. A loaded
+# machine is no failure; a failing example can be pasted from the log.
+shared = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True)
+settings.register_profile("gate", shared, max_examples=30, derandomize=True)
+settings.register_profile("nightly", shared, max_examples=200, derandomize=False)
+settings.load_profile("gate")
 
 # The tests start more than a thousand processes. Without bytecode on disk each would compile deltaswarm anew, which
 # takes longer than most of their runs; and pytest would rewrite every test file in every worker.

@@ -5,6 +5,7 @@ import dataclasses
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -112,3 +113,10 @@ def test_what_decides_in_a_swarm_has_a_source() -> None:
     """Paper or our reading: every default of how agents decide under the paper's control."""
     unsaid = [spec.name for spec in dataclasses.fields(paper_settings.PaperSettings) if not spec.metadata["source"]]
     assert not unsaid
+
+
+def test_mutated_files_and_their_tests_exist() -> None:
+    """All paths that `[tool.mutants]` of pyproject.toml names."""
+    table = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mutants"]
+    paths = [path for file, tests in table.items() for path in (file, *tests)]
+    assert [path for path in paths if not (ROOT / path).exists()] == []

@@ -15,6 +15,7 @@ from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import repeat
 from deltaswarm_studies.settings import StudyFile
 from tests.support.pages import ROOT, commands, files, shell
+from tests.support.tiers import nightly
 
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
@@ -75,8 +76,7 @@ def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
     assert found.incomplete or not found.unsupported
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [folder.name for folder in PUBLISHED])
+@pytest.mark.parametrize("name", ["paper", *nightly(*(folder.name for folder in PUBLISHED if folder.name != "paper"))])
 def test_todays_code_repeats_a_published_run(name: str) -> None:
     """Every number of it: a page is never older than the code."""
     assert repeat(load_study(name), ROOT / "docs" / "studies" / name).differing == []

@@ -6,6 +6,7 @@ import pytest
 
 from tests.hostile.attacker import FLOODS, LATENESS, REFUSED, SILENCE, WHO
 from tests.hostile.stage import MOST_MB, Ended, harm, play
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -19,11 +20,6 @@ MALFORMED = ("malformed reports", "malformed frames", "malformed acts")
 @pytest.fixture(scope="module")
 def silence(tmp_path_factory: pytest.TempPathFactory) -> Ended:
     return play(tmp_path_factory.mktemp("silence") / "run", "smoke", STEPS, SILENCE)
-
-
-def first_of(names: list[str]) -> list[object]:
-    """The first name, and the others as slow tests."""
-    return [names[0], *(pytest.param(name, marks=pytest.mark.slow) for name in names[1:])]
 
 
 @pytest.mark.parametrize("flood", first_of([name for name in FLOODS if name not in MALFORMED]))

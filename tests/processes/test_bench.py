@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.swarms import PATIENCE_S, wait_until
 from tests.support.sweeping import all_gone, marked, marked_command
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -43,7 +44,7 @@ def check_interrupted(process: subprocess.Popen[str], mark: str, folder: Path) -
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
 @pytest.mark.parametrize(
     ("measurement", "processes"),
     [("processes --sizes 3 --steps 100000", 7), ("station --agents 3 --steps 100000", 8)],
@@ -56,7 +57,7 @@ def test_a_signal_ends_a_measured_run(tmp_path: Path, measurement: str, processe
         check_interrupted(process, mark, tmp_path)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGHUP]))
 def test_a_terminals_signal_while_a_measuring_process_starts(tmp_path: Path, number: signal.Signals) -> None:
     """It reaches the whole group, also a process that is importing its modules."""
     with marked_command(*BENCHMARKS, "scale", TMPDIR=str(tmp_path)) as (process, mark):

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.processes,
     pytest.mark.skipif(not (shutil.which("gcc") or shutil.which("cc")), reason="there is no C compiler here"),
 ]

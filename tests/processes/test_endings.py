@@ -33,6 +33,7 @@ from tests.support.swarms import (
     running,
     wait_until,
 )
+from tests.support.tiers import first_of, nightly
 
 pytestmark = pytest.mark.processes
 
@@ -73,7 +74,7 @@ EARLY: dict[str, Callable[[RunningSwarm], Callable[[], object]]] = {
 }
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM]))
 @pytest.mark.parametrize("moment", EARLY)
 def test_a_signal_while_it_starts_ends_it_with_a_line(moment: str, number: signal.Signals, tmp_path: Path) -> None:
     """Wherever it has come to: exit code 130, a line and no traceback, no process, no table of zeros."""
@@ -103,7 +104,7 @@ def test_a_world_that_stops_as_it_starts_is_given_up(tmp_path: Path) -> None:
     wait_until(lambda: not is_running(world), "the end of the world")
 
 
-@pytest.mark.parametrize("stopped", [["world"], ["world", "operator"], ["operator"]])
+@pytest.mark.parametrize("stopped", first_of([["world"], ["world", "operator"], ["operator"]]))
 def test_who_is_silent_is_given_up_and_named(stopped: list[str], tmp_path: Path) -> None:
     """If the operator is stopped as well, nobody but the orchestrator would notice that the world is silent."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
@@ -346,7 +347,7 @@ def is_full(text: str) -> bool:
     return os.strerror(errno.ENOSPC) in text or "bytes are free" in text
 
 
-@pytest.mark.parametrize("size", ["8k", "12k", "52k", "60k", "72k", "90k", "110k", "300k"])
+@pytest.mark.parametrize("size", ["8k", "60k", "300k", *nightly("12k", "52k", "72k", "90k", "110k")])
 def test_a_full_disk_ends_it_with_a_line(size: str, small: Path) -> None:
     """Whatever cannot be written first: it names the file and the cause, and the folder says the same."""
     errors, kept = fill(small, size)
@@ -358,7 +359,7 @@ def test_a_full_disk_ends_it_with_a_line(size: str, small: Path) -> None:
     assert is_full(told)
 
 
-@pytest.mark.parametrize("size", ["4k", "12k", "36k"])
+@pytest.mark.parametrize("size", first_of(["36k", "12k", "4k"]))
 def test_a_full_disk_ends_a_sweep_with_a_line(size: str, small: Path) -> None:
     """While its file, a run's result or its tables are written: the path, the cause, exit code 1."""
     shorter = ["--repeats", "1", "--prove", "0", "-j", "1", "--set", "run.duration_s=5", "--quiet"]

@@ -24,6 +24,7 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
 from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, parent_of, running, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -130,7 +131,7 @@ def test_without_its_world_everything_ends(tmp_path: Path) -> None:
         assert (swarm.out / "events.csv").read_text().count("\n") > 1
 
 
-@pytest.mark.parametrize("uplink", [[], ["--set", "uplink.loss=0.2", "--set", "uplink.latency_s=3"]])
+@pytest.mark.parametrize("uplink", first_of([[], ["--set", "uplink.loss=0.2", "--set", "uplink.latency_s=3"]]))
 def test_an_operator_that_ends_early_is_started_again(uplink: list[str], tmp_path: Path) -> None:
     """Killed or asked to, again and again: no report is lost or counted twice, no row is missing."""
     settings = ["--set", "run.duration_s=400", *uplink]
@@ -202,7 +203,7 @@ def test_no_orphan_survives_the_orchestrator(
         assert told["summary"]["steps"] > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
 def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) -> None:
     """Ctrl-C, SIGTERM, a closed terminal: all end, and the recording is closed and whole."""
     with running(tmp_path / "run", *LONG) as swarm:

@@ -11,11 +11,12 @@ import pytest
 
 from tests.processes.test_endings import IMPATIENT, ends_by_itself, pid_of
 from tests.support.swarms import COMMAND, UNHURRIED, heeds, is_running, parent_of, running, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGSTOP]))
 def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_path: Path) -> None:
     """Killed or stopped in mid-run: Ctrl-C still ends all that it started, and it."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
@@ -61,7 +62,7 @@ def test_a_fork_server_killed_as_it_starts_is_replaced(tmp_path: Path) -> None:
     assert swarm.summary()["valid"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGSTOP]))
 def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
     number: signal.Signals, tmp_path: Path
 ) -> None:

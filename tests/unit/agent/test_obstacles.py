@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.walk import Walk
@@ -95,7 +95,6 @@ def test_free_strides_are_free_one_by_one_and_the_next_is_not(
 
 
 @given(st.lists(polygons(), min_size=1, max_size=2), places, st.integers(0, 2**32), st.floats(0.1, 6.0))
-@settings(max_examples=60)
 def test_a_walk_stays_outside_and_within_the_speed_limit(
     obstacles: list[ObstacleSettings], start: Place, seed: int, speed_mps: float
 ) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
@@ -86,7 +86,6 @@ def check_same(folder: Path, told: list[tuple[Truth, tuple[Report, ...], Workloa
 
 
 @given(lives())
-@settings(deadline=None)
 def test_any_figures_read_back_as_they_were_written(told: list[tuple[Truth, tuple[Report, ...], Workload]]) -> None:
     """Tallies, events, workloads and reports are equal to the last bit, whatever the wire allows in them."""
     with tempfile.TemporaryDirectory() as name:

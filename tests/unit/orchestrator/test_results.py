@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.base.exits import Reporter
@@ -169,7 +169,6 @@ def outcomes(draw: st.DrawFn) -> Outcome:
 
 
 @given(outcome=outcomes())
-@settings(max_examples=60)
 def test_tables_read_back_as_they_were_written(tmp_path_factory: pytest.TempPathFactory, outcome: Outcome) -> None:
     """To the last bit; what is not yet is empty, and None again."""
     folder = tmp_path_factory.mktemp("tables")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
@@ -196,7 +196,6 @@ overrides = st.fixed_dictionaries(
 
 
 @given(overrides)
-@settings(max_examples=60)
 def test_the_effective_scenario_reads_back_as_it_was(changes: dict[str, Any]) -> None:
     """Every key written out as TOML, to the last bit; so is what an agent is told."""
     scenario = load_scenario("smoke", [f"{key}={value}" for key, value in changes.items()])

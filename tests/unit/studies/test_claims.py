@@ -5,7 +5,7 @@ import math
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_studies.claims import claims_of, vacuous_claims
@@ -70,7 +70,6 @@ MIRRORED = {"holds": "refuted", "refuted": "holds", "undecided": "undecided"}
 
 
 @given(SIDES, FACTORS, NOISE, st.booleans())
-@settings(max_examples=60, deadline=None)
 def test_swapping_a_claims_sides_mirrors_its_verdict(
     sides: list[tuple[str, str, float]], factors: list[float], noise: list[float], zero: bool
 ) -> None:
@@ -87,7 +86,6 @@ def test_swapping_a_claims_sides_mirrors_its_verdict(
 
 
 @given(SIDES, FACTORS, NOISE)
-@settings(max_examples=30, deadline=None)
 def test_two_variants_are_alike_whichever_is_named_first(
     sides: list[tuple[str, str, float]], factors: list[float], noise: list[float]
 ) -> None:
@@ -104,7 +102,6 @@ def test_two_variants_are_alike_whichever_is_named_first(
 
 
 @given(FACTORS, NOISE, st.floats(1.02, 2), st.booleans())
-@settings(max_examples=30, deadline=None)
 def test_interval_p_and_verdict_never_contradict_each_other(
     factors: list[float], noise: list[float], margin: float, zero: bool
 ) -> None:

@@ -3,7 +3,7 @@
 from collections import Counter
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_scenario.truth import DROP_REASONS, Truth, decode_truth, encode_truth
@@ -63,7 +63,6 @@ def test_changes_that_nobody_asks_for_are_not_kept() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), strange(RADIO)), min_size=1, max_size=8))
-@settings(max_examples=80)
 def test_malformed_radio_frames_are_counted_never_raised(samples: list[tuple[int, bytes]]) -> None:
     """On any key, in any number; the step ends as if they had not been."""
     stage = Stage()
@@ -83,7 +82,6 @@ def test_malformed_radio_frames_are_counted_never_raised(samples: list[tuple[int
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), strange(ACT)), min_size=1, max_size=8))
-@settings(max_examples=80)
 def test_malformed_acts_are_counted_never_raised(samples: list[tuple[int, bytes]]) -> None:
     """They close nobody's step; only a valid act of this step does."""
     stage = Stage()

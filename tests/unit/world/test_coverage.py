@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_scenario.scenario import Scenario
@@ -40,7 +40,6 @@ def test_the_disc_grows_with_the_sensing_range(range_m: float) -> None:
 
 
 @given(st.lists(places, max_size=6))
-@settings(max_examples=40)
 def test_the_area_is_the_union_within_the_arena(members: list[tuple[float, float]]) -> None:
     """What two members cover counts once, what is beyond the walls not at all."""
     assert area_m2(*members) == by_hand_m2(members)

@@ -69,7 +69,6 @@ def test_what_falls_outside_is_drawn_again() -> None:
     assert np.allclose(found.mean(axis=0), (2 * 50 / np.pi) ** 0.5, atol=0.4)
 
 
-@settings(max_examples=30)
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0.01, 1e4), st.floats(0.01, 1e4), st.floats(-0.99, 0.99))
 def test_everything_is_in_the_arena(right: float, up: float, xx: float, yy: float, correlation: float) -> None:
     """Wherever the mean in it, and however wide the covariance."""
@@ -173,7 +172,6 @@ def test_events_follow_the_path(time_s: float, mean_m: tuple[float, float]) -> N
     time_s=st.floats(0, 120),
     variance=st.sampled_from([1e-4, 30.0, 1e5]),
 )
-@settings(max_examples=60, deadline=None)
 def test_at_each_time_it_is_a_density_that_stands(
     path: list[tuple[float, float, float]], time_s: float, variance: float
 ) -> None:
@@ -208,7 +206,7 @@ def test_a_path_that_stays_changes_no_draw(variance: float, time_s: float) -> No
 
 @pytest.mark.parametrize("density", [PATH, MOVING_MIXTURE], ids=["gaussian", "mixture"])
 @given(times_s=st.lists(st.floats(0, 500), min_size=1, max_size=6))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_densest_position_depends_on_the_time_alone(density: dict[str, Any], times_s: list[float]) -> None:
     """Not on what was asked before, nor on a checkpoint in between; it is that of the last multiple of 10 s."""
     asked = made(density)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_scenario.scenario import Scenario
@@ -125,7 +125,6 @@ def test_a_passing_free_agent_ends_an_events_waiting() -> None:
 
 
 @given(st.lists(st.integers(0, 4), max_size=40), st.sampled_from([0.5, 1.0, 2.0]))
-@settings(max_examples=60)
 def test_work_is_linear_in_the_number_of_observers(observers: list[int], step_s: float) -> None:
     """Observers x time until the work is done: complete in that step, never before, and then no more."""
     made = with_event(50.0, 50.0, run={"step_s": step_s})

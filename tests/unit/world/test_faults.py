@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_scenario.scenario import Scenario
@@ -159,7 +159,6 @@ def timelines(draw: st.DrawFn) -> list[dict[str, Any]]:
     return made
 
 
-@settings(max_examples=200)
 @given(timelines(), st.sets(st.sampled_from(sorted(ALL)), max_size=3))
 def test_orders_can_always_be_carried_out(timeline: list[dict[str, Any]], roots: set[int]) -> None:
     """Only the living are killed or stopped, only the dead are started, only the stopped go on.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_world.core import near as module
@@ -31,7 +31,6 @@ def pairs(some: Floats, others: Floats) -> list[tuple[int, int]]:
 
 @pytest.mark.parametrize("few_pairs", [FEW_PAIRS, -1], ids=["each", "strips"])
 @given(some=places, others=places)
-@settings(max_examples=60, deadline=None)
 def test_all_pairs_in_range_are_found_in_order(few_pairs: int, some: Floats, others: Floats) -> None:
     """The range included; by index of the one, then of the other; both ways of searching."""
     with pytest.MonkeyPatch.context() as patch:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.inspect.link_report import examine
@@ -103,7 +103,6 @@ def environment(obstacle: ObstacleSettings, seed: int = 1) -> Environment:
 
 
 @given(polygons(), st.integers(0, 99))
-@settings(max_examples=30)
 def test_nothing_begins_in_an_obstacle(obstacle: ObstacleSettings, seed: int) -> None:
     """Neither an agent nor an event; places outside are those of the arena without obstacles."""
     made = environment(obstacle, seed)
@@ -143,7 +142,6 @@ def stage(positions_m: list[list[float]], attenuation_db: float | None = None, *
 
 
 @given(st.lists(places, min_size=2, max_size=8), polygons(), st.sampled_from(["disc", "log-distance"]))
-@settings(max_examples=60)
 def test_no_link_crosses_an_obstacle_that_blocks(
     positions_m: list[Place], obstacle: ObstacleSettings, reception: str
 ) -> None:

@@ -114,7 +114,7 @@ class Life(RuleBasedStateMachine):
 
 
 TestLife = Life.TestCase
-TestLife.settings = settings(max_examples=100, stateful_step_count=30)
+TestLife.settings = settings(stateful_step_count=30)
 
 
 def test_a_board_may_answer_each_knock() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_scenario.truth import DROP_REASONS
@@ -28,7 +28,6 @@ def situations(draw: st.DrawFn) -> tuple[Floats, list[int], list[bool]]:
 
 
 @given(situations(), st.sampled_from([0.0, 0.3, 1.0]))
-@settings(max_examples=200)
 def test_every_frame_is_heard_or_dropped_for_a_reason(
     situation: tuple[Floats, list[int], list[bool]], loss: float
 ) -> None:
@@ -110,7 +109,6 @@ def test_loss_is_independent_per_receiver() -> None:
 
 
 @given(radios, st.integers(1, 7), st.integers(0, 2**32), st.integers(0, 5))
-@settings(max_examples=150)
 def test_no_frame_is_lost_from_the_books(table: dict[str, Any], agents: int, seed: int, silent: int) -> None:
     """Whatever is on, whoever speaks, dies and returns: in every step what was to come came, fell, or is to come."""
     rng = np.random.default_rng(seed)
@@ -136,7 +134,6 @@ def test_no_frame_is_lost_from_the_books(table: dict[str, Any], agents: int, see
 
 
 @given(radios)
-@settings(max_examples=60)
 def test_same_seed_same_air(table: dict[str, Any]) -> None:
     """Every use of chance comes from the seed."""
     rows = []

@@ -4,7 +4,7 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.airs import Stage, radios
@@ -13,7 +13,6 @@ AGENTS = 3
 
 
 @given(radios, st.integers(0, 2**32))
-@settings(max_examples=60)
 def test_over_all_links_the_outcomes_are_the_books(table: dict[str, Any], seed: int) -> None:
     """As many delivered, dropped for each reason and under way as the air counts in that step."""
     outcomes, carried, under_way = Counter[str](), None, set()

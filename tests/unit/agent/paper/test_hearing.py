@@ -5,7 +5,7 @@ import random
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import PaperFrame, RecruitmentOrder, Sighting, decode, encode
@@ -63,7 +63,6 @@ beginnings = st.sampled_from(sorted(BEGINNINGS))
 
 
 @given(lives(st.builds(on_air, near_frames(), st.integers(0, 60))), beginnings, st.randoms(use_true_random=False))
-@settings(max_examples=100)
 def test_the_order_of_arrival_does_not_matter(life: list[Any], begin: str, order: random.Random) -> None:
     """Shuffled, every frame twice: the same decisions."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
@@ -91,7 +90,6 @@ bad_payloads = (
 
 
 @given(lives(bad_samples | bad_payloads | near_frames(), steps=6), beginnings)
-@settings(max_examples=80)
 def test_malformed_frames_are_counted_and_harmless(life: list[Any], begin: str) -> None:
     """An agent that hears them among others decides as one that does not: neither envelopes nor payloads matter."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
@@ -117,7 +115,6 @@ def assert_sound(decision: StepAnswer, sensed: list[Event]) -> None:
 
 
 @given(lives(paper_frames | near_frames(far_cm)), beginnings, in_arena, in_arena)
-@settings(max_examples=120)
 def test_no_valid_frame_of_a_stranger_upsets_an_agent(life: list[Any], begin: str, x_m: float, y_m: float) -> None:
     """Whatever places, paths, ages and orders it claims, and wherever the agent is."""
     lone = BEGINNINGS[begin]()
@@ -127,7 +124,6 @@ def test_no_valid_frame_of_a_stranger_upsets_an_agent(life: list[Any], begin: st
 
 
 @given(lives(near_frames(st.integers(0, 10_000)), steps=25), beginnings)
-@settings(max_examples=60)
 def test_an_agent_stays_in_the_arena(life: list[Any], begin: str) -> None:
     """Wherever it is sent and lured within it; its own legs end at the walls."""
     lone = BEGINNINGS[begin]()

@@ -308,4 +308,4 @@ def levels_between(parents: dict[int, int], agent: int, top: int) -> int:
 
 
 TestTreeProtocol = TreeProtocol.TestCase
-TestTreeProtocol.settings = settings(max_examples=150, stateful_step_count=30)
+TestTreeProtocol.settings = settings(stateful_step_count=30)

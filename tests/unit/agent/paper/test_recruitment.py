@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import Descendant, Member, RecruitmentOrder, Sighting
@@ -42,7 +42,6 @@ def chosen(leaf: Place, members: list[Place], events: list[Event], taken: Sequen
 
 
 @given(in_arena, st.lists(in_arena, min_size=1, max_size=4), st.lists(in_cm | in_arena, max_size=7))
-@settings(max_examples=150)
 def test_the_best_place_is_legal_and_no_place_of_the_grid_is_better(
     leaf: Place, members: list[Place], spots: list[Place]
 ) -> None:
@@ -190,7 +189,6 @@ def test_no_leaf_is_sent_where_only_a_mover_will_be() -> None:
     st.lists(in_arena, max_size=3),
     st.lists(in_arena, min_size=1, max_size=6),
 )
-@settings(max_examples=150)
 def test_places_taken_only_block(leaf: Place, members: list[Place], taken: list[Place], spots: list[Place]) -> None:
     """The place is in range of a member, at least d_min from all, and at least d_min from each place that is taken."""
     place = chosen(leaf, members, [Event(number, *spot) for number, spot in enumerate(spots)], taken)
@@ -212,7 +210,6 @@ def test_a_place_is_blocked_until_the_mover_must_have_arrived() -> None:
 
 
 @given(st.lists(in_arena, min_size=1, max_size=4), st.lists(in_arena, max_size=3), st.integers(0, 2**32))
-@settings(max_examples=100)
 def test_any_legal_place_may_be_drawn(members: list[Place], taken: list[Place], seed: int) -> None:
     """Within the arena, in range of a member, far enough from all; None only if hardly any place is legal."""
     legal = Legal(members, taken, range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)

@@ -3,7 +3,7 @@
 from itertools import combinations
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame
@@ -31,7 +31,6 @@ def test_of_any_roots_one_is_senior_to_all_others(roots: dict[int, int]) -> None
 
 
 @given(st.integers(0, 25), st.permutations([2, 5]), st.floats(1.0, 9.5), st.sampled_from([(), (2,), (5,)]))
-@settings(max_examples=60)
 def test_of_two_roots_that_meet_exactly_one_stays(
     older_by: int, ids: list[int], apart_m: float, silent: tuple[int, ...]
 ) -> None:
@@ -76,7 +75,6 @@ def test_of_several_seniors_the_longest_pulse_wins() -> None:
     st.integers(0, 4),
     st.integers(0, 20),
 )
-@settings(max_examples=60)
 def test_with_latency_one_of_several_roots_stays_too(ages: list[int], ids: list[int], late: int, apart: int) -> None:
     """None yields to a younger one that it hears late; of about equal ones the lowest id stays after 12 frames."""
     roots = [a_root((50.0, 50.0), agent) for agent in ids[: len(ages)]]

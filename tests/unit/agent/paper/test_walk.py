@@ -8,7 +8,7 @@ from itertools import count, pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controller import STAND, Velocity
@@ -52,7 +52,6 @@ def folded(unbounded_m: float, wall_m: float) -> float:
 
 
 @given(sizes_m, sizes_m, shares, shares, speeds_mps, steps_s, seeds)
-@settings(max_examples=60)
 def test_a_walk_stays_in_the_arena(
     width_m: float, height_m: float, right: float, up: float, speed_mps: float, step_s: float, seed: int
 ) -> None:
@@ -64,7 +63,6 @@ def test_a_walk_stays_in_the_arena(
 
 
 @given(sizes_m, sizes_m, st.floats(0.35, 0.65), seeds)
-@settings(max_examples=60)
 def test_walls_are_mirrors(width_m: float, height_m: float, share: float, seed: int) -> None:
     """Specular reflection: a leg is a straight line folded at the walls, so each speed component is kept."""
     settings = an_agent(width_m=width_m, height_m=height_m)
@@ -76,7 +74,6 @@ def test_walls_are_mirrors(width_m: float, height_m: float, share: float, seed: 
 
 
 @given(st.floats(0.1, 5.0), st.floats(0.1, 2.0), st.floats(0.5, 50.0), seeds)
-@settings(max_examples=60)
 def test_legs_are_straight_at_full_speed_and_no_longer_than_the_longest(
     speed_mps: float, step_s: float, leg_max_s: float, seed: int
 ) -> None:
@@ -177,7 +174,6 @@ def assert_promises_hold(shared: AgentSettings, leg_max_s: float, seed: int, x_m
 
 
 @given(walls, shares | st.floats(-0.5, 1.5), shares | st.floats(-0.5, 1.5), st.floats(0.1, 500.0), seeds)
-@settings(max_examples=200)
 def test_an_agent_left_alone_walks_as_one_that_is_asked_in_each_step(
     shared: AgentSettings, right: float, up: float, leg_max_s: float, seed: int
 ) -> None:
@@ -186,7 +182,6 @@ def test_an_agent_left_alone_walks_as_one_that_is_asked_in_each_step(
 
 
 @given(st.lists(polygons(), min_size=1, max_size=2), places, st.floats(0.01, 10.0), st.floats(0.05, 5.0), seeds)
-@settings(max_examples=150)
 def test_promises_hold_among_obstacles(
     obstacles: list[ObstacleSettings], place: Place, speed_mps: float, step_s: float, seed: int
 ) -> None:
@@ -196,7 +191,6 @@ def test_promises_hold_among_obstacles(
 
 
 @given(walls, seeds)
-@settings(max_examples=60)
 def test_a_velocity_changes_at_turns_and_walls_only(shared: AgentSettings, seed: int) -> None:
     """Within a leg and away from walls it is bit-identical in each step."""
     legs = Walk(shared, 20.0, random.Random(seed))

@@ -5,7 +5,7 @@ import tomllib
 from typing import Any
 
 import tomli_w
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.sweeps.load import make_sweep
@@ -63,7 +63,6 @@ TABLES = st.fixed_dictionaries(
         st.dictionaries(KEYS, VALUES, max_size=4),
     )
 )
-@settings(max_examples=200, deadline=None)
 def test_whatever_a_file_holds_it_is_a_sweep_or_a_mistake(table: dict[str, Any]) -> None:
     """A mistake can be said; a sweep's own record makes the same sweep again."""
     said: list[str] = []

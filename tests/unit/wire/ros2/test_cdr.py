@@ -50,7 +50,7 @@ def messages(message_type: str) -> st.SearchStrategy[Any]:
 def test_bytes_are_those_of_rosbags(message_type: str) -> None:
     """Alignment after strings of every length, arrays, sequences; each reads what the other writes."""
 
-    @settings(max_examples=25, deadline=None, derandomize=True)
+    @settings(max_examples=25)
     @given(messages(message_type))
     def holds(message: dict[str, Any]) -> None:
         data = encode(message_type, message)
@@ -171,7 +171,6 @@ def test_what_is_no_message_is_an_error(message_type: str, data: bytes, message:
 
 
 @given(st.sampled_from((ODOMETRY, POSE_ARRAY)), st.binary(max_size=200))
-@settings(deadline=None, derandomize=True)
 def test_any_bytes_are_a_message_or_an_error(message_type: str, data: bytes) -> None:
     """Nothing else is raised."""
     try:

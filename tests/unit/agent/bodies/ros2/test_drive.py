@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_ros2.drive import STOP, Drive
@@ -39,7 +39,6 @@ def test_a_differential_robot_turns_to_the_velocity_and_drives_what_it_faces(
 
 
 @given(SPEEDS, ANGLES, ANGLES)
-@settings(deadline=None, derandomize=True)
 def test_a_holonomic_robot_moves_with_the_velocity_whatever_its_heading(
     speed_mps: float, direction_rad: float, heading_rad: float
 ) -> None:
@@ -53,7 +52,6 @@ def test_a_holonomic_robot_moves_with_the_velocity_whatever_its_heading(
 
 
 @given(SPEEDS, ANGLES, ANGLES)
-@settings(deadline=None, derandomize=True)
 def test_a_differential_robot_ends_in_the_wanted_direction(
     speed_mps: float, direction_rad: float, heading_rad: float
 ) -> None:

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import decode, encode
@@ -116,7 +116,6 @@ def test_a_second_publisher_is_not_believed_while_the_first_is_heard() -> None:
 
 
 @given(*[st.floats(-100.0, 100.0)] * 4, st.floats(-360.0, 360.0))
-@settings(deadline=None, derandomize=True)
 def test_the_arena_lies_in_the_frame_where_the_options_say(
     x_m: float, y_m: float, origin_x_m: float, origin_y_m: float, turn_deg: float
 ) -> None:
