@@ -22,7 +22,6 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinxcontrib.mermaid",
-    "command_line",
     "settings_doc",
 ]
 root_doc = "docs/index"
@@ -49,6 +48,7 @@ autodoc_typehints_format = "short"
 nitpick_ignore_regex = [
     ("py:.*", r"(?!deltaswarm_).*"),
     ("py:.*", r"deltaswarm_wire\.checked\.T"),
+    ("py:.*", r"deltaswarm_scenario\.truth\..*"),
 ]
 
 html_theme = "furo"

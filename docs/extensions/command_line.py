@@ -1,92 +1,149 @@
-"""The directive `command-line`: what a parser of the command line takes, from the parser itself.
-
-Its argument is where the parser comes from, as `module:function` or `module:function:COMMAND:...`.
-"""
+"""Make the page of all commands, docs/COMMANDS.md, from their parsers."""
 
 import argparse
-import importlib
 import re
+import textwrap
 from collections.abc import Iterator
 
-from docutils import nodes
-from docutils.parsers.rst import Directive
-from docutils.statemachine import StringList
-from sphinx.application import Sphinx
+import benchmarks.__main__ as benchmarks
+from deltaswarm_agent.__main__ import parser as agent
+from deltaswarm_board.__main__ import parser as board
+from deltaswarm_operator.__main__ import parser as operator
+from deltaswarm_orchestrator.cli import all_commands, parser
+from deltaswarm_world.__main__ import parser as world
+
+HEAD = """\
+# Commands
+
+With `--json` a command prints its result as one JSON document on standard output, and nothing else there; progress,
+notices and errors are on standard error. Two commands have no result to read:
+`deltaswarm replay` serves a page until it is interrupted, and `deltaswarm completion` prints a script.
+
+The developers' measurements, `python -m benchmarks`, come with a clone only.
+"""
+
+WIDTH = 100
+"""Columns of a usage line, whatever the terminal."""
+
+PLACEHOLDERS = {"?": "[{}]", "*": "[{} ...]", "+": "{} [{} ...]"}
 
 
-class CommandLine(Directive):
-    """Usage, description and options of one command, with a link target for each option."""
-
-    required_arguments = 1
-
-    def run(self) -> list[nodes.Node]:
-        """Write the command as MyST and parse that."""
-        module, function, *commands = self.arguments[0].split(":")
-        parser = getattr(importlib.import_module(module), function)(*commands[:1])
-        for command in commands:
-            parser = subparsers(parser)[command]
-        parser.formatter_class = wide
-        container = nodes.container()
-        self.state.nested_parse(StringList(list(described(parser)), self.arguments[0]), 0, container)
-        return container.children
+def reference() -> str:
+    """Return docs/COMMANDS.md: usage, description and options of every command."""
+    lines = [HEAD.rstrip()]
+    for command in every_parser():
+        lines += ["", f"## {command.prog}", "", *described(command)]
+    return "\n".join(lines) + "\n"
 
 
-def wide(prog: str) -> argparse.HelpFormatter:
-    """A formatter that does not depend on the terminal."""
-    return argparse.HelpFormatter(prog, width=100)
+def every_parser() -> Iterator[argparse.ArgumentParser]:
+    """Yield the parser of `deltaswarm`, of each of its commands and parts, and of the measurements."""
+    yield parser()
+    for name in all_commands():
+        yield from with_subcommands(subparsers(parser(name))[name])
+    yield from (agent(), board(), world(), operator())
+    yield from with_subcommands(benchmarks.parser())
 
 
-def subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """The parsers of a parser's commands, by name."""
-    return next(action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+def with_subcommands(command: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield a parser and those of its subcommands."""
+    yield command
+    for below in subparsers(command).values():
+        yield from with_subcommands(below)
 
 
-def described(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """The lines of a page about a parser."""
-    if parser.description:
-        yield from (parser.description, "")
-    prefix = "usage: "
-    usage = [line[len(prefix) :] for line in parser.format_usage().splitlines()]
-    yield from ("```text", *usage, "```", "")
-    yield from (f"```{{program}} {parser.prog}", "```", "")
-    own = parser._action_groups[:2]  # what is in no group of the command's own
-    for group in parser._action_groups:
+def subparsers(command: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of a parser's commands, by name."""
+    found = (action.choices for action in command._actions if isinstance(action, argparse._SubParsersAction))
+    return dict(next(found, {}))
+
+
+def described(command: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield the lines of the page about a parser."""
+    if command.description:
+        yield from (marked(" ".join(command.description.split())), "")
+    yield from ("```text", *usage(command), "```")
+    for action in command._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            yield from ("", "| command | meaning |", "| --- | --- |")
+            yield from (f"| `{choice.dest}` | {cell(choice.help)} |" for choice in action._choices_actions)
+    own = command._action_groups[:2]  # what is in no group of the command's own
+    for group in command._action_groups:
+        hidden = argparse._SubParsersAction | argparse._HelpAction
+        actions = [action for action in group._group_actions if not isinstance(action, hidden)]
+        if not actions:
+            continue
         if group not in own and group.title:
-            yield from (f"**{group.title.capitalize()}**", "")
-        for action in group._group_actions:
-            yield from described_action(action)
-    if parser.epilog:
-        yield from ("```text", *parser.epilog.splitlines(), "```", "")
+            yield from ("", f"**{group.title.capitalize()}**")
+        yield from ("", "| argument | meaning |", "| --- | --- |")
+        yield from (f"| {spelled(action)} | {cell(action.help)} |" for action in actions)
+    if command.epilog:
+        yield from ("", "```text", *command.epilog.splitlines(), "```")
 
 
-def described_action(action: argparse.Action) -> Iterator[str]:
-    """The lines about an argument, or about each subcommand."""
+def usage(command: argparse.ArgumentParser) -> list[str]:
+    """Return the usage of a command, positional arguments last; argparse's own depends on the version of Python."""
+    grouped = {id(action): group for group in command._mutually_exclusive_groups for action in group._group_actions}
+    pieces: dict[int, str] = {}
+    for action in sorted(command._actions, key=lambda action: not action.option_strings):
+        if isinstance(action, argparse._HelpAction):
+            continue
+        group = grouped.get(id(action))
+        if group is None:
+            pieces[id(action)] = piece(action)
+        else:
+            either = " | ".join(short(each) for each in group._group_actions)
+            pieces[id(group)] = f"({either})" if group.required else f"[{either}]"
+    unbroken = " ".join(text.replace(" ", "\0") for text in pieces.values())
+    indent = " " * (len(command.prog) + 1)
+    lines = textwrap.wrap(
+        f"{command.prog} {unbroken}",
+        WIDTH,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace("\0", " ") for line in lines]
+
+
+def piece(action: argparse.Action) -> str:
+    """Write an argument as in a usage line."""
+    return f"[{short(action)}]" if action.option_strings and not action.required else short(action)
+
+
+def short(action: argparse.Action) -> str:
+    """Write an argument with its value, by its last name."""
+    return f"{action.option_strings[-1]} {value(action)}".strip() if action.option_strings else value(action)
+
+
+def value(action: argparse.Action) -> str:
+    """Return the placeholder for an argument's value."""
+    if action.nargs == 0:
+        return ""
     if isinstance(action, argparse._SubParsersAction):
-        for choice in action._choices_actions:
-            yield f"- `{choice.dest}`: {marked(choice.help or '')}"
-        yield ""
-    elif not isinstance(action, argparse._HelpAction):
-        yield from (f"````{{option}} {', '.join(signatures(action))}", meaning(action), "````", "")
+        return str(action.metavar or "COMMAND") + " ..."
+    choices = f"{{{','.join(map(str, action.choices))}}}" if action.choices else ""
+    name = action.metavar or choices or (action.dest.upper() if action.option_strings else action.dest)
+    form = PLACEHOLDERS.get(str(action.nargs), "{}")
+    return form.format(name, name)
 
 
-def signatures(action: argparse.Action) -> list[str]:
-    """How an argument is written, once for each of its names."""
-    values = f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper()
-    value = "" if action.nargs == 0 else action.metavar or values
-    return [f"{name} {value}".strip() for name in action.option_strings] or [str(value)]
+def spelled(action: argparse.Action) -> str:
+    """Write an argument with all its names, as code in a cell."""
+    names = [f"{name} {value(action)}".strip() for name in action.option_strings] or [value(action)]
+    return ", ".join(f"`{name}`" for name in names).replace("|", r"\|")
 
 
-def meaning(action: argparse.Action) -> str:
-    """What the help says of an argument."""
-    return marked((action.help or "").replace("%%", "%"))
+def cell(text: str | None) -> str:
+    """Write a help text in a cell of a table."""
+    own = "print the version" if text == "show program's version number and exit" else text or ""
+    return marked(own.replace("%%", "%")).replace("|", r"\|")
 
 
 def marked(text: str) -> str:
-    """A text with its options as code, so that they keep their two dashes."""
+    """Return a text with its options as code, so that they keep their two dashes."""
     return re.sub(r"(?<![\w`-])--[a-z][\w-]*", r"`\g<0>`", text)
 
 
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Called by Sphinx."""
-    app.add_directive("command-line", CommandLine)
-    return {"parallel_read_safe": True}
+if __name__ == "__main__":
+    print(reference(), end="")

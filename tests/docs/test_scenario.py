@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from docs.extensions import page_messages
+from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
 
@@ -26,3 +27,8 @@ def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:
     page = (DOCS / "STATION.md").read_text()
     assert page == page_messages.with_tables(page)
     assert page_messages.TYPES.read_text() == page_messages.types()
+
+
+def test_the_page_of_commands_is_up_to_date() -> None:
+    """docs/COMMANDS.md has the usage and every option of every command, whatever the terminal."""
+    assert (DOCS / "COMMANDS.md").read_text() == commands()
