@@ -1,0 +1,353 @@
+"""The numbers of claims, findings, fits and plans against SciPy and sums done by hand."""
+
+import itertools
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats as scipy_stats
+
+from deltaswarm_studies import plan as planning
+from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
+from deltaswarm_studies.contrasts import contrasts_of, smallest_effects
+from deltaswarm_studies.evidence import Evidence, fits_of, grids_of, recovery_of, too_few
+from deltaswarm_studies.tables import windows_with_levels
+from tests.support.studying import FAST, OWN, SAME, SLOW, SWEEP, made, series, spread, table
+from tests.support.verdicts import NOISE, ONE, TWO_CLAIMS, noisy, runs_with, walsh
+
+
+def test_every_number_of_a_claims_row() -> None:
+    """Of an order, in a family of one; then of a value with the source's own spread."""
+    order = TWO_CLAIMS.format(
+        "o", 'source = "s"\nsays = "more"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.9, hybrid 3"'
+    )
+    study = made(OWN + order + 'at_least = 1.1\nexpect = "undecided"\nwhy = "luck"\n')
+    row = claims_of(study, runs_with(study, noisy)).iloc[0]
+    averages = walsh(np.array(NOISE))
+    p = scipy_stats.wilcoxon(np.array(NOISE) - math.log(1.1)).pvalue
+    assert row[["claim", "text", "source", "says", "metric"]].tolist() == ["o", "t", "s", "more", "waiting_all"]
+    assert (row["criterion"], row["scale"], row["n"], row["family"]) == ("at least 1.1 times", "ratio", 10, 1)
+    assert (row["p"], row["p_holm"], row["confidence"]) == pytest.approx((p, p, 0.95))
+    assert row["estimate"] == pytest.approx(math.exp(np.median(averages)))
+    assert (row["low"], row["high"]) == pytest.approx((math.exp(averages[8]), math.exp(averages[-9])))
+    assert row["effect"] == pytest.approx(1 - 4 * scipy_stats.wilcoxon(NOISE).statistic / 110)
+    assert row[["verdict", "expect", "why"]].tolist() == ["undecided", "undecided", "luck"]
+
+    value = TWO_CLAIMS.format(
+        "v", 'kind = "value"\nof = "loss=0.0, hybrid 3"\nwithin = [20.0, 30.0]\niqr = 6.745\nn = 25'
+    )
+    study = made(OWN + value)
+    row = claims_of(study, runs_with(study, noisy)).iloc[0]  # 20 to 29: median 24.5, by order statistics 21 to 28
+    half = math.hypot(3.5, 1.959964 * 1.2533)
+    assert (row["estimate"], row["low"], row["high"]) == pytest.approx((24.5, 24.5 - half, 24.5 + half))
+    assert (row["criterion"], row["scale"], row["effect"]) == ("20 to 30", "", None)
+    assert row["verdict"] == "holds"
+
+
+@pytest.mark.parametrize(
+    ("text", "criterion"),
+    [
+        (f'less = "{FAST}"\nmore = "{SLOW}"', "more"),
+        (f'kind = "alike"\na = "{FAST}"\nb = "{SLOW}"\nmargin = 1.25', "within 1.25 times"),
+        (f'kind = "value"\nof = "{FAST}"\nabove = 2.5', "above 2.5"),
+        ('kind = "predicts"\nless = "messages"\nmore = "waiting"\nat_least = 2.0', "at least 2 times"),
+    ],
+)
+def test_a_criterion_in_words(text: str, criterion: str) -> None:
+    """As the table of verdicts shows it."""
+    study = made(OWN + TWO_CLAIMS.format("c", text))
+    assert claims_of(study, runs_with(study, spread))["criterion"].tolist() == [criterion]
+
+
+@pytest.mark.parametrize(
+    ("within", "verdict"),
+    [("[21.0, 28.0]", "holds"), ("[21.1, 28.0]", "undecided"), ("[21.0, 27.9]", "undecided"),
+     ("[28.1, 40.0]", "refuted"), ("[28.0, 40.0]", "undecided"), ("[1.0, 20.9]", "refuted"),
+     ("[1.0, 21.0]", "undecided")],
+)  # fmt: skip
+def test_a_value_is_judged_by_where_its_interval_lies(within: str, verdict: str) -> None:
+    """That of the ten values 20 to 29 is 21 to 28."""
+    study = made(OWN + TWO_CLAIMS.format("v", f'kind = "value"\nof = "{SAME}"\nwithin = {within}'))
+    assert claims_of(study, runs_with(study, noisy))["verdict"].tolist() == [verdict]
+
+
+@pytest.mark.parametrize(
+    ("within", "p"),
+    [("[20.0, 29.0]", 2 / 1024), ("[21.0, 28.0]", 22 / 1024), ("[28.5, 40.0]", 22 / 1024), ("[24.4, 24.6]", 1.0)],
+)
+def test_the_p_of_a_value_is_that_of_the_widest_interval_that_decides(within: str, p: float) -> None:
+    """The k-th order statistics of ten hold the median but for twice the binomial tail below k."""
+    study = made(OWN + TWO_CLAIMS.format("v", f'kind = "value"\nof = "{SAME}"\nwithin = {within}'))
+    runs = runs_with(study, noisy)
+    assert claims_of(study, runs)["p"].tolist() == pytest.approx([p])
+    none = claims_of(study, runs[runs["variant"] != SAME]).iloc[0]
+    assert (none["verdict"], none["n"], none["p"]) == ("no data", 0, None)
+
+
+@pytest.mark.parametrize(("at_least", "verdict"), [(1.0, "holds"), (2.0, "undecided"), (3.0, "refuted")])
+def test_an_order_of_values_that_may_be_0_is_one_of_differences(at_least: float, verdict: str) -> None:
+    """More than r times as much: more minus r times less is above 0."""
+    study = made(OWN + TWO_CLAIMS.format("o", f'less = "{SAME}"\nmore = "loss=0.5, hybrid 3"\nat_least = {at_least}'))
+    runs = runs_with(
+        study, lambda level, _, r: 2.0 * r + (-1) ** r * 0.1 * (r + 1) if level == "loss=0.5" else float(r)
+    )
+    row = claims_of(study, runs).iloc[0]
+    assert (row["scale"], row["verdict"]) == ("difference", verdict)
+    differences = [2 * r + (-1) ** r * 0.1 * (r + 1) - at_least * r for r in range(10)]
+    assert row["p"] == pytest.approx(scipy_stats.wilcoxon(differences, method="exact").pvalue, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "is_vacuous"),
+    [
+        (f'kind = "value"\nof = "{FAST}"\nwithin = [10.0, 110.0]', False),  # ten times as wide as the runs differ
+        (f'kind = "value"\nof = "{FAST}"\nwithin = [10.0, 110.1]', True),
+        (f'kind = "value"\nof = "{FAST}"\nwithin = [-90.0, 20.0]', True),
+        (f'kind = "value"\nof = "{FAST}"\nwithin = [10.1, 150.0]', False),
+        (f'kind = "value"\nof = "{FAST}"\nwithin = [-150.0, 19.9]', False),
+        (f'kind = "value"\nof = "{FAST}"\nabove = 1.0', False),
+        (f'kind = "alike"\na = "{FAST}"\nb = "{SLOW}"\nmargin = 2.0', False),  # the widest ratio of two runs
+        (f'kind = "alike"\na = "{FAST}"\nb = "{SLOW}"\nmargin = 2.1', True),
+        (f'less = "{FAST}"\nmore = "{SLOW}"\nat_least = 0.5', False),
+        (f'less = "{FAST}"\nmore = "{SLOW}"\nat_least = 0.49', True),
+    ],
+)
+def test_a_claim_is_vacuous_from_ten_times_the_range_on(text: str, is_vacuous: bool) -> None:
+    """All runs lie between 10 and 20."""
+    study = made(OWN + TWO_CLAIMS.format("c", text))
+    runs = runs_with(study, lambda level, mode, r: 10.0 + r + (1 if level == "loss=0.9" else 0))
+    expected = ["the claim 'c' is vacuous: no run of any variant could contradict it"] if is_vacuous else []
+    assert vacuous_claims(study, runs) == expected
+
+
+def test_predictors_are_compared_by_spearmans_correlation_of_each_replicate() -> None:
+    """As scipy computes it over the six variants."""
+
+    def outcome(level: str, mode: str, replicate: int) -> float:
+        return (1.0 + float(level[-1]) + (mode == "hybrid 3") * 0.3) * (10 + replicate)
+
+    def vague(level: str, mode: str, replicate: int) -> float:
+        return outcome(level, mode, replicate) * (1 + 0.9 * ((replicate * 7 + len(mode) + int(level[-1]) * 3) % 4))
+
+    text = 'kind = "predicts"\nless = "messages"\nmore = "waiting"'
+    study = made(OWN + TWO_CLAIMS.format("p", text))
+    runs = runs_with(study, outcome, messages=vague)
+    row = claims_of(study, runs).iloc[0]
+    by_replicate = [group for _, group in runs.groupby("replicate")]
+    better, worse = (
+        [scipy_stats.spearmanr(group[name], group["waiting_all"]).statistic for group in by_replicate]
+        for name in ("waiting", "messages")
+    )
+    differences = np.array(better) - np.array(worse)
+    assert row["n"] == 10
+    if min(worse) > 0:
+        assert row["estimate"] == pytest.approx(math.exp(np.median(walsh(np.log(better) - np.log(worse)))))
+    else:
+        assert row["estimate"] == pytest.approx(np.median(walsh(differences)))
+    assert row["verdict"] == "holds"
+
+
+def test_why_a_finding_is_broken_in_words() -> None:
+    """The result and what it is, or that there is none."""
+    finding = '[[finding]]\ntext = "f"\nbecause = [{ claim = "c", is = "refuted" }]\n'
+    study = made(OWN + TWO_CLAIMS.format("c", f'less = "{SAME}"\nmore = "{SLOW}"') + finding)
+    claims = claims_of(study, runs_with(study, noisy))
+    assert findings_of(study, {"claim": claims})["broken"].tolist() == ["claim 'c' is holds, not refuted"]
+    assert findings_of(study, {"claim": claims[:0]})["broken"].tolist() == ["there is no result with claim 'c'"]
+    assert findings_of(made(OWN), {}).columns.tolist() == ["text", "broken"]
+
+
+# Evidence
+
+
+def test_too_few_replicates_in_words() -> None:
+    """How many there are, of which metrics, and how many are needed."""
+    study = made(OWN + ONE)
+    runs = runs_with(study, noisy)
+    found = contrasts_of(study, runs[runs["replicate"] < 6])
+    assert too_few(found) == [
+        "6 replicates can show nothing of waiting_all in the contrast 'c': Holm's correction over 2 comparisons needs "
+        "at least 7."
+    ]
+    assert too_few(contrasts_of(study, runs[runs["replicate"] < 7])) == []
+
+
+def test_a_fits_numbers_by_hand() -> None:
+    """Medians 24.5 and 12.25 against 20 and 12, in units of 3 and 0.5: 1.5 and 0.5, so 2.5 in all."""
+    fit = (
+        '[[fit]]\ntext = "f"\nfactor = "mode"\ntargets = [\n'
+        '{ level = "hybrid 3", metric = "waiting_all", says = 20.0, iqr = 3.0 },\n'
+        '{ level = "decentralised", metric = "messages", says = 12.0, iqr = 0.5 },\n]\n'
+    )
+    study = made(OWN + fit)
+    runs = runs_with(study, lambda level, _, r: 20.0 + r + 100 * (level != "loss=0.5"), messages=lambda *_: 12.25)
+    found = fits_of(study, runs)
+    assert found["within"].tolist() == ["loss=0.5"] * 2 + ["loss=0.0"] * 2 + ["loss=0.9"] * 2
+    first = found.iloc[:2]
+    assert first[["fit", "level", "metric"]].to_numpy().tolist() == [
+        ["f", "hybrid 3", "waiting_all"],
+        ["f", "decentralised", "messages"],
+    ]
+    assert first["distance"].tolist() == pytest.approx([1.5, 0.5])
+    assert first["sum"].tolist() == pytest.approx([2.5, 2.5])
+    assert found["closest"].tolist() == [1, 1, 0, 0, 0, 0]
+    assert found["verdict"].tolist() == ["closest"] * 2 + ["farther"] * 4
+
+
+def test_a_grids_numbers_by_hand() -> None:
+    """The lowest median of each heading's levels, its interval, and the level that has it."""
+    grid = '[[grid]]\ntext = "g"\nmetric = "waiting_all"\nrows = "loss"\nfactor = "mode"\n'
+    study = made(OWN + grid + 'columns = { best = ["hybrid 3", "decentralised"] }\n')
+    runs = runs_with(study, lambda level, mode, r: 20.0 + r + (5 if (level, mode) == ("loss=0.0", "hybrid 3") else 0))
+    found = grids_of(study, runs[(runs["loss"] != "loss=0.9") | (runs["mode"] == "hybrid 3")])
+    assert found.to_dict("records") == [
+        {"grid": "g", "metric": "waiting_all", "row": row, "column": "best", "level": level, "n": 10, "median": 24.5,
+         "low": 21.0, "high": 28.0}
+        for row, level in (("loss=0.0", "decentralised"), ("loss=0.5", "decentralised"), ("loss=0.9", "hybrid 3"))
+    ]  # fmt: skip
+
+
+def test_the_mean_in_a_window_weighs_events_not_runs() -> None:
+    """A replicate with 90 events at 30 s and one with 10 at 20 s wait 29 s, which is 1.45 times 20: not back."""
+    own = '[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\nafter_s = 0.0\nwindows = 1\n'
+    told = series(lambda level, mode, replicate, time_s: 30.0 if level == "loss=0.5" and replicate % 2 else 20.0)
+    told.loc[told["variant"].str.startswith("loss=0.5"), "events_followed"] = told["replicate"].map(
+        lambda replicate: 9.0 if replicate % 2 else 1.0
+    )
+    for tolerance, back_s in ((1.44, math.inf), (1.46, 100.0)):
+        study = made(OWN + own + f"tolerance = {tolerance}\n")
+        found = recovery_of(study, windows_with_levels(study, told))
+        assert found["back_s"].tolist() == [back_s] * 2
+        assert found[["metric", "level", "reference", "within"]].iloc[0].tolist() == [
+            "waiting_all", "loss=0.5", "loss=0.0", "decentralised",
+        ]  # fmt: skip
+
+
+def test_evidence_from_saved_tables_is_that_from_the_runs(tmp_path: Path) -> None:
+    """Labels that look like numbers and truths stay texts; what was not recorded stays unknown."""
+    sweep = SWEEP.replace('label = ["decentralised", "hybrid 3"]', 'label = ["007", "true"]')
+    own = OWN + (
+        '[[contrast]]\nid = "modes"\nfactor = "mode"\nreference = "007"\n'
+        '[[recovery]]\nfactor = "mode"\nlevel = "true"\nreference = "007"\nafter_s = 0.0\n'
+        '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\n'
+        '[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\nless = "loss=0.0, 007"\nmore = "loss=0.9, true"\n'
+        '[[claim]]\nid = "vacuous"\ntext = "v"\nmetric = "waiting_all"\nless = "loss=0.0, 007"\n'
+        'more = "loss=0.9, true"\nat_least = 0.01\n'
+        '[[finding]]\ntext = "kept"\nbecause = [{ claim = "vacuous", is = "holds" }]\n'
+        '[[finding]]\ntext = "lost"\nbecause = [{ contrast = "modes", metric = "messages", level = "true", '
+        'within = "loss=0.5", is = "higher" }]\n'
+    )
+    study = made(own, sweep)
+    renamed = {"decentralised": "007", "hybrid 3": "true"}
+
+    def relabelled(rows: pd.DataFrame) -> pd.DataFrame:
+        return rows.assign(
+            variant=[", ".join(renamed.get(part, part) for part in v.split(", ")) for v in rows["variant"]]
+        )
+
+    rows = relabelled(table(lambda level, mode, r: 20.0 + r))
+    rows["arrivals.times"] = rows["replicate"].astype(str)
+    courses = relabelled(series(lambda *_: 20.0))
+    rows, courses = (frame[frame["replicate"] < 9].reset_index(drop=True) for frame in (rows, courses))
+    found = Evidence.of_sweep(study, rows, courses)
+    found.save(tmp_path)
+    again = Evidence.of_folder(study, tmp_path)
+    for name in ("runs", "courses", "recovery", "estimates", "contrasts", "claims", "findings"):
+        was, now = (
+            getattr(side, name).drop(columns=["digest", "arrival_places"], errors="ignore") for side in (found, again)
+        )
+        pd.testing.assert_frame_equal(was, now, check_dtype=False)
+    assert again.recovery["level"].tolist() == ["true"] * 3
+    assert again.runs["mode"].unique().tolist() == ["007", "true"]
+    assert again.runs["digest"].isna().all()
+    assert again.arrivals == found.arrivals
+    assert again.arrivals[0] == "number and times of arrivals are the same in 36 of 36 pairs of runs that are compared"
+    assert again.surprises == []
+    assert again.incomplete == [line for line in again.warnings if "missing" in line] != []
+    assert again.doubts == ["the claim 'vacuous' is vacuous: no run of any variant could contradict it"]
+    assert [line.rpartition(": ")[2] for line in again.unsupported] == ["lost"]
+    (tmp_path / "runs.csv").write_text("variant,replicate,seed\nother,0,1\n")
+    with pytest.raises(ValueError, match=r"must have runs of the study's variants, such as 'loss=0\.0, 007'"):
+        Evidence.of_folder(study, tmp_path)
+
+
+# Plans
+
+
+def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Runs, their time, and of each family the smallest p and what it needs."""
+    claims = "".join(
+        TWO_CLAIMS.format(name, f'{source}less = "{SAME}"\nmore = "{SLOW}"')
+        for name, source in (("a", 'source = "Kelly"\n'), ("b", 'source = "Kelly"\n'), ("c", ""))
+    )
+    study = made(OWN + ONE + claims, SWEEP.replace("repeats = 10", "repeats = 6"))
+    monkeypatch.setattr(planning, "_run_s", lambda scenario: 2.0)
+    planned = planning.plan(study, tmp_path, 4)
+    assert planning.wall_s(study) == 2.0 * 6 * 6
+    assert planned["wall_s"] == 18.0
+    assert [planned[name] for name in ("study", "variants", "repeats", "workers")] == ["made-up", 6, 6, 4]
+    first, *rest = planned["families"]
+    assert first == {
+        "name": "contrast 'c', waiting_all", "tests": 2, "smallest_p": 0.0625, "repeats_needed": 7, "shows": None,
+    }  # fmt: skip
+    assert [(family["name"], family["tests"]) for family in rest] == [("claims of 'Kelly'", 2), ("claims", 1)]
+    lines = planning.text(planned).splitlines()
+    assert lines[1] == "  about 0:00:18 on 4 cores, by the speed of the first steps of each variant"
+    two = "2 tests in a family, smallest corrected p 0.062: can show nothing, 7 replicates are needed"
+    assert lines[2:] == [
+        f"  contrast 'c', waiting_all: {two}",
+        f"  claims of 'Kelly': {two}",
+        "  claims: 1 tests in a family, smallest corrected p 0.031",
+        f"  no {tmp_path}/runs.csv: with a pilot (--pilot FOLDER) also the smallest effects that could be shown are "
+        "told",
+    ]
+    assert planning.plan(made(OWN), tmp_path, 1)["note"] is None
+    single = planning.plan(made(OWN + ONE, SWEEP.replace("repeats = 10", "repeats = 1")), tmp_path, 4)
+    assert single["families"][0]["smallest_p"] == 1.0
+
+
+def test_a_plan_needs_no_pandas(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """It says what is missing for the effects of a pilot; with it, each line ends with the effect."""
+    study = made(OWN + ONE)
+    runs_with(study, noisy).to_csv(tmp_path / "runs.csv", index=False)
+    monkeypatch.setattr(planning, "_run_s", lambda scenario: 2.0)
+    [effect] = smallest_effects(study, tmp_path / "runs.csv").values()
+    assert (
+        planning.text(planning.plan(study, tmp_path, 4))
+        .splitlines()[2]
+        .endswith(f"smallest corrected p 0.0039; shows {effect} with a probability of 80 %")
+    )
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "deltaswarm_studies.contrasts", None)
+        with pytest.raises(ModuleNotFoundError):
+            planning.plan(study, tmp_path, 4)
+        patched.delitem(sys.modules, "deltaswarm_studies.contrasts")
+        patched.setitem(sys.modules, "pandas", None)
+        note = planning.plan(study, tmp_path, 4)["note"]
+    assert note == f"the smallest effects that could be shown need pandas: {planning.INSTALL_STUDY}"
+
+
+def test_a_plan_measures_at_most_24_variants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every second of 48, every third of 49 to 72; their mean stands for all."""
+    measured: list[float] = []
+    monkeypatch.setattr(planning, "_run_s", lambda scenario: measured.append(scenario.radio.loss) or 1.0)  # type: ignore[func-returns-value]
+    for count, expected in ((24, 24), (25, 13), (48, 24), (49, 17)):
+        losses = str([index / 100 for index in range(count)])
+        one = SWEEP.partition("[[sweep.paired]]")[0].replace("[0.0, 0.5, 0.9]", losses)
+        study = made(OWN.replace(', mode = "control"', ""), one)
+        measured.clear()
+        assert planning.wall_s(study) == count * 10
+        assert len(measured) == expected
+        assert measured[1] == pytest.approx(math.ceil(count / 24) / 100)
+
+
+def test_the_time_of_a_run_is_that_of_its_first_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """0.1 s a step, measured for 0.4 s, of 1000 steps: 100 s."""
+    clock = itertools.count(7.0, 0.05)
+    monkeypatch.setattr(planning.time, "monotonic", lambda: next(clock))
+    scenario = made().sweep.variants[0].scenario
+    assert scenario.run.steps == 1000
+    assert planning._run_s(scenario) == pytest.approx(0.05 * 10 / 9 * 1000)
