@@ -80,6 +80,7 @@ def test_a_neighbour_that_floods_its_key_stops_no_board(tmp_path: Path) -> None:
         assert "over 200 per second" in running.said(0).splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_an_operator_that_is_flooded_counts_the_others(tmp_path: Path) -> None:
     """Of the one that floods much is refused or rejected, and named once; nobody else is, and memory stays bounded."""
     port = free_port()

@@ -12,7 +12,6 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
-from deltaswarm_board.__main__ import main as board_main
 from deltaswarm_board.inbox import RadioInbox
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base
@@ -200,21 +199,6 @@ def test_a_base_that_starts_again_is_heard_at_once() -> None:
 
     assert [relays(1000, 0), relays(1004, 4), relays(10, 5), relays(10, 4 + int(FORGET_SENDER_S))] == [1, 1, 0, 0]
     assert relays(10, 5 + int(FORGET_SENDER_S))
-
-
-def test_a_boards_key_is_checked(tmp_path: Path, capsys: Printed) -> None:
-    """It is 64 hexadecimal digits, and a board whose body a world simulates has none."""
-    public = make_key(tmp_path / "operator.key")
-    for air, body, word in (
-        ({"operator_key": "abc"}, "kinematic", "64"),
-        ({"operator_key": public}, "world", "air.operator_key must be left out"),
-        ({"operator_key": public}, "kinematic", ""),
-    ):
-        file = tmp_path / "3.toml"
-        air = {**air, "mode": "client", "connect": ["tcp/127.0.0.1:1"]}
-        file.write_text(tomli_w.dumps({"id": 3, "air": air, "body": {"kind": body}}))
-        assert board_main([str(file), "--check"]) == (2 if word else 0)
-        assert word in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

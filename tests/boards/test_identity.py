@@ -6,21 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import tomli_w
 import zenoh
 
-from deltaswarm_board.__main__ import main
-from deltaswarm_board.settings import AirSettings, BoardSettings
+from deltaswarm_board.settings import BoardSettings
 from deltaswarm_operator.__main__ import _open_air_config, open_air_parser
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_wire.access import air_rules
-from deltaswarm_wire.checked import SettingsError, load
+from deltaswarm_wire.checked import load
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys
 from deltaswarm_wire.session import configured
 from tests.support.boards import tls_arguments, tls_table
-from tests.support.complaints import Printed
 from tests.support.fields import RUN, free_port
 from tests.support.swarms import wait_until
 
@@ -191,20 +188,6 @@ def test_without_numbers_there_are_no_rules(folder: Path) -> None:
     assert dict(board(folder, 3, "3-4", listen=[endpoint(1)]).pairs)["access_control"] == air_rules(KEYS, [3, 4], ())
 
 
-@pytest.mark.parametrize(
-    ("air", "problem"),
-    [
-        ({"agents": "3-x"}, "20-24"),
-        ({"agents": "0-2"}, "air.agents must .*3"),
-        ({"agents": "0-3", "connect": ["tcp/10.0.0.1:7447"]}, "tls/"),
-    ],
-)
-def test_numbers_that_cannot_be_are_told(air: dict[str, Any], problem: str, folder: Path) -> None:
-    """What is wrong with the key `air.agents`."""
-    with pytest.raises(SettingsError, match=problem):
-        board(folder, 3, **{"listen": [endpoint(1)], **air})
-
-
 def test_an_agent_more_costs_two_rules() -> None:
     """What all may is said once for all: a board has 40 MB for everything, and each rule takes its share."""
     few, many = (air_rules(KEYS, range(count), ()) for count in (5, 25))
@@ -213,29 +196,7 @@ def test_an_agent_more_costs_two_rules() -> None:
 
 
 def test_numbers_need_certificates(tmp_path: Path) -> None:
-    """A board's and the operator's."""
-    with pytest.raises(SettingsError, match=r"agents must .*certificates"):
-        load(AirSettings, {"agents": "0-3", "multicast": True})
+    """The operator's, as a board's."""
     command = ["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:1", "--agents", "0-3"]
     with pytest.raises(ValueError, match=r"--agents must .*certificates"):
         _open_air_config(open_air_parser().parse_args(command))
-
-
-def test_a_certificate_is_tried_before_it_meets_silence(folder: Path, tmp_path: Path, capsys: Printed) -> None:
-    """By `--check`: whose it is, its key, its authority, its days."""
-    certificates.make(tmp_path, [3], [], 1)
-    brief = Authority.load(folder).sign("agent-3", days=-1 / 24)
-    certificates._write(tmp_path / "expired", *brief)
-    mine, other = (str(folder / f"agent-{agent}") for agent in (3, 4))
-    for cert, secret, word in (
-        (mine, mine, ""),
-        (other, other, "agent-4"),
-        (mine, other, "KEY_VALUES_MISMATCH"),
-        (str(tmp_path / "agent-3"), str(tmp_path / "agent-3"), "other end"),
-        (str(tmp_path / "expired"), str(tmp_path / "expired"), "certificate has expired"),
-    ):
-        files = {"ca_file": str(folder / "ca.pem"), "cert_file": f"{cert}.pem", "key_file": f"{secret}.key"}
-        file = tmp_path / "3.toml"
-        file.write_text(tomli_w.dumps({"id": 3, "air": {"listen": [endpoint(1)], "tls": files}}))
-        assert main([str(file), "--check"]) == (2 if word else 0)
-        assert word in capsys.readouterr().err

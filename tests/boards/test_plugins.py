@@ -12,9 +12,7 @@ from zipfile import ZipFile
 import pytest
 
 from deltaswarm_agent.body import Body, Sensed
-from deltaswarm_board.bodies.loading import find_body
 from deltaswarm_board.driver import MAX_FAILURES, Driver
-from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.messages import MAX_SENSED, Event
 from tests.support.cores import Core, agent_settings
 from tests.support.fields import EVENT_AT, board_table, boards, endpoint, free_port
@@ -74,26 +72,6 @@ def test_a_body_of_another_package_drives_an_agent(tmp_path: Path) -> None:
             assert running.stop(agent) == 0
             assert "at (7.50, 1.00) m" in running.said(agent)
             assert "the rover stands" in running.said(agent)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "word"),
-    [
-        ("raises", "raise RuntimeError('no licence')", "RuntimeError: no licence"),
-        ("no_python", "def (", "SyntaxError"),
-        ("empty", "", "AttributeError"),
-        ("exits", "class Rover: sense = 1", "Settings, REAL_TIME, move, close"),
-        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "dataclass"),
-    ],
-)
-def test_a_module_that_is_no_body_is_refused(
-    name: str, text: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whatever its code does when it is imported."""
-    (tmp_path / f"{name}_body.py").write_text(text)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(SettingsError, match=word):
-        find_body(f"{name}_body:Rover")
 
 
 class Erratic:
