@@ -15,9 +15,8 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import seeds
 from deltaswarm_wire.seeds import agent_seed
-from deltaswarm_world.core.arrivals import PLACES_STREAM, TIMES_STREAM
+from deltaswarm_world.core.arrivals import PLACES_STREAM, TIMES_STREAM, EventIds
 from deltaswarm_world.core.environment import START_STREAM, Environment
-from deltaswarm_world.core.event_ids import EventIds
 
 RUN_SEED = 1
 """The most likely one, and the first that a searcher would try."""

@@ -28,9 +28,8 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.ready import say_ready
 from deltaswarm_wire.session import CERTIFIED, RouterLink
-from deltaswarm_world.io.config import WorldConfig
-from deltaswarm_world.io.run import run_world
-from deltaswarm_world.io.saving import load
+from deltaswarm_world.io.process import run_world
+from deltaswarm_world.io.saving import WorldConfig, load
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 

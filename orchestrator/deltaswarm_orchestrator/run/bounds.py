@@ -18,7 +18,7 @@ from deltaswarm_agent.recurring import Recurring
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import FREE, Event, Pose
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import generator
 from deltaswarm_world.core.world import WorldCore
 
 SAMPLES = 1000

@@ -1,6 +1,6 @@
 """The backoff with late agents: what each miss costs, and when it is forgiven."""
 
-from deltaswarm_world.core.backoff import FORGIVEN_STEPS, TimeoutBackoff
+from deltaswarm_world.core.pace import FORGIVEN_STEPS, TimeoutBackoff
 
 
 def test_an_agent_that_is_late_again_and_again_costs_little() -> None:

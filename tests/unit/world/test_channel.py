@@ -16,8 +16,7 @@ from deltaswarm_scenario.radio import (
     PathLossSettings,
     WallSettings,
 )
-from deltaswarm_world.core.air.channel.asymmetry import Asymmetry
-from deltaswarm_world.core.air.channel.chance import Bursts, Contention
+from deltaswarm_world.core.air.channel.chance import Asymmetry, Bursts, Contention
 from deltaswarm_world.core.air.channel.links import Ends, LinkDraws, Links
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc

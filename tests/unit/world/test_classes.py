@@ -9,7 +9,7 @@ import pytest
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.task import TaskSettings
-from deltaswarm_world.core.classes import EventClasses
+from deltaswarm_world.core.arrivals import EventClasses
 from tests.swarms.test_checkpoint_cores import digests
 
 SIZE_M = np.array([100.0, 100.0])

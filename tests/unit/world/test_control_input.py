@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_wire.keys import AGENT, OPERATOR
 from deltaswarm_world.core.participants import MAX_RETURNS, Participants
-from deltaswarm_world.io.control_input import ControlInput, ControlQueue, Persisted, Token
+from deltaswarm_world.io.wakeup import ControlInput, ControlQueue, Persisted, Token
 
 TOKENS = st.builds(Token, st.sampled_from([AGENT, OPERATOR]), st.integers(0, 2), st.booleans())
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_world.core.coverage import COVERAGE_EVERY_S, Coverage
+from deltaswarm_world.core.environment import COVERAGE_EVERY_S, Coverage
 
 places = st.tuples(st.floats(0, 100), st.floats(0, 60))
 

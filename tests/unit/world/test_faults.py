@@ -13,7 +13,7 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_wire.plugins import FAULTS, find
-from deltaswarm_world.core.event_ids import EventIds
+from deltaswarm_world.core.arrivals import EventIds
 from deltaswarm_world.core.faults.timeline import Faults
 
 COUNT, STEPS = 8, 40

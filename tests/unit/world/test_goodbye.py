@@ -12,13 +12,11 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.core.retransmit_buffer import ClosedStep
-from deltaswarm_world.io.config import WorldConfig
-from deltaswarm_world.io.control_input import ControlQueue, Persisted, Token
 from deltaswarm_world.io.files import WorldOutput
 from deltaswarm_world.io.process import WorldProcess
-from deltaswarm_world.io.saving import SavedWorld
+from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.transport import Transport
-from deltaswarm_world.io.wakeup import Wakeup
+from deltaswarm_world.io.wakeup import ControlQueue, Persisted, Token, Wakeup
 
 LAST = 3
 AGENTS = [Token(AGENT, agent, True) for agent in range(6)]

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_world.core import near as module
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.near import FEW_PAIRS, near
+from deltaswarm_world.core import arrays as module
+from deltaswarm_world.core.arrays import FEW_PAIRS, Floats, near
 
 RANGE_M = 5.0
 on_a_grid = st.integers(0, 40).map(lambda number: number / 2)

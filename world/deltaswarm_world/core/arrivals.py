@@ -1,4 +1,4 @@
-"""Arrivals of events: when, where, and under which id.
+"""Arrivals of events: when, where, under which id, and of which class.
 
 Times are a Poisson process in continuous time with a generator of its own, so the step cannot shift them; another rate
 scales them. Each event's place has a generator of its own, so an obstacle or another density moves only the events
@@ -6,13 +6,42 @@ that it affects. It is drawn from the density at the time of arrival. Neither de
 fault.
 """
 
+import hashlib
 from collections.abc import Iterator
+from math import floor
 from typing import NamedTuple
 
+import numpy as np
+
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_world.core.chance import generator
+from deltaswarm_scenario.task import TaskSettings
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.seeds import derived_key
+from deltaswarm_world.core.arrays import Floats, generator
 from deltaswarm_world.core.density import Places
-from deltaswarm_world.core.event_ids import EventIds
+
+ROUNDS = 4
+_HALF_BITS = 16
+_HALF = (1 << _HALF_BITS) - 1
+
+
+class EventIds:
+    """A keyed permutation of the numbers below 2^32 (a Feistel network), the same for the same seed of the run."""
+
+    def __init__(self, seed: int) -> None:
+        self._key = derived_key(seed, "event ids")
+
+    def of(self, number: int) -> int:
+        """Return the id of the n-th event to arrive, counted from 0."""
+        left, right = number >> _HALF_BITS, number & _HALF
+        for turn in range(ROUNDS):
+            left, right = right, left ^ self._mixed(turn, right)
+        return left << _HALF_BITS | right
+
+    def _mixed(self, turn: int, half: int) -> int:
+        data = bytes((turn, half & 0xFF, half >> 8))
+        return int.from_bytes(hashlib.blake2b(data, key=self._key, digest_size=2).digest(), "little")
+
 
 TIMES_STREAM, PLACES_STREAM = 1, 4
 
@@ -47,3 +76,30 @@ class Arrivals:
             yield Arrival(self._ids.of(self._count), *place_m, arrived_s)
             self._count += 1
             self._next += float(self._times.standard_exponential())
+
+
+CLASS_STREAM, JUMP_STREAM = 5, 6
+
+
+class EventClasses:
+    """The class of each event, and where it is sensed. All follows from seed, event and time, so nothing is saved."""
+
+    def __init__(self, task: TaskSettings, seed: int, size_m: Floats) -> None:
+        self._task, self._seed, self._size_m = task, seed, size_m
+        self._jumps_m: dict[int, float] = {}
+
+    def is_target(self, event: int) -> bool:
+        """Whether an event is a target."""
+        return bool(generator(self._seed, CLASS_STREAM, event).random() < self._task.target_share)
+
+    def interval(self, time_s: float) -> int:
+        """Return the number of the interval in which sensed places stay the same."""
+        return floor(time_s / self._task.jump_every_s + 1e-9)
+
+    def as_sensed(self, event: int, x_m: float, y_m: float, interval: int) -> Event:
+        """Return an event at the place where it is sensed in an interval, within the arena."""
+        if event not in self._jumps_m:
+            self._jumps_m[event] = self._task.target_jump_m if self.is_target(event) else self._task.decoy_jump_m
+        error_m = self._jumps_m[event] * generator(self._seed, JUMP_STREAM, event, interval).standard_normal(2)
+        place_m = np.minimum(np.maximum(error_m + np.array((x_m, y_m)), 0.0), self._size_m)
+        return Event(event, *place_m.tolist())

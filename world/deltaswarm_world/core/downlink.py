@@ -16,8 +16,7 @@ from deltaswarm_wire.commands import BASE_ID, Relayed, Signed, decode_command, e
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
 from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import Floats, generator
 
 LOSS_STREAM, JITTER_STREAM, ROUNDING_STREAM = 51, 52, 53
 """Each model has its own generator, as for radio."""

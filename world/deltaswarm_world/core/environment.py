@@ -1,4 +1,4 @@
-"""Bodies and events: positions, sensing, and work on events."""
+"""Bodies and events: positions, sensing, work on events, and the area that members of trees sense."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -9,15 +9,14 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.saved import Saved
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.arrivals import Arrivals
-from deltaswarm_world.core.chance import generator
-from deltaswarm_world.core.classes import EventClasses
+from deltaswarm_world.core.arrays import Floats, generator, near
+from deltaswarm_world.core.arrivals import Arrivals, EventClasses
 from deltaswarm_world.core.density import Places
-from deltaswarm_world.core.near import near
 from deltaswarm_world.core.obstacles import Obstacles
 
 START_STREAM = 2
+COVERAGE_EVERY_S = 10.0
+"""Interval of the coverage measure."""
 MAX_TRIES = 10_000
 """After this many draws in a row inside obstacles, there is no room for the agents."""
 
@@ -196,3 +195,28 @@ class Environment(Saved):
 
 def _by_arrival(record: EventRecord) -> tuple[float, int]:
     return record.arrived_s, record.event
+
+
+class Coverage(Saved):
+    """The area within sensing range of a tree's members, on a 1 m grid over the arena."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._range_m = scenario.agents.sensing_range_m
+        self._every = max(1, round(COVERAGE_EVERY_S / scenario.run.step_s))
+        self._cells = max(1, round(scenario.arena.width_m)), max(1, round(scenario.arena.height_m))
+        self._centres_m = tuple(np.arange(count) + 0.5 for count in self._cells)
+
+    def is_due(self, step: int) -> bool:
+        """Whether coverage is measured in this step."""
+        return step % self._every == 0
+
+    def area_m2(self, places_m: Floats) -> float:
+        """Return the area of the union of sensing discs around positions (n, 2), within the arena [m2]."""
+        is_sensed, range_m = np.zeros(self._cells, dtype=np.bool_), self._range_m
+        (x_centres_m, y_centres_m), range_m2 = self._centres_m, range_m**2
+        for x_m, y_m in places_m.tolist():
+            columns = slice(int(max(0.0, x_m - range_m)), int(x_m + range_m) + 1)
+            rows = slice(int(max(0.0, y_m - range_m)), int(y_m + range_m) + 1)
+            dx, dy = x_centres_m[columns] - x_m, y_centres_m[rows] - y_m
+            is_sensed[columns, rows] |= (dx * dx)[:, None] + dy * dy <= range_m2
+        return float(np.count_nonzero(is_sensed))

@@ -22,9 +22,8 @@ from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.channel.links import Diagnosis
 from deltaswarm_world.core.air.radio import Air
 from deltaswarm_world.core.air.reception import Reception
-from deltaswarm_world.core.coverage import Coverage
 from deltaswarm_world.core.downlink import Downlink
-from deltaswarm_world.core.environment import Environment
+from deltaswarm_world.core.environment import Coverage, Environment
 from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.intake import Intake
 from deltaswarm_world.core.participants import Participants

@@ -12,11 +12,9 @@ from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.core.pace import RealTimePace, StepGate
 from deltaswarm_world.core.retransmit_buffer import RetransmitBuffer
 from deltaswarm_world.core.turns import LIVE, OFF
-from deltaswarm_world.io.config import WorldConfig
-from deltaswarm_world.io.control_input import Ack, OperatorMessage, Persisted
-from deltaswarm_world.io.saving import SavedWorld
+from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.transport import Transport
-from deltaswarm_world.io.wakeup import Wakeup
+from deltaswarm_world.io.wakeup import Ack, OperatorMessage, Persisted, Wakeup
 
 log = logging.getLogger("deltaswarm.world")
 

@@ -1,28 +1,31 @@
-"""The world's process: lock-step and clock. Only `transport.py`, `wakeup.py` and `slow_links.py` use Zenoh."""
+"""The world's process: its run, lock-step and clock. Only `transport.py`, `wakeup.py` and `slow_links.py` use Zenoh."""
 
 import logging
+import signal
 import time
+from collections.abc import Callable
 
 from deltaswarm_scenario.truth import StepRecord, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
-from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
-from deltaswarm_world.core.backoff import TimeoutBackoff
-from deltaswarm_world.core.pace import RealTimePace
+from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep
 from deltaswarm_world.io import saving
-from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.event_loop import EventLoop
 from deltaswarm_world.io.files import WorldOutput
-from deltaswarm_world.io.saving import SavedWorld
-from deltaswarm_world.io.transport import Transport
+from deltaswarm_world.io.saving import SavedWorld, WorldConfig
+from deltaswarm_world.io.slow_links import SlowLinks, trusted_sessions
+from deltaswarm_world.io.transport import Transport, open_router
 from deltaswarm_world.io.wakeup import Wakeup
 
 log = logging.getLogger("deltaswarm.world")
 
 SAVING_STEPS = 2.0
 """An agent may take this many step timeouts to save itself, and half as long after each miss."""
+
+STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
 
 GOODBYE_S = 3.0
 """Time at the end for the other parts to leave [s]."""
@@ -291,3 +294,39 @@ class WorldProcess:
         if not self._loop.wait_until(lambda: not self._loop.tokens & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("some parts did not leave within %g s", GOODBYE_S)
         self._transport.leave()
+
+
+def run_world(config: WorldConfig, announce: Callable[[str], None], saved: SavedWorld | None = None) -> int:
+    """Run the router and the world of one run; return the exit code.
+
+    `announce` gets the endpoints, separated by spaces, once the router listens on them. With `saved` the world resumes.
+    """
+    early: list[int] = []
+    for number in STOP_SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda number, _: early.append(number))
+    saved = saved or SavedWorld.new(config)
+    keys, agents = Keys(config.run), range(config.scenario.agents.count)
+    trusted = trusted_sessions(config.credentials.read_text(encoding="utf-8"))
+    asked = config.listen or (config.link.endpoint,)
+    with WorldOutput(config.out, saved.core.columns, saved.table_bytes, saved.wall_s) as output:
+        session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
+        with session:
+            wakeup, transport = Wakeup(session, keys), Transport(session, keys, len(agents))
+            slow_links = SlowLinks(session, trusted, transport.waits_for)
+            announce(" ".join(endpoints))  # from here on they come
+            if early:  # the signal came before the wakeup was ready
+                signal.raise_signal(early[0])
+            try:
+                world = WorldProcess(config, transport, wakeup, saved)
+                world.wait_for_all()
+                complete = world.run(output)
+                world.goodbye()
+            except (TimeoutError, InterruptedError) as error:
+                log.error("the run ends: %s", error)
+                complete = False
+            finally:
+                transport.close()
+                wakeup.close()
+                slow_links.close()
+    return 0 if complete else 1

@@ -1,4 +1,4 @@
-"""The world's part of a checkpoint, written last, which completes it."""
+"""What a world starts from: its configuration, and its part of a checkpoint, which is written last."""
 
 import pickle
 import shutil
@@ -8,12 +8,38 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from deltaswarm_scenario.scenario import scenario_digest
+from deltaswarm_scenario.scenario import Scenario, scenario_digest
 from deltaswarm_wire import checkpoint
-from deltaswarm_world.core.backoff import TimeoutBackoff
+from deltaswarm_wire.keys import OPERATOR
+from deltaswarm_wire.session import RouterLink
+from deltaswarm_world.core.pace import TimeoutBackoff
 from deltaswarm_world.core.world import WorldCore
-from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.files import TABLES
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """One run: its scenario, links and files."""
+
+    run: str
+    scenario: Scenario
+    link: RouterLink
+    credentials: Path
+    """File of `user:password` lines, one per process."""
+    out: Path
+    expect: tuple[str, ...] = (OPERATOR,)
+    """Roles, besides the agents, that must be ready before the first step."""
+    publish_truth: bool = False
+    publish_wire: bool = False
+    """Publish every raw radio frame and report, for a recorder."""
+    listen: tuple[str, ...] = ()
+    """Endpoints; default: the link's."""
+    checkpoint_steps: int = 0
+    """Interval of checkpoints in steps; 0: never."""
+    has_station: bool = False
+    """Accept commands and pace from a person, without waiting for turns."""
+    boards: tuple[int, ...] = ()
+    """Agents on machines of their own, which may leave and come back."""
 
 
 @dataclass

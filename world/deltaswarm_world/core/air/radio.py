@@ -17,13 +17,12 @@ import numpy as np
 
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links, Mask
+from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
 from deltaswarm_world.core.air.channel.model import models_of, reasons_of
 from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import reach_of
 from deltaswarm_world.core.air.reception import EVERYBODY, Reception
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import Floats, Mask, generator
 
 SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38

@@ -12,8 +12,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.plugins import FAULTS, find
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import Floats, generator
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
 
 FAULT_STREAM = 11

@@ -14,8 +14,7 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Ends
 from deltaswarm_world.core.air.channel.queues import Arrival
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import Floats, generator
 
 RELAY_STREAM = 45
 

@@ -19,8 +19,7 @@ from deltaswarm_world.core.air.channel.model import Model
 from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import Floats, generator
 from deltaswarm_world.core.uplink.relay import Relay, SteadyLinks, StepState
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46

@@ -7,10 +7,8 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.near import Indices
+from deltaswarm_world.core.arrays import Floats, Indices, Mask
 
-Mask: TypeAlias = npt.NDArray[np.bool_]
 Hashes: TypeAlias = npt.NDArray[np.uint64]
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DROP_REASONS
 from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
-from deltaswarm_world.core.air.channel.links import Diagnosis, Links, Mask
+from deltaswarm_world.core.air.channel.links import Diagnosis, Links
 from deltaswarm_world.core.air.channel.reach import Reach
-from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.arrays import Mask, generator
 
 FOREIGN_STREAM = 30
 """Stream of the generators of models from outside, each with a number from its class."""

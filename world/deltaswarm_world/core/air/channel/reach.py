@@ -7,8 +7,7 @@ import numpy as np
 
 from deltaswarm_scenario.radio import LOG_DISTANCE, PathLossSettings, RadioSettings
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Hashes, LinkDraws, Links
-from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.near import Indices, near, near_with_squares
+from deltaswarm_world.core.arrays import Floats, Indices, near, near_with_squares
 
 SHADOWING_CUT = 4.0
 """Shadowing is cut at this number of standard deviations, which bounds reach; fewer than 1 link in 15,000 is beyond."""

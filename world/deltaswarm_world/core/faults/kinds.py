@@ -1,18 +1,162 @@
-"""Faults of an agent's sensor: blind, noisy, lying."""
+"""The faults of an agent: of its process, which act through orders, of its drive and radio, and of its sensor."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from deltaswarm_scenario.fault import MUST_END, NEVER_ENDS
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.messages import Event
+from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.event_ids import EventIds
+from deltaswarm_world.core.arrivals import EventIds
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
+
+
+class Kill(Kind):
+    """The process ends for good; the body stops where it is."""
+
+    lasts = NEVER_ENDS
+    to_process = True
+    hits_dead = False
+    kills = True
+
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
+        """See `Kind`."""
+        targets = fault.agents & living
+        self._orders.add(KILL if targets else NOTE, targets, why)
+        living -= targets
+        return False
+
+
+class Restart(Kind):
+    """The process ends, and a new one begins: at once, or after the duration."""
+
+    to_process = True
+    kills = True
+
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
+        """See `Kind`. Also starts agents without a process."""
+        self._orders.add(KILL, fault.agents & living, why)
+        living -= fault.agents
+        if fault.end is None:
+            self._orders.add(START, fault.agents, why)
+            living |= fault.agents
+        if not fault.agents:
+            self._orders.add(NOTE, (), why)
+        return fault.end is not None
+
+    def end(self, fault: ActiveFault, living: set[int]) -> None:
+        """See `Kind`."""
+        self._orders.add(START, fault.agents - living, "restart after a while")
+        living |= fault.agents
+
+
+class Freeze(Kind):
+    """The process stops and continues; overlapping freezes merge."""
+
+    lasts = MUST_END
+    to_process = True
+    hits_dead = False
+
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
+        """See `Kind`; `look` gives the order."""
+        if not fault.agents:
+            self._orders.add(NOTE, (), why)
+        return True
+
+    def end(self, fault: ActiveFault, living: set[int]) -> None:
+        """See `Kind`; `look` gives the order."""
+
+    def see_killed(self, targets: Collection[int], faults: Sequence[ActiveFault]) -> None:
+        """See `Kind`. A killed process is not frozen any more."""
+        self.agents = self.agents.difference(targets)
+        for fault in faults:
+            fault.agents.difference_update(targets)
+
+    def look(self, faults: Sequence[ActiveFault]) -> None:
+        """See `Kind`."""
+        before = self.agents
+        super().look(faults)
+        self._orders.add(GO_ON, before - self.agents, "freeze ends")
+        self._orders.add(STOP, self.agents - before, self.name)
+
+    @property
+    def blind(self) -> frozenset[int]:
+        """See `Kind`."""
+        return self.agents
+
+
+STANDING = (0.0, 0.0)
+"""Velocity of a body at rest [m/s]."""
+
+
+@dataclass(frozen=True)
+class SlowSettings:
+    """The keys of actuator-slow."""
+
+    factor: float | None = key(None, "remaining share of the commanded speed", low=0, high=1)
+
+    def problems(self) -> list[Problem]:
+        """The factor must be given."""
+        return [Problem("factor", "nothing", "must be given")] if self.factor is None else []
+
+
+class Slow(Kind):
+    """The body moves at a share of the commanded speed; shares multiply."""
+
+    Settings = SlowSettings
+
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(name, scenario, orders)
+        self._factors: list[tuple[list[int], float]] = []
+
+    def look(self, faults: Sequence[ActiveFault]) -> None:
+        """See `Kind`."""
+        super().look(faults)
+        self._factors = [(sorted(fault.agents), fault.settings.factor) for fault in faults]
+
+    def drive(self, velocities_mps: Floats) -> None:
+        """See `Kind`."""
+        for agents, factor in self._factors:
+            velocities_mps[agents] *= factor
+
+
+class Stuck(Kind):
+    """The body keeps its velocity from the start of the fault and ignores commands."""
+
+    def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(name, scenario, orders)
+        self._kept_mps: dict[int, tuple[float, float]] = {}
+
+    def look(self, faults: Sequence[ActiveFault]) -> None:
+        """See `Kind`. A body stuck from the first step on never moves."""
+        super().look(faults)
+        self._kept_mps = {agent: kept for agent, kept in self._kept_mps.items() if agent in self.agents}
+        for fault in faults:
+            if fault.fault.begins(self._scenario.run.step_s) == 0:
+                self._kept_mps |= dict.fromkeys(fault.agents, STANDING)
+
+    def drive(self, velocities_mps: Floats) -> None:
+        """See `Kind`."""
+        for agent in self.agents - self._kept_mps.keys():
+            vx_mps, vy_mps = velocities_mps[agent].tolist()
+            self._kept_mps[agent] = vx_mps, vy_mps
+        velocities_mps[list(self._kept_mps)] = list(self._kept_mps.values())
+
+
+class RadioDead(Kind):
+    """The radio neither sends nor receives."""
+
+    @property
+    def deaf(self) -> frozenset[int]:
+        """See `Kind`."""
+        return self.agents
+
 
 FIRST_PHANTOM = MAX_ID
 """Phantoms are numbered downwards from here, events upwards from 0, before both get opaque ids."""
