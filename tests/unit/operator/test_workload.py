@@ -157,6 +157,32 @@ def test_what_the_fabric_loses_behind_the_uplink_is_found() -> None:
     assert meter.totals["per_sender"]["world"] == {"messages": 0, "lost": 2, "rejected": 2}
 
 
+@pytest.mark.parametrize(
+    ("window_s", "step_s", "steps"), [(1.0, 0.6, 2), (60.0, 0.7, 86), (60.0, 0.9, 67), (1.0, 0.3, 3), (1.0, 4.0, 1)]
+)
+def test_a_window_is_the_nearest_whole_number_of_steps(window_s: float, step_s: float, steps: int) -> None:
+    """At least one."""
+    assert SlidingRate(window_s, step_s).steps == steps
+
+
+@pytest.mark.parametrize(("sequences", "lost"), [((0, 1, 2), 0), ((0, 2), 1), ((1,), 1), ((0, 2, 1), 1), ((0, 5), 4)])
+def test_a_gap_in_the_worlds_sequence_is_a_loss(sequences: tuple[int, ...], lost: int) -> None:
+    """Also of a single report, and of the first."""
+    meter = a_meter()
+    for sequence in sequences:
+        hand_on(meter, sequence, encode_report(report(1, sequence, 0)))
+    assert (close(meter, 0).lost, meter.totals["lost"]) == (lost, lost)
+
+
+def test_a_step_never_has_fewer_than_no_losses() -> None:
+    """If more arrived late than was lost in it; the sum over the run is right nonetheless."""
+    meter = a_meter()
+    meter.lose(1, 5)
+    assert close(meter, 0).lost == 5
+    meter.lose(1, -3)
+    assert (close(meter, 1).lost, meter.totals["lost"]) == (0, 2)
+
+
 @given(strange(REPORT))
 def test_no_bytes_break_the_meter(data: bytes) -> None:
     """It counts or rejects whatever comes."""

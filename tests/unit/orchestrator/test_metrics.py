@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
     SENSED,
@@ -165,6 +166,37 @@ def test_digests_of_arrivals_do_not_depend_on_what_became_of_them() -> None:
     assert arrival_digests([events[0], events[1]._replace(arrived_s=1.6)]) != (times, places)
     moved = arrival_digests([events[0], events[1]._replace(x_m=9.0)])
     assert (moved[0] == times, moved[1] == places) == (True, False)
+
+
+def test_digests_of_arrivals_are_those_of_earlier_versions() -> None:
+    """In the order of arrival, and of their numbers if events arrive together: as `b2sum -l 64` of the lists."""
+    outcome = whole()
+    together = [event(2, 0.5, None)._replace(x_m=3.0), event(1, 0.5, None), event(0, 1.5, None)._replace(y_m=4.0)]
+    for outcome.events in (together, together[::-1]):
+        found = metrics(outcome, a_scenario())["arrivals"]
+        assert (found["times"], found["places"]) == ("c23c9664c7e9e89b", "3540434fd1165efe")
+
+
+def test_what_broke_the_protocol_or_was_lost_counts_on_both_sides() -> None:
+    """What the world noticed and what the operator did."""
+    outcome = whole(rejected=[0, 1, 0, 0, 4, 0], transport_lost=[2, 0, 0, 0, 0, 1])
+    outcome.workloads = [workload(step, rejected=step, lost=10 * step) for step in range(3)]
+    found = metrics(outcome, a_scenario())
+    assert (found["samples_rejected"], found["transport_lost"]) == (5 + 3, 3 + 30)
+
+
+def test_a_series_says_what_its_numbers_are() -> None:
+    """Those of rates are per step, and are shown per second."""
+    kinds = {metric.over.column: metric.over.kind for metric in METRICS if metric.over}
+    assert {column: kind for column, kind in kinds.items() if kind != "per step"} == {
+        "operator_messages": "rate",
+        "frames_sent": "rate",
+        "frames_received": "rate",
+        "never_sensed": "count",
+        "completed": "count",
+        "waiting_time_s": "per event",
+        "completion_time_s": "per event",
+    }
 
 
 Row = dict[str, float]

@@ -17,14 +17,15 @@ from numpy import arange
 
 from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.processes.launch import Swarm
-from deltaswarm_orchestrator.processes.process import Part
+from deltaswarm_orchestrator.processes.process import Part, RunPart
+from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.run import watch
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.truth import Truth
-from deltaswarm_wire.exits import WORLD_LOST
+from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS
@@ -187,6 +188,137 @@ def test_a_part_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_
     Watch(cast(Any, swarm), cast(Any, observer), REPORTER, Stop(), PATIENCE_S).watch_to_the_end()
     assert len(stopped) == stops
     assert started == [True] * (role == OPERATOR)
+
+
+class EndedPart(RunPart):
+    """A part that has ended, or has not."""
+
+    exit_code: int | None = None
+
+
+Death = tuple[str, int, int]
+"""A part's role, its number and its exit code."""
+
+
+class Watched:
+    """A watch over a swarm in which parts end while it looks; the world ends in the look after the last."""
+
+    def __init__(self, folder: Path, looks: Sequence[tuple[int, Sequence[Death]]], phase: str = "stepping") -> None:
+        self.did: list[str] = []
+        """What the watch did to the swarm."""
+        self._folder, self._looks, self._phase = folder, iter(looks), phase
+        self._parts = [self._part(WORLD), self._part(OPERATOR)]
+        self._observer = an_observer(work=self._look, status=None, newest_step=-1)
+        swarm = a_swarm(
+            station=object(),
+            part=self._newest,
+            ended=lambda: [part for part in self._parts if part.exit_code is not None],
+            stop_world=lambda: self.did.append("stop the world"),
+            start_operator=lambda publish_all, is_restart: self._start(OPERATOR),
+            start_station=lambda: self._start(STATION),
+            give_up_station=lambda: self.did.append("give up the station"),
+        )
+        self.watch = Watch(cast(Any, swarm), cast(Any, self._observer), REPORTER, Stop(), PATIENCE_S)
+        self.watch.watch_to_the_end()
+
+    @property
+    def why(self) -> list[str]:
+        """The reasons, without what a disk has free; a part that the world must place in time as its name."""
+        return [one.name if isinstance(one, RunPart) else one.partition(":")[0] for one in self.watch.why]
+
+    def _part(self, role: str, number: int = 0, code: int | None = None) -> EndedPart:
+        part = EndedPart(role, number, self._folder / "logs" / "part.log")
+        part.exit_code = code
+        part.ends_as_planned = number == PLANNED
+        return part
+
+    def _newest(self, role: str) -> EndedPart:
+        return next(part for part in reversed(self._parts) if part.role == role)
+
+    def _start(self, role: str) -> None:
+        self.did.append(f"start the {role}")
+        self._parts.append(self._part(role))
+
+    def _look(self, within_s: float) -> bool:
+        step, deaths = next(self._looks, (self._observer.newest_step, None))
+        self._observer.status, self._observer.newest_step = SimpleNamespace(phase=self._phase, step=step), step
+        self._parts += [self._part(*death) for death in deaths or ()]
+        if deaths is None:
+            self._newest(WORLD).exit_code = 0
+            if self._newest(OPERATOR).exit_code is None:
+                self._newest(OPERATOR).exit_code = 0
+        return False
+
+
+PLANNED = 99
+
+
+@pytest.mark.parametrize(
+    ("looks", "why", "logs"),
+    [
+        ([(7, [(AGENT, 3, 1)])], ["agent 3"], {"agent 3"}),
+        ([(7, [(AGENT, PLANNED, 1), (AGENT, 4, 0)])], [], set()),
+        ([(7, [(AGENT, 3, NO_ROOM), (AGENT, 4, 1)])], ["agent 3", "agent 4"], {"agent 4"}),
+        ([(7, [(AGENT, 3, NO_ROOM), (AGENT, 4, NO_ROOM)])], ["agent 3"], set()),
+        ([(7, [(AGENT, 3, NO_ROOM)]), (8, [(AGENT, 4, NO_ROOM)])], ["agent 3"], set()),
+        ([(7, [(AGENT, 3, LIMIT_REACHED)])], ["agent 3"], set()),
+    ],
+    ids=["failed", "as planned", "full disk", "full disk at once", "full disk one after the other", "limit"],
+)
+def test_an_agent_that_failed_is_named_once(
+    looks: list[tuple[int, list[Death]]], why: list[str], logs: set[str], tmp_path: Path
+) -> None:
+    """With the end of its log, unless its line tells the cause; a full disk has one line."""
+    watched = Watched(tmp_path, looks)
+    assert (watched.why, set(watched.watch.logs)) == (why, logs)
+    assert watched.did == []
+
+
+def test_an_agent_that_failed_before_the_first_step_has_a_line_without_one(tmp_path: Path) -> None:
+    """And the world need not wait for it."""
+    watched = Watched(tmp_path, [(-1, [(AGENT, 3, 1)]), (-1, [])], phase="waiting")
+    assert (watched.why, watched.did) == (["agent 3 ended with exit code 1"], ["stop the world"])
+
+
+OPERATOR_DIES = [(OPERATOR, 0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("steps", "restarts"),
+    [
+        ([7], 1),
+        ([7, 7, 7], 3),
+        ([7, 7, 7, 7], 3),
+        ([7, 8, 9, 10, 11, 12], 6),
+        ([7, 7, 7, 8, 8, 8], 6),
+        ([7, 7, 7, 8, 8, 8, 8], 6),
+        ([-1, -1], 2),
+        ([-1, -1, -1], 2),
+    ],
+)
+def test_an_operator_is_started_again_while_that_helps(steps: list[int], restarts: int, tmp_path: Path) -> None:
+    """Three times without a new step; then the run ends."""
+    watched = Watched(tmp_path, [(step, OPERATOR_DIES) for step in steps])
+    gave_up = restarts < len(steps)
+    assert watched.did == ["start the operator"] * restarts + ["stop the world"] * gave_up
+    assert watched.watch.operator_restarts == restarts
+    assert set(watched.watch.logs) == ({"operator"} if gave_up else set())
+
+
+def test_an_operator_without_room_is_not_started_again(tmp_path: Path) -> None:
+    """It would find none either."""
+    watched = Watched(tmp_path, [(7, [(OPERATOR, 0, NO_ROOM)])])
+    assert (watched.did, watched.watch.operator_restarts) == (["stop the world"], 0)
+    assert watched.why == [f"operator could not write into {tmp_path}"]
+    assert watched.watch.logs == {}
+
+
+@pytest.mark.parametrize(("deaths", "gives_up"), [(1, False), (5, False), (6, True)])
+def test_a_station_is_started_again_five_times(deaths: int, gives_up: bool, tmp_path: Path) -> None:
+    """Then the run goes on without it."""
+    watched = Watched(tmp_path, [(step, [(STATION, 0, 1)]) for step in range(deaths)])
+    assert watched.did == ["start the station"] * min(deaths, 5) + ["give up the station"] * gives_up
+    assert watched.why[deaths:] == ["the station is not started again after 5 times"] * gives_up
 
 
 STEP_TAKES_S = 0.01
