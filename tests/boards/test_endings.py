@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 
 from tests.support.fields import EVENT_AT, Boards, board_table, boards, endpoint, free_port
 from tests.support.swarms import PATIENCE_S, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -128,7 +129,7 @@ def test_systemd_hears_no_more_of_a_body_that_hangs(tmp_path: Path) -> None:
         assert len(heard) <= 1, heard
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))
 def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) -> None:
     """Also that of a terminal that is closed."""
     with boards(tmp_path) as running:

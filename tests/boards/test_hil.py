@@ -20,6 +20,7 @@ from tests.support.complaints import Printed, names
 from tests.support.fields import boards
 from tests.support.loops import loop, mode
 from tests.support.swarms import PATIENCE_S, run, running, wait_until
+from tests.support.tiers import first_of
 
 BOARDS = (4, 5)
 """The last two of the scenario `smoke`."""
@@ -70,7 +71,7 @@ def test_systemd_is_told_and_its_log_is_kept(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
 def test_a_board_that_waits_for_a_mute_world_can_be_stopped(number: signal.Signals, tmp_path: Path) -> None:
     """Whoever takes its connection and says nothing keeps it from nothing."""
     with socket.create_server(("127.0.0.1", 0)) as mute, boards(tmp_path) as started:

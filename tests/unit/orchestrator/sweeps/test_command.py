@@ -14,6 +14,7 @@ import pytest
 from deltaswarm_orchestrator.cli import main
 from tests.support.swarms import heeds, wait_until
 from tests.support.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, written
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -26,7 +27,7 @@ def table(out: Path) -> bytes:
     return (out / "table.csv").read_bytes()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
 def test_a_signal_ends_a_sweep_in_order(tmp_path: Path, number: signal.Signals) -> None:
     """Soon, with exit code 130: the table has what is finished, the rest is said to be missing, no process is left."""
     file = written(tmp_path, duration_s=200.0, repeats=1000)
@@ -69,7 +70,7 @@ def test_a_terminals_ctrl_c_while_workers_start(tmp_path: Path, engine: str, wor
         all_gone(running.mark)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_of([signal.SIGTERM, signal.SIGHUP]))
 def test_a_signal_ends_a_sweep_in_order_before_its_first_run_too(tmp_path: Path, number: signal.Signals) -> None:
     """From when it handles signals on, to when its workers start: exit code 130 and one line."""
     for _ in range(3):
