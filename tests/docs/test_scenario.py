@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from docs.extensions import page_messages
+from docs.extensions import architecture, page_messages
 from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
@@ -32,3 +32,13 @@ def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:
 def test_the_page_of_commands_is_up_to_date() -> None:
     """docs/COMMANDS.md has the usage and every option of every command, whatever the terminal."""
     assert (DOCS / "COMMANDS.md").read_text() == commands()
+
+
+def test_the_lists_of_packages_and_files_are_up_to_date() -> None:
+    """docs/ARCHITECTURE.md has every file of every package, with what its first line says."""
+    page = (DOCS / "ARCHITECTURE.md").read_text()
+    assert page == architecture.with_lists(page)
+    rooms = architecture.CORE | architecture.EXTENSIONS
+    files = {file.name for name, folder in rooms.items() for file in (DOCS.parent / folder / name).rglob("*.py")}
+    assert len(files) > 100
+    assert not {name for name in files - {"__init__.py"} if f"| `{name}` | " not in page}

@@ -1,4 +1,4 @@
-"""Engines that do the runs of a sweep: here, processes on this machine; in `cluster.py`, a Dask cluster."""
+"""Engines that do the runs of a sweep: processes on this machine, or what an extension adds."""
 
 import contextlib
 import multiprocessing
