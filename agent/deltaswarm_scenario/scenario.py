@@ -12,11 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_scenario.density import DensitySettings, density_problems, room_problems
-from deltaswarm_scenario.downlink import CommandSettings, DownlinkSettings, downlink_problems
 from deltaswarm_scenario.fault import FaultSettings, fault_problems
+from deltaswarm_scenario.operator_links import (
+    CommandSettings,
+    DownlinkSettings,
+    UplinkSettings,
+    downlink_problems,
+    uplink_problems,
+)
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
 from deltaswarm_scenario.radio import RadioSettings, radio_problems
-from deltaswarm_scenario.uplink import UplinkSettings, uplink_problems
 from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID, CommandForm

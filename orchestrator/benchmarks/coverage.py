@@ -9,7 +9,7 @@ import numpy as np
 
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
 

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from deltaswarm_scenario.autonomy import ISA_ANSWER, AutonomySettings
-from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
+from deltaswarm_scenario.operator_settings import DELTA, ISA_ANSWER, SET_DELTA, AutonomySettings, Briefing
 from deltaswarm_wire.commands import named
 
 

@@ -17,8 +17,8 @@ from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
-from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.isa import ISA
+from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
 from deltaswarm_scenario.radio import Place
 from deltaswarm_scenario.techniques import ProbeSettings

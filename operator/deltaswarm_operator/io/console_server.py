@@ -14,7 +14,7 @@ from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.markers import Markers
-from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, Message, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON, OperatorAction
 from deltaswarm_wire.commands import Pace, Turn

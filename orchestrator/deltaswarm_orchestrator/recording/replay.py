@@ -11,8 +11,8 @@ import msgpack
 
 from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
-from deltaswarm_scenario.autonomy import AutonomySettings
-from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.operator_links import FIRST_STEP
+from deltaswarm_scenario.operator_settings import AutonomySettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of

@@ -12,9 +12,8 @@ from typing import Any
 
 import tomli_w
 
-from deltaswarm_scenario.autonomy import OPERATOR, SWARM
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
-from deltaswarm_scenario.operator_settings import NO_ORDERS, SET_DELTA
+from deltaswarm_scenario.operator_settings import NO_ORDERS, OPERATOR, SET_DELTA, SWARM
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario

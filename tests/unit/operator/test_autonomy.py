@@ -12,7 +12,7 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_scenario.autonomy import ISA_ANSWER, SYSTEM, AutonomySettings
+from deltaswarm_scenario.operator_settings import ISA_ANSWER, SYSTEM, AutonomySettings
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import ArgumentForm, CommandForm, Turn, decode_command
 from deltaswarm_wire.operator_messages import Clock, Workload

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_scenario.uplink import LEAST_REPORT_BYTES, UplinkSettings
+from deltaswarm_scenario.operator_links import LEAST_REPORT_BYTES, UplinkSettings
 from deltaswarm_wire.access import world_rules
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.keys import Keys

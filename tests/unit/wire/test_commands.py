@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import commands as wire
 from deltaswarm_wire.checked import check

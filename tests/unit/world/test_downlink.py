@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.commands import MAX_IN_TURN, Pace, Turn, decode_command, decode_relayed

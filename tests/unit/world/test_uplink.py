@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.operator_links import LEAST_REPORT_BYTES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import UPLINK_REASONS
-from deltaswarm_scenario.uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Act, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report

@@ -8,7 +8,7 @@ begins next, which is logged, so that a script can repeat the run.
 from collections import deque
 from typing import Any
 
-from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_wire.commands import MAX_IN_TURN, Signed, Turn, decode_command
 from deltaswarm_wire.saved import Saved
 

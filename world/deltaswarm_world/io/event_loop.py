@@ -146,17 +146,18 @@ class EventLoop:
         """Publish how far the run is."""
         self._phase = phase
         self.status_due = time.monotonic() + STATUS_EVERY_S
-        core = self._core
+        core, step = self._core, max(step, 0)
+        ready = sum(role == AGENT for role, _ in self.tokens)
         self._transport.status(
             Status(
-                max(step, 0),
-                self._settings.steps,
-                max(step, 0) * self._settings.step_s,
-                len(core.participants.present) if phase != "waiting" else sum(role == AGENT for role, _ in self.tokens),
-                core.agents_in_trees,
-                core.environment.mean_waiting_s(),
-                len(core.environment.active),
-                core.environment.completed,
-                phase,
+                step=step,
+                steps=self._settings.steps,
+                time_s=step * self._settings.step_s,
+                agents_alive=ready if phase == "waiting" else len(core.participants.present),
+                agents_in_trees=core.agents_in_trees,
+                mean_waiting_s=core.environment.mean_waiting_s(),
+                events_open=len(core.environment.active),
+                events_completed=core.environment.completed,
+                phase=phase,
             )
         )

@@ -164,7 +164,14 @@ class WorldProcess:
             return
         saving.save(
             self._config.out,
-            SavedWorld(self._core, self._backoff, self._restarts, output.sync(), output.wall_s, self._overruns),
+            SavedWorld(
+                core=self._core,
+                backoff=self._backoff,
+                restarts=self._restarts,
+                table_bytes=output.sync(),
+                wall_s=output.wall_s,
+                overruns=self._overruns,
+            ),
         )
 
     def _is_probe_due(self, last: bool) -> bool:

@@ -78,7 +78,8 @@ class Faults:
         until_s = None if end is None else end * self._step_s
         head = {"fault": index, "kind": fault.kind, "step": step, "at_s": step * self._step_s}
         self.log.append({**head, "until_s": until_s, "agents": sorted(targets)})
-        active = ActiveFault(index, fault, fault.own(), targets, end, generator(self._seed, FAULT_STREAM, index, 1))
+        rng = generator(self._seed, FAULT_STREAM, index, 1)
+        active = ActiveFault(index=index, fault=fault, settings=fault.own(), agents=targets, end=end, rng=rng)
         if kind.begin(active, living, f"{fault.kind} of {_whom(fault)}"):
             self._active.append(active)
         if kind.kills:
