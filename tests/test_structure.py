@@ -15,7 +15,7 @@ import pytest
 from deltaswarm_agent.controllers import potential
 from deltaswarm_agent.controllers.central import controller as central_settings
 from deltaswarm_agent.controllers.paper import settings as paper_settings
-from deltaswarm_scenario import density, downlink, fault, operator_settings, page_language, radio, scenario, uplink
+from deltaswarm_scenario import density, fault, operator_links, operator_settings, page_language, radio, scenario
 from deltaswarm_wire import obstacles
 from deltaswarm_wire import settings as agent_settings
 from deltaswarm_wire.plugins import FAULTS, find
@@ -90,7 +90,7 @@ def test_files_are_short(folder: str) -> None:
 SETTINGS: list[Any] = [
     found
     for module in (
-        *(agent_settings, obstacles, scenario, density, downlink, fault, operator_settings, radio, uplink),
+        *(agent_settings, obstacles, scenario, density, fault, operator_links, operator_settings, radio),
         *(page_language, paper_settings, central_settings, potential),
     )
     for found in vars(module).values()
