@@ -3,13 +3,8 @@
 Build the site from the repository root: `sphinx-build -c docs . build/site`.
 """
 
-import sys
-from pathlib import Path
-
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
-
-sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 from deltaswarm_wire import __version__
 
@@ -19,10 +14,7 @@ release = __version__
 
 extensions = [
     "myst_parser",
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
     "sphinxcontrib.mermaid",
-    "settings_doc",
 ]
 root_doc = "docs/index"
 include_patterns = [
@@ -37,19 +29,6 @@ exclude_patterns = [".*", "**/.*", "**/__pycache__", "build", "runs", "sweeps", 
 # MyST: headings are link targets, as on a forge; a fence named mermaid is a diagram.
 myst_heading_anchors = 3
 myst_fence_as_directive = ["mermaid"]
-
-# Docstrings: a name in single backticks is code.
-default_role = "code"
-napoleon_use_ivar = True
-autodoc_member_order = "bysource"
-autodoc_typehints_format = "short"
-
-# With -n a reference that leads nowhere is a warning. These are the names of other projects, and what is private.
-nitpick_ignore_regex = [
-    ("py:.*", r"(?!deltaswarm_).*"),
-    ("py:.*", r"deltaswarm_wire\.checked\.T"),
-    ("py:.*", r"deltaswarm_scenario\.truth\..*"),
-]
 
 html_theme = "furo"
 html_title = f"deltaswarm {release}"

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from docs.extensions import architecture, page_messages
+import pytest
+from docs.extensions import api, architecture, page_messages
 from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
@@ -42,3 +43,26 @@ def test_the_lists_of_packages_and_files_are_up_to_date() -> None:
     files = {file.name for name, folder in rooms.items() for file in (DOCS.parent / folder / name).rglob("*.py")}
     assert len(files) > 100
     assert not {name for name in files - {"__init__.py"} if f"| `{name}` | " not in page}
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "api").glob("*.md")), ids=lambda page: page.stem)
+def test_the_pages_of_the_api_are_up_to_date(page: Path) -> None:
+    """docs/api/ has every public name of its modules, with signature, fields and docstring."""
+    assert page.read_text() == api.with_modules(page.read_text())
+
+
+@pytest.mark.parametrize(
+    ("page", "lines"),
+    [
+        ("controller", ["class Percept(NamedTuple):", "class Decision(NamedTuple):"]),
+        ("body", ["    def sense(self, time_s: float) -> Sensed:"]),
+        ("messages", ["class Frame(NamedTuple):"]),
+        ("settings", ["class Scenario:", "class RadioSettings:", '"sensing range for events [m]"']),
+        ("stats", ["def contrast("]),
+        ("studies", ["def load_study("]),
+    ],
+)
+def test_the_api_has_what_code_of_others_imports(page: str, lines: list[str]) -> None:
+    """Percepts, bodies, messages, settings, statistics and studies."""
+    text = (DOCS / "api" / f"{page}.md").read_text()
+    assert [line for line in lines if line not in text] == []
