@@ -1,4 +1,4 @@
-"""The radio's settings: what does not fit together is one clear message each, before anything starts."""
+"""Settings of the radio and of the uplink: off by default, and each mistake is one clear message."""
 
 from pathlib import Path
 from typing import Any
@@ -8,16 +8,20 @@ from docs.extensions.scenario_keys import reference
 from hypothesis import given
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_scenario.operator_links import LEAST_REPORT_BYTES, UplinkSettings
 from deltaswarm_scenario.radio import LEAST_FRAME_BYTES, RadioSettings
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.access import world_rules
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.envelope import Sample, encode_sample
+from deltaswarm_wire.keys import Keys
+from deltaswarm_wire.operator_messages import Report, encode_report
 from tests.support.airs import EVERYTHING, radios
 from tests.support.complaints import mistakes
 
 
 @pytest.mark.parametrize(
-    ("radio", "said"),
+    ("table", "said"),
     [
         ({"loss": -0.1}, ("radio.loss", "-0.1")),
         ({"duplication": 1.5}, ("radio.duplication", "1.5")),
@@ -56,11 +60,24 @@ from tests.support.complaints import mistakes
         ),
         ({"jammer": []}, ("radio.jammer", "unknown key")),
         ({"walls": {}}, ("radio.walls", "{}")),
+        ({"loss": -0.1}, ("uplink.loss", "-0.1")),
+        ({"los": 0.1}, ("uplink.los", "unknown key")),
+        ({"latency_s": -1}, ("uplink.latency_s", "-1")),
+        ({"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}}, ("uplink.burst.p_bad_to_good", "0")),
+        ({"outages": [{"from_s": 9, "until_s": 3}]}, ("uplink.outages[0].until_s", "3")),
+        ({"base_m": [5, 5]}, ("uplink.range_m", "nothing")),
+        ({"range_m": 5}, ("uplink.range_m", "5")),
+        ({"relay": True}, ("uplink.relay", "true")),
+        ({"base_m": [5], "range_m": 5}, ("uplink.base_m", "[5]")),
+        ({"base_m": [5, 5], "range_m": 0}, ("uplink.range_m", "0")),
+        ({"base_m": [5, 100.5], "range_m": 5}, ("uplink.base_m", "[5.0, 100.5]")),
+        ({"bandwidth": {"receiver_bytes_per_s": 3, "queue_bytes": 5}}, ("uplink.bandwidth.receiver_bytes_per_s", "3")),
     ],
 )
-def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: tuple[str, str]) -> None:
+def test_a_mistake_gives_one_clear_message(table: dict[str, Any], said: tuple[str, str]) -> None:
     """It has the key's path and what was found."""
-    assert mistakes({"agents": {"count": 5}, "radio": radio}) == [said]
+    part = said[0].partition(".")[0]
+    assert mistakes({"agents": {"count": 5}, part: table}) == [said]
 
 
 @pytest.mark.parametrize(
@@ -108,3 +125,38 @@ def test_all_is_off_by_default() -> None:
     assert (radio.burst.is_on, radio.asymmetry.dead_share, radio.asymmetry.range_factor_low) == (False, 0, 1)
     assert (radio.loss, radio.latency_s, radio.jitter_s, radio.duplication, radio.contention_bytes_per_s) == (0,) * 5
     assert (radio.bandwidth.sender_bytes_per_s, radio.bandwidth.receiver_bytes_per_s) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    "uplink",
+    [
+        {"loss": 0.1},
+        {"burst": {"p_good_to_bad": 0.1}},
+        {"latency_s": 1},
+        {"jitter_s": 1},
+        {"bandwidth": {"sender_bytes_per_s": 100}},
+        {"bandwidth": {"receiver_bytes_per_s": 100}},
+        {"outages": [{"from_s": 3}]},
+        {"base_m": [0, 0], "range_m": 5, "relay": True},
+    ],
+)
+def test_any_piece_turns_the_uplink_on(uplink: dict[str, Any]) -> None:
+    """Without one it is off; and a table survives being written and read."""
+    made = load(UplinkSettings, uplink)
+    assert made.is_on
+    assert load(UplinkSettings, plain(made)) == made
+    assert not UplinkSettings().is_on
+
+
+def test_no_report_is_shorter_than_the_bound() -> None:
+    """The smallest one is as long."""
+    assert len(encode_report(Report(0, 0, 0, "root", 0.0, 0.0, 0, ()))) == LEAST_REPORT_BYTES
+
+
+def test_the_operator_hears_the_world_and_no_agent() -> None:
+    """And no agent may send as the world."""
+    keys = Keys("r")
+    rules = world_rules(keys, range(3))["rules"]
+    allowed = {rule["id"]: rule["key_exprs"] for rule in rules}
+    assert allowed["operator-receives"] == [keys.forwarded, keys.clock]
+    assert not any(keys.forwarded in exprs for name, exprs in allowed.items() if name.endswith("-sends"))

@@ -1,4 +1,4 @@
-"""The downlink, the operator's turns and its gate, without agents."""
+"""The downlink and the operator's turns, without agents and in a world."""
 
 import math
 from collections.abc import Sequence
@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.commands import MAX_IN_TURN, Pace, Turn, decode_command, decode_relayed
+from deltaswarm_wire.commands import BASE_ID, MAX_IN_TURN, Turn, decode_command, decode_relayed
 from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_POSES, decode_frame, encode_frame
 from deltaswarm_world.core.downlink import Downlink
-from deltaswarm_world.core.pace import StepGate
 from deltaswarm_world.core.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns
 from tests.support.commanding import a_command, sign
+from tests.support.worlds import Stage
 
 PLACES = np.array([[0.0, 0.0], [3.0, 4.0], [30.0, 40.0]])
 
@@ -219,66 +220,39 @@ def test_only_so_many_commands_may_wait() -> None:
     assert turns.accept(a_turn(6, 999)) is None
 
 
-class Clock:
-    """A wall's time that a test moves."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-        self.turns = Turns(LIVE)
-        self.gate = StepGate(self.turns, 0.5, lambda: self.now_s)
-
-    def steps_in(self, seconds: float, first: int) -> int:
-        """The step that comes next after so long, if each begins as soon as it may."""
-        until_s, step = self.now_s + seconds, first
-        while True:
-            while self.gate.may_begin(step) and step < first + 10_000:
-                self.gate.begin_step()
-                step += 1
-            wait_s = self.gate.wait_s(step)
-            assert wait_s is not None
-            if self.now_s + wait_s > until_s:
-                self.now_s = until_s
-                return step
-            self.now_s += max(wait_s, 1e-6)
-
-
-@pytest.mark.parametrize("speed", [0.5, 1, 7, 40])
-def test_steps_come_at_the_speed_that_was_asked_for(speed: float) -> None:
-    """So many simulated seconds in each of the wall's."""
-    clock = Clock()
-    clock.gate.set_pace(Pace(speed, -1))
-    assert clock.steps_in(20.0, 0) * 0.5 == pytest.approx(20 * speed, abs=1)
+@pytest.mark.parametrize("jitter_s", [0.0, 3.0])
+def test_a_crowded_agent_still_hears_the_base(jitter_s: float) -> None:
+    """Its frame stays within the limit of the link, also where frames of the base are delayed into one step."""
+    stage = Stage(120, downlink={"repeat_s": 1, "jitter_s": jitter_s}, radio={"range_m": 200})
+    stage.core.turns.mode = LIVE
+    many = tuple([sign(a_command(number, name="n" * 60, life_s=500)) for number in range(16)])
+    heard = 0
+    for step in range(30):
+        frames = stage.begin()
+        for frame in frames.values():
+            heard += sum(sender == BASE_ID for sender, _ in frame.heard)
+            full = frame._replace(poses=((0.5, 0.5),) * MAX_POSES)
+            assert decode_frame(encode_frame(full)).heard == frame.heard
+        if step > 0:
+            assert sum(len(data) for _, data in frames[0].heard) > FRAME_ROOM_BYTES - 2000
+        for agent in frames:
+            stage.say(agent, b"x" * 300)
+        stage.core.turns.accept(Turn(step, many if step == 1 else ()))
+        stage.end()
+    assert heard > 15 * 120
 
 
-def test_a_pause_holds_a_step_back_and_nothing_is_caught_up_after_it() -> None:
-    """However long it was; a step more is held again."""
-    clock = Clock()
-    clock.gate.set_pace(Pace(2.0, 6))
-    assert clock.steps_in(100.0, 0) == 6
-    assert clock.gate.wait_s(6) == math.inf
-    clock.gate.set_pace(Pace(2.0, 7))
-    assert clock.steps_in(100.0, 6) == 7
-    clock.gate.set_pace(Pace(2.0, -1))
-    assert clock.steps_in(10.0, 7) - 7 == pytest.approx(40, abs=2)
-
-
-def test_as_fast_as_possible_waits_for_nothing_but_turns() -> None:
-    """Where turns are awaited there is no time to wait, only a turn."""
-    clock = Clock()
-    assert clock.steps_in(0.0, 0) == 10_000
-    clock.turns.mode = AWAITED
-    assert clock.gate.wait_s(2) is None
-    assert not clock.gate.may_begin(2)
-    clock.turns.accept(a_turn(0))
-    assert clock.gate.may_begin(2)
-
-
-def test_another_speed_holds_from_the_next_step_on() -> None:
-    """Also from a very slow one."""
-    clock = Clock()
-    clock.gate.set_pace(Pace(1e-9, -1))
-    assert clock.gate.may_begin(0)
-    clock.gate.begin_step()
-    assert not clock.gate.may_begin(1)
-    clock.gate.set_pace(Pace(0.0, -1))
-    assert clock.gate.may_begin(1)
+def test_what_the_base_says_is_in_the_digest_and_not_in_the_books_of_frames() -> None:
+    """Two worlds whose agents hear different commands differ, though all else is the same."""
+    digests = []
+    for number in (1, 2):
+        stage = Stage(3)
+        stage.core.turns.mode = LIVE
+        stage.core.turns.accept(Turn(0, (sign(a_command(number)),)))
+        for _ in range(4):
+            stage.begin()
+            record = stage.end()
+            assert record.frames_sent == record.frames_received == 0
+        digests.append(stage.core.digest.hex())
+        assert stage.core.totals(complete=True)["downlink"]["frames_heard"] == 3
+    assert digests[0] != digests[1]

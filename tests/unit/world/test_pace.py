@@ -1,4 +1,4 @@
-"""The pace of clock `realtime`, and the gate of the operator's pace, driven by a clock of the test's own."""
+"""When steps begin and end: by `realtime`, the operator's pace and late agents, on a clock of the test's own."""
 
 import math
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.commands import Pace, Turn
-from deltaswarm_world.core.pace import RealTimePace, StepGate
+from deltaswarm_world.core.pace import FORGIVEN_STEPS, RealTimePace, StepGate, TimeoutBackoff
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 
 TICK_S = 0.25
@@ -166,6 +166,29 @@ def test_without_a_pace_every_step_may_begin_at_once() -> None:
     assert stage.gate.wait_s(2) == 0.25
 
 
+@pytest.mark.parametrize("speed", [0.5, 1, 7, 40])
+def test_steps_come_at_the_speed_that_was_asked_for(speed: float) -> None:
+    """In 20 s of the wall clock, if each step of 1 s begins as soon as it may."""
+    stage, step = Gate(speed=speed), 1
+    while stage.now_s < 120.0:
+        left_s = stage.gate.wait_s(step)
+        assert left_s is not None
+        if left_s:
+            stage.now_s += left_s
+        else:
+            stage.gate.begin_step()
+            step += 1
+    assert step == pytest.approx(20 * speed, abs=2)
+
+
+def test_another_speed_holds_from_the_next_step_on() -> None:
+    """Also after a very slow one."""
+    stage = Gate(speed=1e-9)
+    assert not stage.gate.may_begin(1)
+    stage.gate.set_pace(Pace(0.0, -1))
+    assert stage.gate.may_begin(1)
+
+
 def test_the_operator_holds_a_step_and_all_after_it() -> None:
     """Until it says otherwise; the world has nothing to wait for but that."""
     stage = Gate()
@@ -190,3 +213,46 @@ def test_a_step_waits_for_the_turn_of_the_step_before_the_last() -> None:
     assert not stage.gate.may_begin(3)
     stage.now_s = 100.25
     assert (stage.gate.may_begin(2), stage.gate.wait_s(2)) == (False, 0.25)
+
+
+def test_an_agent_that_is_late_again_and_again_costs_little() -> None:
+    """Nine thousand steps in which it misses each: less than a minute; and a single miss is forgotten."""
+    backoff = TimeoutBackoff(5.0)
+    waited_s = 0.0
+    for step in range(9000):
+        waited_s += backoff.left_s(0, step)
+        backoff.missed(0, step)
+    assert 10.0 <= waited_s < 60.0
+    assert backoff.left_s(1, 9000) == 5.0
+    once = TimeoutBackoff(5.0)
+    once.missed(0, 10)
+    assert [once.left_s(0, step) for step in (11, 10 + FORGIVEN_STEPS)] == [2.5, 5.0]
+
+
+def test_each_miss_is_forgiven_after_its_time() -> None:
+    """One after so many steps from the first, the next after as many more; later misses put it off no longer."""
+    backoff = TimeoutBackoff(8.0)
+    for step in (100, 200, 300):
+        backoff.missed(0, step)
+    first = 100 + FORGIVEN_STEPS
+    due = [first - 1, first, first + FORGIVEN_STEPS - 1, first + FORGIVEN_STEPS]
+    assert [backoff.left_s(0, step) for step in due] == [1.0, 2.0, 2.0, 4.0]
+    assert backoff.left_s(0, first + 2 * FORGIVEN_STEPS) == 8.0
+    backoff.missed(0, first + 2 * FORGIVEN_STEPS)
+    assert backoff.left_s(0, first + 3 * FORGIVEN_STEPS - 1) == 4.0, "it counts from the new miss"
+    for step in (0, 10):
+        backoff.missed(1, step)
+    assert backoff.left_s(1, 2 * FORGIVEN_STEPS) == 8.0, "all that are due, though nobody asked meanwhile"
+
+
+def test_a_step_waits_by_the_agents_that_it_waits_for() -> None:
+    """From the shortest to the longest time of those; the misses of others are no matter."""
+    backoff = TimeoutBackoff(8.0)
+    assert backoff.with_any([0, 1], 0) == (8.0, 8.0)
+    backoff.missed(0, 0)
+    backoff.missed(0, 1)
+    backoff.missed(2, 1)
+    assert backoff.with_any([0, 1], 2) == (2.0, 8.0)
+    assert backoff.with_any([0, 2], 2) == (2.0, 4.0)
+    assert backoff.with_any([1], 2) == (8.0, 8.0)
+    assert backoff.with_any([], 2) == (8.0, 8.0)

@@ -1,6 +1,9 @@
-"""The air as a whole: a reason for every frame that is not heard, and nothing lost from the books."""
+"""The air as a whole: its models in order, a reason for every frame that is not heard, and exact books."""
 
 import math
+import re
+from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,10 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DROP_REASONS
+from deltaswarm_wire.plugins import RADIO_MODELS
+from deltaswarm_world.core.air.channel.model import models_of
+from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.air.radio import Reception
 from deltaswarm_world.core.arrays import Floats
-from tests.support.airs import Stage, radios
+from tests.support.airs import EVERYTHING, Stage, radios
 
 RANGE_M = 10.0
 
@@ -258,3 +266,60 @@ def test_a_narrow_end_is_late_and_a_full_queue_drops(end: str, step_s: float) ->
         dropped += sum(carried.dropped.values())
     assert (heard, heard + dropped + stage.air.under_way) == (50, 100)
     assert stage.air.under_way == 3
+
+
+def test_a_model_is_built_only_where_the_scenario_asks_for_it() -> None:
+    """None by default; all of them, in the order of the table, where every model is on."""
+    assert models_of(Scenario(), RangeDisc(9.0)) == []
+    models = models_of(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0))
+    assert [model.reason for model in models] == list(RADIO_MODELS.shipped)
+
+
+def test_no_stream_of_chance_is_used_twice() -> None:
+    """Two uses of one number would draw the same values."""
+    sources = [path.read_text() for path in (Path(__file__).parents[3] / "world").rglob("*.py")]
+    assigned = [
+        stream
+        for source in sources
+        for numbers in re.findall(r"^(?:[A-Z_, ]+_STREAM|    stream) = ([\d, ]+)$", source, re.MULTILINE)
+        for stream in numbers.split(", ")
+    ]
+    assert len(assigned) > 15
+    assert len(assigned) == len(set(assigned))
+
+
+AGENTS = 3
+
+
+@given(radios, st.integers(0, 2**32))
+def test_over_all_links_the_outcomes_are_the_books(table: dict[str, Any], seed: int) -> None:
+    """As many delivered, dropped for each reason and under way as the air counts in that step."""
+    outcomes, carried, under_way = Counter[str](), None, set()
+    for sender, receiver in ((a, b) for a in range(AGENTS) for b in range(AGENTS) if a != b):
+        rng = np.random.default_rng(seed)
+        plain, stage = (Stage(rng.random((AGENTS, 2)) * 40, **{"range_m": 30.0, **table}) for _ in range(2))
+        stage.positions_m = plain.positions_m
+        for _ in range(12):
+            speaking = [agent for agent in range(AGENTS) if rng.random() < 0.7]
+            there = [bool(rng.random() < 0.8) for _ in range(AGENTS)]
+            carried, asked = (one.carry(speaking, there) for one in (plain, stage))
+            assert (asked.links, asked.dropped, asked.heard) == (carried.links, carried.dropped, carried.heard)
+            stage.air.explain(sender, receiver, [True] * AGENTS)
+            stage.air.outcomes(sender, receiver)
+        under_way.add(plain.air.under_way)
+        outcomes.update(outcome.split(",")[0] for outcome in stage.air.outcomes(sender, receiver))
+    assert carried is not None
+    assert outcomes.pop("delivered", 0) == len(carried.links)
+    for reason, count in carried.dropped.items():
+        assert outcomes.pop(f"dropped: {reason}") == count
+    assert {sum(outcomes.values())} == under_way
+
+
+def test_a_sender_with_a_dead_radio_is_named() -> None:
+    """Its frame is dropped before it meets anything."""
+    stage = Stage([[0, 0], [1, 0]])
+    carried = stage.air.carry(0, 0.0, {0: b"frame"}, stage.positions_m, [True, True], mute={0})
+    assert carried.dropped == {"dead": 1}
+    [outcome] = stage.air.outcomes(0, 1)
+    assert outcome.startswith("dropped: dead")
+    assert "sender" in outcome

@@ -1,4 +1,4 @@
-"""Nearness: the same pairs whether each is compared or a strip of the arena is searched."""
+"""Neighbours: the same pairs whether each is compared or a strip of the arena is searched."""
 
 import numpy as np
 import pytest

@@ -1,22 +1,28 @@
-"""A run's last steps, while parts are killed, leave or fall far behind: no step is lost."""
+"""The world's process: no step is lost at the end of a run, what it is told is bounded, and its tables stay."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
+from deltaswarm_wire.checked import load
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink
+from deltaswarm_world.core.participants import MAX_RETURNS, Participants
 from deltaswarm_world.core.retransmit_buffer import ClosedStep
-from deltaswarm_world.io.files import WorldOutput
+from deltaswarm_world.core.world import WorldCore
+from deltaswarm_world.io.files import EVENTS_SO_FAR, WorldOutput
 from deltaswarm_world.io.process import WorldProcess
 from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.transport import Transport
-from deltaswarm_world.io.wakeup import ControlQueue, Persisted, Token, Wakeup
+from deltaswarm_world.io.wakeup import ControlInput, ControlQueue, Persisted, Token, Wakeup
 
 LAST = 3
 AGENTS = [Token(AGENT, agent, True) for agent in range(6)]
@@ -184,3 +190,45 @@ def test_who_saved_another_step_completes_no_checkpoint(late: str, tmp_path: Pat
         world._save(LAST, output)
     assert newest.exists()
     assert too_early == [False, False]
+
+
+TOKENS = st.builds(Token, st.sampled_from([AGENT, OPERATOR]), st.integers(0, 2), st.booleans())
+
+
+@given(st.lists(TOKENS | st.builds(Persisted, st.just(OPERATOR), st.integers(0, 9))))
+def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: list[ControlInput]) -> None:
+    queue = ControlQueue()
+    for news in told:
+        queue.put(news)
+    taken = list(queue.drain())
+    assert not list(queue.drain())
+
+    def of(agent: int, found: list[ControlInput]) -> list[ControlInput]:
+        return [news for news in found if isinstance(news, Token) and (news.role, news.number) == (AGENT, agent)]
+
+    agents = [news for agent in range(3) for news in of(agent, told)]
+    assert [news for news in taken if news not in agents] == [news for news in told if news not in agents]
+    for agent in range(3):
+        assert of(agent, taken) == of(agent, told)[-2:]
+
+
+def test_who_comes_and_goes_without_end_is_taken_back_only_so_often() -> None:
+    """A board always is: its link may fail as often as it will."""
+    participants = Participants([0, 1, 2], boards=[2])
+    for step in range(10 * MAX_RETURNS):
+        participants.begin(step, [0])
+        for agent in (1, 2):
+            participants.token_gone(agent)
+            participants.token_back(agent)
+    assert participants.present == {0, 2}
+    assert participants.lost == [1] * (MAX_RETURNS + 1)
+
+
+@pytest.mark.parametrize("complete", [True, False])
+@pytest.mark.parametrize("may_resume", [True, False])
+def test_what_a_resumed_run_needs_stays(complete: bool, may_resume: bool, tmp_path: Path) -> None:
+    """Also of a complete run, whose results may yet find the disk full."""
+    with WorldOutput(tmp_path) as output:
+        output.finish(WorldCore(load(Scenario, {})), complete, 0, may_resume=may_resume)
+    assert (tmp_path / EVENTS_SO_FAR).exists() == (may_resume or not complete)
+    assert (tmp_path / "events.csv").exists()
