@@ -10,8 +10,7 @@ from pathlib import Path
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import add_link_arguments, link_of, program
-from deltaswarm_wire.command_line import Parser
+from deltaswarm_wire.arguments import Parser, add_link_arguments, link_of, program
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error

@@ -17,16 +17,14 @@ from deltaswarm_agent.__main__ import main as agent_in_world
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.io.process import AgentConfig, run_agent
-from deltaswarm_board.bodies.loading import find_body, make_body, options_of
-from deltaswarm_board.following import Follower
-from deltaswarm_board.logs import log_to
-from deltaswarm_board.notify import Notifier
+from deltaswarm_board.bodies import find_body, make_body, options_of
+from deltaswarm_board.driver import Follower
 from deltaswarm_board.process import BoardRun, run_board
+from deltaswarm_board.service import Notifier, log_to
 from deltaswarm_board.settings import WORLD_BODY, BoardSettings, read_settings
-from deltaswarm_wire.arguments import program
+from deltaswarm_wire.arguments import Parser, program
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
-from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
 

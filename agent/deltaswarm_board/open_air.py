@@ -12,12 +12,11 @@ import time
 from deltaswarm_board.inbox import RadioInbox
 from deltaswarm_board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
-from deltaswarm_wire.endpoints import QUIC, WITH_PORT, host_and_port, protocol_of
 from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys, parse_agent_key
 from deltaswarm_wire.messages import Heard
 from deltaswarm_wire.operator_messages import Health, encode_health
-from deltaswarm_wire.session import configured, use_one_worker_thread
+from deltaswarm_wire.session import QUIC, WITH_PORT, configured, host_and_port, protocol_of, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)

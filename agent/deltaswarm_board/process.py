@@ -3,6 +3,7 @@
 import contextlib
 import faulthandler
 import logging
+import math
 import os
 import queue
 import signal
@@ -15,19 +16,43 @@ from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controller import make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.core.commands import Verify
-from deltaswarm_board.bodies.loading import find_body, make_body, options_of
+from deltaswarm_board.bodies import find_body, make_body, options_of
 from deltaswarm_board.driver import Driver
-from deltaswarm_board.logs import log_to
-from deltaswarm_board.notify import Notifier
 from deltaswarm_board.open_air import OpenAir
-from deltaswarm_board.pace import StepTimer
+from deltaswarm_board.service import Notifier, Stop, log_to, stop_on_signals
 from deltaswarm_board.settings import BoardSettings
-from deltaswarm_board.signals import Stop, stop_on_signals
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT
 from deltaswarm_wire.messages import Heard
 from deltaswarm_wire.signing import SigningError, verifier
+
+
+class StepTimer:
+    """Step k is due at `start_s + k * step_s`, independent of earlier delays."""
+
+    def __init__(self, step_s: float, start_s: float) -> None:
+        self.skipped = 0
+        """Number of missed steps."""
+        self._step_s = step_s
+        self._start_s = start_s
+        self._next = 0
+
+    def wait_s(self, now_s: float) -> float:
+        """Return the time until the next step is due [s]; 0 if it is due."""
+        return max(0.0, self._start_s + self._next * self._step_s - now_s)
+
+    def due(self, now_s: float) -> int | None:
+        """Return the step that is due, each once; None if none is due. Late steps are skipped, not made up for."""
+        if self.wait_s(now_s) > 0.0:
+            return None
+        # The next step is due, even if rounding puts it slightly later; skip to the newest step that is due.
+        step = max(self._next, math.floor((now_s - self._start_s) / self._step_s))
+        step += self._start_s + (step + 1) * self._step_s <= now_s
+        self.skipped += step - self._next
+        self._next = step + 1
+        return step
+
 
 if TYPE_CHECKING:
     from deltaswarm_board.recording import FrameRecorder

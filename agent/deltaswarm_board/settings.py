@@ -13,10 +13,9 @@ from deltaswarm_wire.access import REVOKED, TLS, air_rules, revoked_beside, user
 from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.commands import BASE_ID
-from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import controller_settings
-from deltaswarm_wire.session import Pairs, RouterLink, Tls, air_pairs, tls_pairs
+from deltaswarm_wire.session import QUIC, Pairs, RouterLink, Tls, air_pairs, endpoint_problem, protocol_of, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
 

@@ -15,11 +15,9 @@ from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_board.bodies.guarded import GuardedBody
 from deltaswarm_ros2.definitions import CLOCK, POSE_ARRAY, TWIST_STAMPED
 from deltaswarm_ros2.detections import Detections
-from deltaswarm_ros2.drive import STOP, Drive, Twist
 from deltaswarm_ros2.keys import full_name
 from deltaswarm_ros2.link import Hear, Ros2Link, Topic
-from deltaswarm_ros2.odometry import Expected, Odometry
-from deltaswarm_ros2.planar_frame import PlanarFrame, Pose, beside
+from deltaswarm_ros2.motion import STOP, Drive, Expected, Odometry, PlanarFrame, Pose, Twist, beside
 from deltaswarm_ros2.settings import HOLONOMIC, Ros2Settings
 from deltaswarm_wire.messages import MAX_SENSED
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from deltaswarm_ros2.cdr import decode, encode
-from deltaswarm_ros2.graph import Graph
 from deltaswarm_ros2.keys import (
     PUBLISHER,
     RMW_ZENOH,
     SUBSCRIPTION,
     Attachment,
+    Graph,
     Node,
     all_tokens,
     decode_attachment,

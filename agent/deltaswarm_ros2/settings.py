@@ -7,7 +7,7 @@ from deltaswarm_board.bodies.guarded import GuardedSettings
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED, TWIST, TWIST_STAMPED
 from deltaswarm_ros2.keys import LAYOUTS, MAX_DOMAIN, NAME_RULE, RMW_ZENOH, is_name
 from deltaswarm_wire.checked import Problem, key
-from deltaswarm_wire.endpoints import endpoint_problem
+from deltaswarm_wire.session import endpoint_problem
 
 PEER, CLIENT = "peer", "client"
 DIFFERENTIAL, HOLONOMIC = "differential", "holonomic"

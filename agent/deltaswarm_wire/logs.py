@@ -1,9 +1,25 @@
-"""The log format of all parts."""
+"""The log format of all parts, and the standard streams that they log to."""
 
 import logging
+import os
+import sys
 
 from deltaswarm_wire.session import without_sources
-from deltaswarm_wire.streams import open_standard_streams
+
+
+def open_standard_streams() -> None:
+    """Open those that are closed on the null device: else a file or socket would get the number of one.
+
+    Call it before anything else is opened.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # gets the smallest free number
+            os.set_inheritable(opened, True)
+            stream = os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False)
+            setattr(sys, name, stream)
 
 
 class LogFormatter(logging.Formatter):

@@ -20,6 +20,7 @@ from deltaswarm_scenario.scenario import RunSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, air_rules, revoked_beside
 from deltaswarm_wire.arguments import (
+    Parser,
     add_link_arguments,
     add_tls_arguments,
     add_zenoh_argument,
@@ -31,12 +32,10 @@ from deltaswarm_wire.arguments import (
     run_name,
     tls_of,
 )
-from deltaswarm_wire.command_line import Parser
-from deltaswarm_wire.endpoints import protocol_of
-from deltaswarm_wire.exits import FAILED, exit_code_of
+from deltaswarm_wire.child import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
+from deltaswarm_wire.session import RouterLink, air_pairs, protocol_of, tls_pairs
 
 NO_WORLD = "--no-world"
 MODES = ("peer", "router")
@@ -119,7 +118,7 @@ def open_air_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the operator. Exit code: 0 after a complete run, 2 for bad arguments, else one of `deltaswarm_wire.exits`."""
+    """Run the operator. Exit code: 0 after a complete run, 2 for bad arguments, else one of `deltaswarm_wire.child`."""
     argv = sys.argv[1:] if argv is None else argv
     log_to_standard_error()
     without_world = NO_WORLD in argv

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.cli import carry_out
 from deltaswarm_orchestrator.cli.bench import Measurement, add_measurements
-from deltaswarm_wire.command_line import Parser
+from deltaswarm_wire.arguments import Parser
 
 MEASUREMENTS = {
     "scale": Measurement(

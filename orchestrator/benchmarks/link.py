@@ -24,8 +24,8 @@ from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.endpoints import host_and_port
 from deltaswarm_wire.keys import WORLD
+from deltaswarm_wire.session import host_and_port
 
 LOOPBACK = "127.0.0.1"
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from deltaswarm_cluster import supervisor
 from deltaswarm_wire.access import TLS
-from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.files import write_secret
+from deltaswarm_wire.session import protocol_of
 
 END_WITHIN_S = 12.0
 """Time that a supervisor may take to end its agents [s]."""

@@ -33,7 +33,7 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import FAILED
 from deltaswarm_wire import __version__
 from deltaswarm_wire.access import TLS
-from deltaswarm_wire.endpoints import host_and_port
+from deltaswarm_wire.session import host_and_port
 
 POLL_S = 0.2
 SILENCE_S = 30.0

@@ -9,7 +9,7 @@ from deltaswarm_cluster.agents import Credentials, Placement, Supervisor
 from deltaswarm_cluster.plan import ClusterError, Remote, divide, spans
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.endpoints import host_and_port
+from deltaswarm_wire.session import host_and_port
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.processes.boards import is_any, signal_problems
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.access import TLS
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.endpoints import endpoint_problem, host_and_port, protocol_of
+from deltaswarm_wire.session import endpoint_problem, host_and_port, protocol_of
 
 MAX_NAMED = 5
 """Maximum number of workers named in an error."""

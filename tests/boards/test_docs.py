@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_board.bodies.loading import find_body, options_of
+from deltaswarm_board.bodies import find_body, options_of
 from deltaswarm_board.settings import read_settings
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml

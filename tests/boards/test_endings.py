@@ -166,7 +166,7 @@ def test_two_threads_that_find_the_disk_full_say_so_once(tmp_path: Path) -> None
     (tmp_path / "agent-0.log").symlink_to("/dev/full")
     program = (
         "import logging, sys\n"
-        "from deltaswarm_board.logs import log_to\n"
+        "from deltaswarm_board.service import log_to\n"
         "from deltaswarm_board.settings import LogSettings\n"
         "from deltaswarm_wire.logs import log_to_standard_error\n"
         "log_to_standard_error()\n"

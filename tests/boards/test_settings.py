@@ -10,10 +10,10 @@ import tomli_w
 from mcap.reader import make_reader
 
 from deltaswarm_board.__main__ import main, world_config
+from deltaswarm_board.bodies import find_body
 from deltaswarm_board.bodies.kinematic import KinematicBody
-from deltaswarm_board.bodies.loading import find_body
-from deltaswarm_board.notify import Notifier
 from deltaswarm_board.recording import FrameRecorder
+from deltaswarm_board.service import Notifier
 from deltaswarm_board.settings import BoardSettings, read_settings
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.session import Tls

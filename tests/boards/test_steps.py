@@ -21,7 +21,7 @@ from deltaswarm_board.inbox import (
     Lateness,
     RadioInbox,
 )
-from deltaswarm_board.pace import StepTimer
+from deltaswarm_board.process import StepTimer
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, Sent, decode_sent, encode_sample, encode_sent
 from tests.support.cores import Core, agent_settings, event

@@ -14,7 +14,7 @@ import pytest
 import tomli_w
 
 from deltaswarm_board.__main__ import main
-from deltaswarm_board.bodies.loading import find_body
+from deltaswarm_board.bodies import find_body
 from deltaswarm_board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
 from deltaswarm_orchestrator.processes import certificates

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_board.bodies.loading import find_body, options_of
+from deltaswarm_board.bodies import find_body, options_of
 from deltaswarm_board.settings import read_settings
 from deltaswarm_ros2.cdr import encode
 from deltaswarm_ros2.definitions import (

@@ -16,7 +16,7 @@ import pytest
 from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_agent.io import saving
+from deltaswarm_agent.io import process
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
@@ -320,4 +320,4 @@ class Liar(PaperController):
     def __init__(self, context: ControllerContext) -> None:
         super().__init__(replace(context, mode="hybrid", settings=PaperSettings()))
         if context.agent == 3:
-            saving.save = lambda *_: None  # in this agent's own process
+            process.save_part = lambda *_: None  # in this agent's own process

@@ -14,6 +14,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.arguments import (
+    Parser,
     add_boards_argument,
     add_tls_arguments,
     add_zenoh_argument,
@@ -21,13 +22,10 @@ from deltaswarm_wire.arguments import (
     run_name,
     tls_of,
 )
-from deltaswarm_wire.command_line import Parser
-from deltaswarm_wire.endpoints import protocol_of
-from deltaswarm_wire.exits import FAILED, exit_code_of
+from deltaswarm_wire.child import FAILED, exit_code_of, say_ready
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.ready import say_ready
-from deltaswarm_wire.session import CERTIFIED, RouterLink
+from deltaswarm_wire.session import CERTIFIED, RouterLink, protocol_of
 from deltaswarm_world.io.process import run_world
 from deltaswarm_world.io.saving import WorldConfig, load
 

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import pickle
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,11 +11,12 @@ from typing import cast
 
 from deltaswarm_agent.controller import ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
-from deltaswarm_agent.io import saving
+from deltaswarm_wire import checkpoint
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Act, Frame, decode_frame
 from deltaswarm_wire.orders import decode_save, encode_taken
+from deltaswarm_wire.plugins import described
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import AgentSettings
 
@@ -127,11 +129,11 @@ class Outbox:
 def _core(config: AgentConfig) -> tuple[AgentCore, int]:
     """Make or resume the agent; return it with the step of its newest frame. Check that it can be saved, if needed."""
     if config.checkpoints is not None and config.resume_step is not None:
-        return saving.load(config.checkpoints, config.resume_step, config.agent)
+        return load_part(config.checkpoints, config.resume_step, config.agent)
     controller = make_controller(config.agent, config.settings, config.restart)
     core = AgentCore(config.agent, config.settings.step_s, controller)
     if config.checkpoints is not None:
-        saving.saved(core, -1)
+        pickled(core, -1)
     return core, -1
 
 
@@ -140,7 +142,7 @@ def _save(config: AgentConfig, core: AgentCore, newest: int, step: int, outbox: 
     try:
         if config.checkpoints is None:
             raise ControllerError("--checkpoints must be given to save an agent")
-        saving.save(config.checkpoints, step, core, newest)
+        save_part(config.checkpoints, step, core, newest)
     except (ControllerError, OSError) as error:
         log.error("agent %d cannot be saved after step %d: %s", config.agent, step, error)
     else:
@@ -205,3 +207,35 @@ def run_agent(
         "agent %d exits after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, core.counts
     )
     return 0
+
+
+def pickled(core: AgentCore, newest: int) -> bytes:
+    """Pickle an agent with the step of its newest frame (-1 before the first).
+
+    Raises:
+        ControllerError: pickle cannot save the controller.
+    """
+    try:
+        return pickle.dumps((core, newest))
+    except Exception as error:  # a controller may be third-party code
+        name = f"{type(core.controller).__module__}:{type(core.controller).__qualname__}"
+        raise ControllerError(f"controller {name} cannot be saved in a checkpoint: {described(error)}") from error
+
+
+def save_part(folder: Path, step: int, core: AgentCore, newest: int) -> None:
+    """Write an agent's part of the checkpoint after a step. Raises ControllerError, OSError."""
+    checkpoint.write(folder / str(step) / checkpoint.agent_file(core.agent), pickled(core, newest))
+
+
+def load_part(folder: Path, step: int, agent: int) -> tuple[AgentCore, int]:
+    """Load an agent's state after a step, and the step of its newest frame.
+
+    Raises:
+        ControllerError: its file cannot be read.
+    """
+    file = folder / str(step) / checkpoint.agent_file(agent)
+    try:
+        core, newest = pickle.loads(file.read_bytes())
+        return core, newest
+    except Exception as error:  # the file, or a third-party controller, may raise anything
+        raise ControllerError(f"{file} cannot be read: {described(error)}") from error

@@ -1,1 +1,40 @@
-"""The shipped bodies."""
+"""The bodies of a board, and how the one that its file names is found."""
+
+from typing import Any
+
+from deltaswarm_agent.body import Body, BodyContext
+from deltaswarm_wire import checked
+from deltaswarm_wire.plugins import BODIES, find
+
+SHIPPED = {
+    "kinematic": "deltaswarm_board.bodies.kinematic:KinematicBody",
+    "mavlink": "deltaswarm_board.bodies.mavlink:MavlinkBody",
+}
+"""This package's own bodies, which a board finds without a search through all packages."""
+
+
+def find_body(kind: str, path: str = "body.kind") -> type[Body]:
+    """Find the class that `kind` names: a shipped body, an entry point, or `module:Class`.
+
+    Raises:
+        SettingsError: the name is unknown, cannot be imported, or is no body.
+    """
+    shipped = BODIES._replace(shipped=SHIPPED)
+    body: type[Body] = find(shipped, kind, path, others=["world"])
+    return body
+
+
+def options_of(body: type[Body], table: dict[str, Any], path: str = "body.options") -> Any:
+    """Check the body's own options.
+
+    Raises:
+        SettingsError: with every mistake.
+    """
+    return checked.load(body.Settings, table, path)
+
+
+def make_body(body: type[Body], options: Any, context: BodyContext) -> Body:
+    """Make a body of this class."""
+    make: Any = body
+    made: Body = make(options, context)
+    return made

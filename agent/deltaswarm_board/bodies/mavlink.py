@@ -14,15 +14,40 @@ import math
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_board.bodies.guard import STAND
 from deltaswarm_board.bodies.guarded import GuardedBody
-from deltaswarm_board.bodies.local_frame import LocalFrame
 from deltaswarm_board.bodies.mavlink_link import open_link, parse_device
-from deltaswarm_board.bodies.mavlink_modes import PX4, ROVERS, SUBMARINE, mode_name
-from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
+from deltaswarm_board.bodies.mavlink_settings import PX4, ROVERS, SUBMARINE, MavlinkSettings, mode_name
+
+
+class LocalFrame(NamedTuple):
+    """The arena's corner (0, 0) [m; local NED] and the compass direction of its +y [degrees]."""
+
+    origin_north_m: float = 0.0
+    origin_east_m: float = 0.0
+    heading_deg: float = 0.0
+
+    def to_arena(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """Convert a position in local NED to (x, y) in the arena."""
+        return self.turned_to_arena(north_m - self.origin_north_m, east_m - self.origin_east_m)
+
+    def turned_to_arena(self, north: float, east: float) -> tuple[float, float]:
+        """Convert a vector (m or m/s) in local NED to (x, y)."""
+        sine, cosine = self._turn()
+        return cosine * east - sine * north, sine * east + cosine * north
+
+    def turned_to_ned(self, x: float, y: float) -> tuple[float, float]:
+        """Convert a vector (m or m/s) in the arena to (north, east)."""
+        sine, cosine = self._turn()
+        return cosine * y - sine * x, sine * y + cosine * x
+
+    def _turn(self) -> tuple[float, float]:
+        heading_rad = math.radians(self.heading_deg)
+        return math.sin(heading_rad), math.cos(heading_rad)
+
 
 log = logging.getLogger("deltaswarm.mavlink")
 

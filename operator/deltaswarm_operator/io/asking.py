@@ -15,7 +15,7 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
-from deltaswarm_wire.command_line import Parser
+from deltaswarm_wire.arguments import Parser
 
 
 def parser() -> argparse.ArgumentParser:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, Protocol
 
 from deltaswarm_operator.io.action_log import utc_of
-from deltaswarm_wire.endpoints import host_and_port
+from deltaswarm_wire.session import host_and_port
 
 LSL = "lsl"
 STREAM, KIND = "deltaswarm", "Markers"

@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from deltaswarm_wire.ready import READY_VARIABLE
+from deltaswarm_wire.child import READY_VARIABLE
 
 READY_WITHIN_S = 60.0
 ENDS_WITHIN_S = 3.0

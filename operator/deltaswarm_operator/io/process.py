@@ -20,9 +20,9 @@ from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.child import FAILED, WORLD_LOST
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import encode_pace, encode_turn
-from deltaswarm_wire.exits import FAILED, WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.orders import encode_taken

@@ -18,8 +18,8 @@ from deltaswarm_operator.core.replay import RecordedStep, Replay
 from deltaswarm_operator.io.console_server import HELLO_EVERY_S, SHOW_EVERY_S, Channel
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
+from deltaswarm_wire.arguments import Parser
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES
-from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
 
 

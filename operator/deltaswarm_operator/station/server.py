@@ -22,7 +22,7 @@ from websockets.protocol import State
 
 from deltaswarm_operator.station import rules
 from deltaswarm_scenario.page_messages import MAX_BYTES, RefusedError, made, name_of
-from deltaswarm_wire.ready import say_ready
+from deltaswarm_wire.child import say_ready
 
 log = logging.getLogger("deltaswarm.station")
 

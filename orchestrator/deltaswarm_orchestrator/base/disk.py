@@ -8,7 +8,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.exits import NO_ROOM, exit_code_of
+from deltaswarm_wire.child import NO_ROOM, exit_code_of
 
 RESERVE, RESERVE_BYTES = ".reserve", 48 * 1024
 """A file that is deleted at the end, so that summary and manifest can be written on a full disk."""

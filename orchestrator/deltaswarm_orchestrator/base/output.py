@@ -6,7 +6,7 @@ import select
 import sys
 from typing import Any
 
-from deltaswarm_wire.streams import open_standard_streams
+from deltaswarm_wire.logs import open_standard_streams
 
 
 class OutputError(Exception):

@@ -18,8 +18,8 @@ from deltaswarm_orchestrator.base.exits import (
 from deltaswarm_orchestrator.base.output import Output, OutputError, standard_output
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_wire import __version__
+from deltaswarm_wire.arguments import Parser
 from deltaswarm_wire.checked import SettingsError
-from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.plugins import COMMANDS as COMMAND_POINT
 from deltaswarm_wire.plugins import PARTS, find
 

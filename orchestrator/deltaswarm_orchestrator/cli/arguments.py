@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_wire import endpoints
+from deltaswarm_wire import session
 from deltaswarm_wire.checked import did_you_mean
 from deltaswarm_wire.plugins import ENGINES, find
 
@@ -122,7 +122,7 @@ def _markers(text: str) -> str:
 def host_and_port(text: str) -> str:
     """Check where a page is to be served, for `type=`."""
     try:
-        endpoints.host_and_port(f"tcp/{text}")
+        session.host_and_port(f"tcp/{text}")
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be HOST:PORT with a port from 0 to 65535 (got {text!r})") from None
     return text

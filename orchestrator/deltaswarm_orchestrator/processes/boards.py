@@ -12,10 +12,9 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port, protocol_of
 from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import AGENT, WORLD
-from deltaswarm_wire.session import Tls
+from deltaswarm_wire.session import WITH_PORT, Tls, endpoint_problem, host_and_port, protocol_of
 
 CERTIFICATE_DAYS = 365
 

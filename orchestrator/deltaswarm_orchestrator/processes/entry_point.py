@@ -18,8 +18,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.limits import reached
-from deltaswarm_wire.exits import LIMIT_REACHED, exit_code_of
-from deltaswarm_wire.ready import READY_VARIABLE
+from deltaswarm_wire.child import LIMIT_REACHED, READY_VARIABLE, exit_code_of
 
 GC_THRESHOLD = 100_000
 """The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from shutil import disk_usage
 
 from deltaswarm_orchestrator.processes.fork_server import wake_fork_server
-from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
+from deltaswarm_wire.child import LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, WORLD
 
 LOG_TAIL_LINES = 12

@@ -12,8 +12,8 @@ import numpy as np
 from deltaswarm_agent.controller import Controller, Decision, OperatorReport, Percept, agent_rng
 from deltaswarm_agent.controllers.central.controller import CentralSettings
 from deltaswarm_agent.controllers.central.maps import Cells, KnownMap
+from deltaswarm_agent.controllers.central.overview import ATTENDING, way
 from deltaswarm_agent.controllers.central.planner import HELP_WITHIN_M, Planner
-from deltaswarm_agent.controllers.central.way import ATTENDING, way
 from deltaswarm_agent.recurring import Recurring
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import FREE, Event, Pose

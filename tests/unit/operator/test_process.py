@@ -12,7 +12,7 @@ from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.files import Output
 from deltaswarm_operator.io.process import End
 from deltaswarm_scenario.operator_settings import OperatorSettings
-from deltaswarm_wire.exits import WORLD_LOST
+from deltaswarm_wire.child import WORLD_LOST
 from deltaswarm_wire.keys import REPORT
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, encode_report
 from deltaswarm_wire.session import use_one_worker_thread

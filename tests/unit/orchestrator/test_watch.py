@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.truth import Truth
-from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
+from deltaswarm_wire.child import LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire.arguments import connects_to, listens_on
-from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port
+from deltaswarm_wire.session import WITH_PORT, endpoint_problem, host_and_port
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,8 @@ import time
 from collections.abc import Callable, Container
 from contextlib import suppress
 
-from deltaswarm_wire.endpoints import host_and_port
 from deltaswarm_wire.keys import OPERATOR, RECORDER
-from deltaswarm_wire.session import secret_id, use_one_worker_thread
+from deltaswarm_wire.session import host_and_port, secret_id, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)

@@ -16,8 +16,7 @@ from deltaswarm_agent.controllers.central.frames import (
     encode_plan,
     encode_sensed,
 )
-from deltaswarm_agent.controllers.central.overview import Overview
-from deltaswarm_agent.controllers.central.way import ATTENDING, way
+from deltaswarm_agent.controllers.central.overview import ATTENDING, Overview, way
 from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import WireError

@@ -10,9 +10,11 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deltaswarm_agent.controllers.central.posts import Floats
 from deltaswarm_wire.settings import AgentSettings
+
+Floats = NDArray[np.float64]
 
 MAX_PLACES = 150
 """Posts follow at most this number of the latest events."""

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_agent.body import NOWHERE, Sensed
-from deltaswarm_board.following import APART_M, BESIDE_M, Follower
+from deltaswarm_board.driver import APART_M, BESIDE_M, Follower
 from deltaswarm_wire.messages import FREE, Act, Frame, TreeStatus
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_board.bodies.fence import Fence, Place
 from deltaswarm_board.bodies.guard import STAND, Guard, Limits
-from deltaswarm_board.bodies.local_frame import LocalFrame
+from deltaswarm_board.bodies.mavlink import LocalFrame
 from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import SettingsError, load
 

@@ -15,8 +15,7 @@ from pymavlink.dialects.v20 import common
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_board.bodies.mavlink import MavlinkBody
 from deltaswarm_board.bodies.mavlink_link import Device, Link, SerialLink, TcpLink, UdpLink, open_link, parse_device
-from deltaswarm_board.bodies.mavlink_modes import MODES, mode_name
-from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
+from deltaswarm_board.bodies.mavlink_settings import MODES, MavlinkSettings, mode_name
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port
@@ -213,9 +212,9 @@ def test_modes_have_the_names_that_pymavlink_gives_them() -> None:
     """By its own function, which costs a board too much memory: for all vehicles and modes that it can name here."""
     from pymavlink import mavutil
 
-    from deltaswarm_board.bodies import mavlink_modes
+    from deltaswarm_board.bodies import mavlink_settings
 
-    vehicles = mavlink_modes._ARDUPILOT
+    vehicles = mavlink_settings._ARDUPILOT
     ardupilot, px4 = mavutil.mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavutil.mavlink.MAV_AUTOPILOT_PX4
 
     def theirs(autopilot: int, vehicle: int, base_mode: int, custom_mode: int) -> str:

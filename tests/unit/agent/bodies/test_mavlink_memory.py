@@ -19,7 +19,7 @@ PROGRAM = """
 import json, sys
 from random import Random
 import deltaswarm_board.__main__
-from deltaswarm_board.bodies.loading import find_body, make_body, options_of
+from deltaswarm_board.bodies import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.settings import AgentSettings
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_ros2.drive import STOP, Drive
+from deltaswarm_ros2.motion import STOP, Drive
 
 DIFFERENTIAL = Drive(is_holonomic=False, turn_gain=2.0, max_turn_radps=1.5)
 HOLONOMIC = Drive(is_holonomic=True, turn_gain=2.0, max_turn_radps=1.5)

@@ -1,8 +1,7 @@
 """What the ROS graph says of a robot's topics."""
 
 from deltaswarm_ros2.definitions import TWIST, TWIST_STAMPED
-from deltaswarm_ros2.graph import Graph
-from deltaswarm_ros2.keys import PUBLISHER, SUBSCRIPTION, Node, endpoint_token, node_token
+from deltaswarm_ros2.keys import PUBLISHER, SUBSCRIPTION, Graph, Node, endpoint_token, node_token
 
 ROBOT, AGENT = Node(0, "1", "/robot7", "driver"), Node(0, "2", "/robot7", "agent")
 TOPIC = "/robot7/cmd_vel"

@@ -21,7 +21,7 @@ for name in ("numpy", "rosbags", "rclpy", "xxhash"):
 from random import Random
 import deltaswarm_board.__main__
 before = [name for name in sys.modules if "ros2" in name]
-from deltaswarm_board.bodies.loading import find_body, make_body, options_of
+from deltaswarm_board.bodies import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.settings import AgentSettings
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import decode, encode
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED
-from deltaswarm_ros2.odometry import RESTARTED, Expected, Odometry
-from deltaswarm_ros2.planar_frame import PlanarFrame, Pose, beside
+from deltaswarm_ros2.motion import RESTARTED, Expected, Odometry, PlanarFrame, Pose, beside
 
 ONE, TWO = b"one", b"two"
 

@@ -1,11 +1,45 @@
-"""Where a robot is by its odometry, and why that is not believed. All times in s by the board's clock."""
+"""A robot's motion: where it is by its odometry, why that is not believed, and the Twist for a wanted velocity.
+
+All times in s by the board's clock; angles are counter-clockwise, as in ROS (REP 103).
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from deltaswarm_ros2.planar_frame import PlanarFrame, Pose
+from deltaswarm_board.bodies.guard import STAND, Velocity
+
+
+class Pose(NamedTuple):
+    """A position [m] and a heading [rad from +x towards +y]."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+class PlanarFrame(NamedTuple):
+    """The arena's corner (0, 0) [m; odometry frame], and the direction of its +x there [degrees]."""
+
+    origin_x_m: float = 0.0
+    origin_y_m: float = 0.0
+    turn_deg: float = 0.0
+
+    def to_arena(self, pose: Pose) -> Pose:
+        """Convert a pose in the odometry frame to one in the arena."""
+        turn_rad = math.radians(self.turn_deg)
+        sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
+        x_m, y_m = pose.x_m - self.origin_x_m, pose.y_m - self.origin_y_m
+        heading_rad = math.remainder(pose.heading_rad - turn_rad, math.tau)
+        return Pose(cosine * x_m + sine * y_m, cosine * y_m - sine * x_m, heading_rad)
+
+
+def beside(pose: Pose, forward_m: float, left_m: float) -> tuple[float, float]:
+    """Return the position of a point that a robot at `pose` has ahead and to its left [m]."""
+    sine, cosine = math.sin(pose.heading_rad), math.cos(pose.heading_rad)
+    return pose.x_m + cosine * forward_m - sine * left_m, pose.y_m + sine * forward_m + cosine * left_m
+
 
 ROTATION_ERROR = 0.1
 """Largest deviation of a quaternion's length from 1."""
@@ -113,3 +147,39 @@ def _heading_rad(turn: Mapping[str, float]) -> float:
     """Return the yaw of a quaternion [rad]."""
     x, y, z, w = turn["x"], turn["y"], turn["z"], turn["w"]
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+class Twist(NamedTuple):
+    """Velocities in the robot's own frame: x forward and y left [m/s], turn counter-clockwise [rad/s]."""
+
+    forward_mps: float
+    left_mps: float
+    turn_radps: float
+
+
+STOP = Twist(0.0, 0.0, 0.0)
+
+
+class Drive(NamedTuple):
+    """How a robot follows a velocity.
+
+    A holonomic robot takes any velocity and keeps its heading. A differential one turns towards the velocity, by
+    `turn_gain` [1/s] times the angle that is left, and drives with the part of the velocity that it faces: away from
+    it, it turns on the spot.
+    """
+
+    is_holonomic: bool
+    turn_gain: float
+    max_turn_radps: float
+
+    def twist(self, velocity: Velocity, heading_rad: float) -> Twist:
+        """Return the Twist for a velocity [m/s] of a robot with this heading, both in one frame."""
+        if velocity == STAND:
+            return STOP
+        speed_mps = math.hypot(*velocity)
+        left_rad = math.remainder(math.atan2(velocity[1], velocity[0]) - heading_rad, math.tau)
+        along_mps = speed_mps * math.cos(left_rad)
+        if self.is_holonomic:
+            return Twist(along_mps, speed_mps * math.sin(left_rad), 0.0)
+        turn_radps = max(-self.max_turn_radps, min(self.max_turn_radps, self.turn_gain * left_rad))
+        return Twist(max(0.0, along_mps), 0.0, turn_radps)

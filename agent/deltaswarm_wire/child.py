@@ -1,0 +1,40 @@
+"""What a part says to the process that started it: that it is ready, and by its exit code why it ended.
+
+It says that it is ready on a pipe of its own: libraries write to standard output, such as Zenoh with RUST_LOG in the
+environment.
+"""
+
+import errno
+import os
+
+READY_VARIABLE = "DELTASWARM_READY_FD"
+"""The environment variable with the file descriptor of the pipe; without it standard output is used."""
+
+
+def say_ready(text: str) -> None:
+    """Write one line, and close the pipe."""
+    descriptor = os.environ.pop(READY_VARIABLE, None)
+    if descriptor is None:
+        print(text, flush=True)
+        return
+    with open(int(descriptor), "w", encoding="utf-8") as pipe:
+        pipe.write(f"{text}\n")
+
+
+FAILED = 1
+
+NO_ROOM = 74
+"""A file could not be written: the disk is full or faulty (`EX_IOERR` of sysexits.h)."""
+
+WORLD_LOST = 69
+"""An operator's world, or the link to it, went before the last step (`EX_UNAVAILABLE` of sysexits.h)."""
+
+LIMIT_REACHED = 71
+"""The system allows no more processes, threads, open files or memory (`EX_OSERR` of sysexits.h)."""
+
+_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EROFS}
+
+
+def exit_code_of(error: Exception) -> int:
+    """The exit code of a part that ends with an error."""
+    return NO_ROOM if isinstance(error, OSError) and error.errno in _DISK else FAILED
