@@ -24,12 +24,14 @@ LIMITS = Limits(
 
 places = st.tuples(st.floats(-15, 25), st.floats(-15, 25))
 speeds = st.tuples(st.floats(-5, 5), st.floats(-5, 5))
+within, slow = st.tuples(st.floats(0.1, 9.9), st.floats(0.1, 2.9)), st.tuples(st.floats(-2, 2), st.floats(-2, 2))
+"""Places within either fence, and velocities that are often permitted there."""
 
 
-@given(places, speeds, st.sampled_from([SQUARE, HORSESHOE]))
+@given(within, slow, st.sampled_from([SQUARE, HORSESHOE]))
 def test_nothing_permitted_leads_out(at: Place, velocity: Place, fence: Fence) -> None:
     """At no time of the look ahead."""
-    assume(fence.holds(at) and fence.permits(at, *velocity, 2.0))
+    assume(fence.permits(at, *velocity, 2.0))
     for tenth in range(11):
         share = 2.0 * tenth / 10
         assert fence.holds((at[0] + velocity[0] * share, at[1] + velocity[1] * share))
