@@ -1,16 +1,22 @@
-"""How a session is configured, and what a user reads of Zenoh's errors."""
+"""Zenoh sessions: their endpoints, and what they start from."""
 
+import argparse
 import errno
 import json
 import logging
 import os
+import re
 import socket
 
 import pytest
 import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_wire.arguments import connects_to, listens_on
 from deltaswarm_wire.logs import LogFormatter
-from deltaswarm_wire.session import RouterLink, client_pairs, configured
+from deltaswarm_wire.session import WITH_PORT, RouterLink, client_pairs, configured, endpoint_problem, host_and_port
 
 SHARED_MEMORY = "transport/shared_memory/enabled"
 LINK = RouterLink("tcp/127.0.0.1:7447")
@@ -45,3 +51,93 @@ def test_a_log_shows_no_rust_source() -> None:
     text = LogFormatter().format(record)
     assert ".rs" not in text
     assert text.count(os.strerror(errno.EADDRINUSE)) == 2
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "parts"),
+    [
+        ("tcp/192.168.1.10:7447", ("192.168.1.10", 7447)),
+        ("tls/board.local:0", ("board.local", 0)),
+        ("tcp/[::1]:7447", ("::1", 7447)),
+        ("udp/[fe80::1%eth0]:65535#iface=eth0", ("fe80::1%eth0", 65535)),
+        ("quic/10.0.0.1:7447?prio=1", ("10.0.0.1", 7447)),
+    ],
+)
+def test_host_and_port_are_found(endpoint: str, parts: tuple[str, int]) -> None:
+    """With or without what Zenoh takes behind them."""
+    assert host_and_port(endpoint) == parts
+    assert endpoint_problem(endpoint) == ""
+
+
+@pytest.mark.parametrize("endpoint", ["unixsock-stream//tmp/x", "serial//dev/ttyUSB0#baudrate=115200", "vsock/-1:7447"])
+def test_what_has_no_port_needs_none(endpoint: str) -> None:
+    """A socket's file, a serial line."""
+    assert endpoint_problem(endpoint) == endpoint_problem(endpoint, connects=True) == ""
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "word"),
+    [
+        ("", "PROTOCOL/ADDRESS"),
+        ("nonsense", "PROTOCOL/ADDRESS"),
+        ("tcp/", "PROTOCOL/ADDRESS"),
+        ("tpc/0.0.0.0:7447", "tcp, udp, tls"),
+        ("unixpipe/", "PROTOCOL/ADDRESS"),
+        ("tcp/nonsense", "HOST:PORT"),
+        ("tcp/0.0.0.0", "HOST:PORT"),
+        ("tcp/:7447", "HOST:PORT"),
+        ("tcp/10.0.0.1:port", "HOST:PORT"),
+        ("tcp/10.0.0.1:65536", "HOST:PORT"),
+        ("tcp/10.0.0.1:\N{ARABIC-INDIC DIGIT ONE}", "HOST:PORT"),
+        ("tcp/::1:7447", "HOST:PORT"),
+        ("tcp/10.0.0.1:7447,tcp/10.0.0.2:7447", "HOST:PORT"),
+        ("tcp/10.0.0.1 :7447", "HOST:PORT"),
+        ("tls/127.0.0.999:7447", "IPv4"),
+        ("tcp/10.0.1:7447", "IPv4"),
+    ],
+)
+def test_what_is_no_endpoint_is_told(endpoint: str, word: str) -> None:
+    """By an argument's own error."""
+    assert word in endpoint_problem(endpoint)
+    for kind in (connects_to, listens_on):
+        with pytest.raises(argparse.ArgumentTypeError, match=re.escape(word)):
+            kind(endpoint)
+
+
+def test_over_tls_nobody_connects_to_an_ipv6_address() -> None:
+    """One may listen there, for those who know a name."""
+    for protocol in ("tls", "quic"):
+        assert endpoint_problem(f"{protocol}/[::]:7447") == ""
+        assert "IPv4" in endpoint_problem(f"{protocol}/[::1]:7447", connects=True)
+    assert connects_to("tcp/[::1]:7447") == listens_on("tcp/[::1]:7447") == "tcp/[::1]:7447"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run smoke --listen",
+        "agent --id 1 --settings x --run x --connect",
+        "world --scenario x --run x --credentials x --out x --listen",
+        "operator --run x --out x --connect",
+        "operator --no-world --run x --out x --connect",
+        "operator --no-world --run x --out x --listen",
+    ],
+)
+def test_every_command_checks_its_endpoints(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2, and what an endpoint must be."""
+    with pytest.raises(SystemExit) as ended:
+        main([*command.split(), "tpc/127.0.0.1:1"])
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert f"argument {command.split()[-1]}: must be PROTOCOL/ADDRESS" in error
+    assert "'tpc/127.0.0.1:1'" in error
+
+
+@given(st.sampled_from(WITH_PORT), st.text(max_size=20))
+def test_anything_is_taken_or_told(protocol: str, address: str) -> None:
+    """And what is taken has a host and a port."""
+    endpoint = f"{protocol}/{address}"
+    if not endpoint_problem(endpoint):
+        host, port = host_and_port(endpoint)
+        assert host
+        assert 0 <= port <= 65535

@@ -211,8 +211,7 @@ def test_commanded_agents_decide_the_same_with_and_without_sleep(sets: list[str]
         for _, record in play(found, 320):
             world = found.world
             sent += 11 * record.frames_sent
-            dropped = sum(count for name, count in record._asdict().items() if name.startswith("dropped_"))
-            arrived += record.frames_received + dropped - record.frames_duplicated
+            arrived += record.frames_received + sum(record.frames_dropped.values()) - record.frames_duplicated
             assert sent == arrived + record.frames_in_flight
             reports = [forwarded.report for forwarded in world.forwarded]
             yield (world.intake.transmitted, world._tree_statuses, places(found), reports), record.agents_asked
