@@ -1,13 +1,16 @@
 """Writing of files: atomic and safe against loss of power, or secret."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 
-def write_whole(file: Path, data: bytes) -> None:
-    """Write a file atomically."""
+def write_whole(file: Path, data: bytes, mode: int | None = None) -> None:
+    """Write a file atomically; with a mode, it has this mode from the first byte on."""
     part = file.with_name(f"{file.name}.part")
-    with part.open("wb") as stream:
+    with open(part, "wb", opener=partial(os.open, mode=0o666 if mode is None else 0o600)) as stream:
+        if mode is not None:
+            os.fchmod(stream.fileno(), mode)
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())

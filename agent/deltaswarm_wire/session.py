@@ -28,6 +28,14 @@ def protocol_of(endpoint: str) -> str:
     return endpoint.partition("/")[0]
 
 
+def free_port(host: str = "127.0.0.1") -> int:
+    """Return a port on which nobody listens now. Raises OSError if the host is not this machine's."""
+    import socket  # not for boards
+
+    with socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET) as server:
+        return int(server.getsockname()[1])
+
+
 def host_and_port(endpoint: str) -> tuple[str, int]:
     """Parse host and port: `("::1", 7447)` from `tcp/[::1]:7447#iface=lo`.
 

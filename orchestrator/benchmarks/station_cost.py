@@ -19,11 +19,11 @@ from websockets.client import ClientProtocol
 from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
 from websockets.uri import parse_uri
 
+from deltaswarm_orchestrator.base import dies_with_parent
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
 from deltaswarm_orchestrator.processes.station import address
 from deltaswarm_orchestrator.scenarios.load import to_toml
-from deltaswarm_orchestrator.sweeps import dies_with_parent
 
 ARMS = {"none": None, "station": 0, "one_page": 1, "three_pages": 3}
 """Number of pages open at the station; None: there is no station."""

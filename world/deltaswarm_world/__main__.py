@@ -23,6 +23,7 @@ from deltaswarm_wire.arguments import (
     tls_of,
 )
 from deltaswarm_wire.child import FAILED, exit_code_of, say_ready
+from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import CERTIFIED, RouterLink, protocol_of
@@ -143,8 +144,7 @@ def write_agent_settings(folder: Path, scenario: Scenario) -> None:
 def write_credentials(file: Path, agents: int) -> None:
     """Write a random password per process, readable only by this user."""
     users = [user_name(AGENT, agent) for agent in range(agents)] + [OPERATOR, RECORDER]
-    file.touch(mode=0o600)
-    file.write_text("".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users), encoding="utf-8")
+    write_whole(file, "".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users).encode(), 0o600)
 
 
 def admit_certified(listen: Sequence[str], credentials: Path) -> None:

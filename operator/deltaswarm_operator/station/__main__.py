@@ -5,7 +5,6 @@ The feed is the process at the other end of the socket pair: the operator, a rep
 
 import argparse
 import asyncio
-import ipaddress
 import logging
 import os
 import secrets
@@ -14,6 +13,7 @@ import socket
 import sys
 from collections.abc import Sequence
 
+from deltaswarm_operator.station.rules import is_loopback
 from deltaswarm_operator.station.server import Station
 
 PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"deltaswarm station: --channel-fd {arguments.channel_fd}: {error}", file=sys.stderr)
         return 2
-    if not _is_loopback(host):
+    if not is_loopback(host):
         log.warning("listening on %s: pages travel unencrypted, use a trusted network or a tunnel", host)
     try:
         asyncio.run(_serve(feed, host, port, has_watchers=arguments.watchers))
@@ -94,13 +94,6 @@ async def _serve(feed: socket.socket, host: str, port: int, *, has_watchers: boo
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, station.stop)
     await station.run(host, port)
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 if __name__ == "__main__":

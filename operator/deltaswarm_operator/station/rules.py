@@ -46,7 +46,7 @@ def is_our_host(host: str | None, listen: str) -> bool:
         address = ipaddress.ip_address(name)
     except ValueError:
         return False
-    return address.is_loopback or not _is_loopback(listen)
+    return address.is_loopback or not is_loopback(listen)
 
 
 def is_our_origin(origin: str | None, host: str) -> bool:
@@ -92,7 +92,8 @@ def intent_of(message: str | bytes, browser: int, role: str = OPERATE) -> bytes:
     return datagram
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Whether a host is this machine alone."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from deltaswarm_orchestrator.base.starting import starting_processes
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
 from deltaswarm_orchestrator.processes.starter import PRELOADED, room_for
-from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, free_port, quiet_pairs, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -53,7 +53,7 @@ def _socket_agent(link: socket.socket) -> None:
 
 def zenoh_steps_per_s(agents: int, steps: int) -> float:
     """Measure what Zenoh allows with the swarm's settings: a router here, a client session per agent process."""
-    link = RouterLink(free_endpoint(), low_latency=True, overrides=tuple(room_for(agents)))
+    link = RouterLink(f"tcp/127.0.0.1:{free_port()}", low_latency=True, overrides=tuple(room_for(agents)))
     router = [("mode", "router"), ("listen/endpoints", [link.endpoint]), *quiet_pairs(low_latency=True)]
     with zenoh.open(configured(zenoh.Config, router, link)) as session:
         up = session.declare_subscriber("floor/up/*", zenoh.handlers.FifoChannel(4 * agents))
@@ -85,13 +85,6 @@ def _zenoh_agent(agent: int, steps: int, link: RouterLink) -> None:
             down.recv().payload.to_bytes()
             up.put(PAYLOAD)
         down.recv()
-
-
-def free_endpoint() -> str:
-    """Return an endpoint on a free port of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextmanager

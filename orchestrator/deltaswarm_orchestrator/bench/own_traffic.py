@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from deltaswarm_orchestrator.bench.floors import QUEUE_SAMPLES, children, free_endpoint
+from deltaswarm_orchestrator.bench.floors import QUEUE_SAMPLES, children
 from deltaswarm_orchestrator.processes.entry_point import run_in_background
 from deltaswarm_orchestrator.processes.starter import room_for
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, REPORT, TAKEN, WORLD, Keys
-from deltaswarm_wire.session import RouterLink, client_pairs, configured, router_pairs, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, free_port, router_pairs, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -72,7 +72,7 @@ def own_traffic_steps_per_s(traffic: Traffic) -> float:
     """
     users = [*(user_name(AGENT, agent) for agent in range(traffic.agents)), OPERATOR]
     passwords = {user: secrets.token_urlsafe(24) for user in users}
-    endpoint, overrides = free_endpoint(), tuple(room_for(traffic.agents))
+    endpoint, overrides = f"tcp/127.0.0.1:{free_port()}", tuple(room_for(traffic.agents))
     links = [RouterLink(endpoint, user, passwords[user], low_latency=True, overrides=overrides) for user in users]
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         credentials = Path(name) / "credentials"

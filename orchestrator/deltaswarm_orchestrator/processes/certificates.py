@@ -5,8 +5,6 @@ The world's access control goes by the name in a certificate: `agent-3` may act 
 
 import datetime
 import ipaddress
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -203,18 +201,5 @@ def pem_of(key: Key, certificate: x509.Certificate) -> tuple[bytes, bytes]:
 def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
     """Write the key before the certificate, so that every certificate has its key."""
     secret, public = pem_of(key, certificate)
-    _put(stem.with_name(f"{stem.name}.key"), secret, 0o600)
-    _put(stem.with_name(f"{stem.name}.pem"), public, 0o644)
-
-
-def _put(path: Path, data: bytes, mode: int) -> None:
-    """Write a file atomically, with its mode from the start."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            os.fchmod(handle, mode)
-            file.write(data)
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
+    write_whole(stem.with_name(f"{stem.name}.key"), secret, 0o600)
+    write_whole(stem.with_name(f"{stem.name}.pem"), public, 0o644)

@@ -14,7 +14,9 @@ import tomli_w
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of
+from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.session import free_port
 
 STATION = "station"
 """The role of the station's process."""
@@ -57,10 +59,8 @@ def free_address(listen: str) -> str:
     host, _, port = listen.rpartition(":")
     if int(port):
         return listen
-    bare = host.strip("[]")
     try:
-        with socket.create_server((bare, 0), family=socket.AF_INET6 if ":" in bare else socket.AF_INET) as server:
-            return f"{host}:{server.getsockname()[1]}"
+        return f"{host}:{free_port(host.strip('[]'))}"
     except OSError:  # the station itself says what is wrong with the address
         return listen
 
@@ -76,9 +76,7 @@ def write_briefing(folder: Path, scenario: Scenario, station: Station | None) ->
 
 def announce(folder: Path, urls: Mapping[str, str], *, opens_browser: bool) -> None:
     """Write the pages' addresses into the run folder, readable by this user alone; maybe open `url` in a browser."""
-    file = folder / ADDRESS
-    file.touch(mode=0o600)
-    file.write_text(json.dumps(urls) + "\n", encoding="utf-8")
+    write_whole(folder / ADDRESS, json.dumps(urls).encode() + b"\n", 0o600)
     if opens_browser:
         open_browser(urls["url"])
 

@@ -106,7 +106,7 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
     try:
         file = folder / "scenario.toml"
         file.write_text(to_toml(task.job.scenario), encoding="utf-8")
-        command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.dies_with_parent", str(os.getpid())]
+        command = [sys.executable, "-m", "deltaswarm_orchestrator.base.dies_with_parent", str(os.getpid())]
         command += [
             "deltaswarm_orchestrator",
             "run",

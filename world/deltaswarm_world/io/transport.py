@@ -1,6 +1,5 @@
 """The world's Zenoh router, publishers and subscriber of agents. `wakeup.py` has the rest of Zenoh."""
 
-import socket
 import threading
 import time
 from collections import deque
@@ -12,7 +11,7 @@ from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Frame, encode_frame
 from deltaswarm_wire.operator_messages import Status, encode_status
 from deltaswarm_wire.orders import ProcessOrder, encode_order, encode_save
-from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, configured, free_port, router_pairs, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -186,10 +185,4 @@ def open_router(
 
 
 def _with_port(endpoint: str) -> str:
-    return f"{endpoint.removesuffix(ANY_PORT)}:{_free_port()}" if endpoint.endswith(ANY_PORT) else endpoint
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    return f"{endpoint.removesuffix(ANY_PORT)}:{free_port()}" if endpoint.endswith(ANY_PORT) else endpoint

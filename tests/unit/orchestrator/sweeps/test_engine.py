@@ -69,7 +69,7 @@ def killing(pids: Callable[[], list[int]], times: int, number: signal.Signals = 
 
 def runs(mark: str) -> list[int]:
     """The `deltaswarm run` processes of sweeps."""
-    return [pid for pid in marked(mark) if b"sweeps.dies_with_parent" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return [pid for pid in marked(mark) if b"base.dies_with_parent" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 # One attempt
