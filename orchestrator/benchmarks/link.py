@@ -16,7 +16,7 @@ from benchmarks.delaying_proxy import delaying_proxy
 from deltaswarm_cluster.actor import AgentsJob, SupervisorActor, Update
 from deltaswarm_cluster.agents import Credentials, Placement, RemoteAgents, Supervisor
 from deltaswarm_cluster.plan import Worker
-from deltaswarm_orchestrator.base.starting import starting_processes
+from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables

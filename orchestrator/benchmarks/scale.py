@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltaswarm_orchestrator.bench.child import child
+from benchmarks.delaying_proxy import child
 from deltaswarm_orchestrator.bench.rounds import WARM_UP_STEPS, in_turns, median_of, memory_mb
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings

@@ -17,7 +17,7 @@ from deltaswarm_cluster.dask_cluster import CONNECT_WITHIN_S, PACKAGES, client_o
 from deltaswarm_cluster.plan import NOTHING
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import FAILED, notice
-from deltaswarm_orchestrator.base.starting import starting_processes
+from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.job import Result, Task
 

@@ -7,8 +7,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording import SCENARIO
-from deltaswarm_orchestrator.results.answers import PROBES, SITUATION
-from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION, read_rows
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import AFTER

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.base.exits import CommandError, aligned
 from deltaswarm_sessions.plan import group_of
 from deltaswarm_sessions.power import (
     ADJUSTED,

@@ -13,7 +13,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.base.exits import aligned
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_scenario.operator_settings import begun_with
 from deltaswarm_scenario.scenario import Scenario

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.results.answers import PROBES
-from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.run_tables import PROBES, read_rows
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES

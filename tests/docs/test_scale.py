@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.bench.speed import bench_scenario
-from deltaswarm_orchestrator.bench.traffic import traffic_of
+from deltaswarm_orchestrator.bench.speed import bench_scenario, traffic_of
 from deltaswarm_orchestrator.cli.run import EXCLUDES
 from tests.support.dask_clusters import Cluster, dask_cluster
 from tests.support.pages import ROOT, commands, shell

@@ -1,18 +1,34 @@
-"""Where results come from: versions, host, code, date."""
+"""Where results come from: versions, host, code, date, and the files of third-party extensions.
 
+Extensions here are what a scenario names: its controller, radio models and faults. Their results rest on their modules,
+what these import, and data that they declare.
+"""
+
+import ast
 import hashlib
 import importlib.util
 import os
 import platform
 import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
+from typing import Any, NamedTuple
+
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, POINTS, RADIO_MODELS, find
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
 EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster"))
 PACKAGES = CORE + EXTENSIONS
+
+INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+"""Folders whose modules a version identifies, and not their content."""
 
 GIT_WITHIN_S = 5.0
 """Maximum wait for git [s], which may hang, for example on a lost network drive."""
@@ -81,3 +97,102 @@ def code_digest() -> str:
             for file in sorted(Path(folder).rglob("*.py")):
                 digest.update(f"{package}/{file.relative_to(folder)}\n".encode() + file.read_bytes())
     return digest.hexdigest()
+
+
+class Source(NamedTuple):
+    """What the results of one third-party extension rest on."""
+
+    what: str
+    """The kind of extension, as `ExtensionPoint.what`."""
+    name: str
+    """How the scenario names it."""
+    digest: str
+    files: tuple[str, ...]
+
+
+def sources(scenario: Scenario) -> list[Source]:
+    """Return the sources of all third-party extensions of a scenario; shipped ones are identified by the version.
+
+    Raises:
+        SettingsError: there is no such extension, its class lacks something, or a file of it cannot be read.
+    """
+    named = [
+        (CONTROLLERS, scenario.control.mode, "control.mode"),
+        *((RADIO_MODELS, name, "radio.models") for name in scenario.radio.models),
+        *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),
+    ]
+    return [_source(point.group, name, path) for point, name, path in named if name not in point.shipped]
+
+
+@cache
+def _source(group: str, name: str, path: str) -> Source:
+    point = next(point for point in POINTS if point.group == group)
+    digest = hashlib.blake2b(digest_size=8)
+    files = sorted(files_of(find(point, name, path)).items())
+    for module, file in files:
+        try:
+            content = file.read_bytes()
+        except OSError as error:
+            must = f"must be a {point.what} whose files can be read: {file}: {error.strerror}"
+            raise SettingsError([Problem(path, repr(name), must)]) from None
+        digest.update(f"{module} {len(content)}\n".encode() + content)
+    return Source(point.what, name, digest.hexdigest(), tuple(module for module, _ in files))
+
+
+def files_of(cls: type[Any]) -> dict[str, Path]:
+    """The files by module, and by name for those that `cls.data_files` lists, relative to the class's own file.
+
+    The modules are those of the class and its bases, and whatever these import, also in functions; of installed
+    packages those of the class itself. What a module imports by a computed name is not found.
+    """
+    bases = [base.__module__ for base in cls.__mro__ if _is_third_party(base.__module__)]
+    own_packages = {name.partition(".")[0] for name in bases}
+    files: dict[str, Path] = {}
+    waiting = bases
+    while waiting:
+        name = waiting.pop()
+        file = _file_of(name)
+        if name in files or file is None or (_is_installed(file) and name.partition(".")[0] not in own_packages):
+            continue
+        files[name] = file
+        waiting += [imported for imported in _imports(name, file) if _is_third_party(imported)]
+    folder = Path(sys.modules[cls.__module__].__file__ or "").parent
+    return files | {f"data: {name}": folder / name for name in getattr(cls, "data_files", ())}
+
+
+def _is_third_party(name: str) -> bool:
+    package = name.partition(".")[0]
+    return package not in sys.stdlib_module_names and package not in PACKAGES
+
+
+def _is_installed(file: Path) -> bool:
+    return any(file.resolve().is_relative_to(folder) for folder in INSTALLED)
+
+
+def _file_of(name: str) -> Path | None:
+    try:
+        module = sys.modules.get(name)
+        spec = module.__spec__ if module is not None else importlib.util.find_spec(name)
+    except (ImportError, AttributeError, ValueError):
+        return None
+    origin = getattr(module, "__file__", None) or (spec.origin if spec is not None else None)
+    return Path(origin) if origin and Path(origin).is_file() else None
+
+
+def _imports(name: str, file: Path) -> Iterator[str]:
+    """The absolute names that a module may import: modules, their packages, and attributes that may be modules."""
+    if file.suffix != ".py":
+        return
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*parents, *([node.module] if node.module else [])])
+            targets = [base, *(f"{base}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        for target in targets:
+            parts = target.split(".")
+            yield from (".".join(parts[: length + 1]) for length in range(len(parts)))

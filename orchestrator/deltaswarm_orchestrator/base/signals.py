@@ -1,4 +1,7 @@
-"""Signals that ask the program to stop. Imports next to nothing, because the handlers are set before all else."""
+"""Signals that ask the program to stop, also while it starts processes.
+
+Imports next to nothing, because the handlers are set before all else.
+"""
 
 import atexit
 import os
@@ -123,3 +126,32 @@ def raise_on_signals(raising: Container[signal.Signals] = (signal.SIGINT,)) -> N
     """Let some signals raise KeyboardInterrupt, by default Ctrl-C as in any Python program; the others end it."""
     for number in _heeded():
         signal.signal(number, signal.default_int_handler if number in raising else signal.SIG_DFL)
+
+
+@contextmanager
+def spared_by_ctrl_c() -> Iterator[None]:
+    """Let no SIGINT reach the processes and threads that this thread starts here: this process ends them."""
+    from multiprocessing.resource_tracker import ensure_running  # slow to import
+
+    ensure_running()  # it unblocks SIGINT when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def starting_processes() -> Iterator[None]:
+    """Hold stop signals back, too: if they ended half-started processes, each of these would print a traceback.
+
+    Raises:
+        KeyboardInterrupt: at the end if a signal came, whatever else went wrong; at once if two did.
+    """
+    with stoppable() as stop:
+        try:
+            with spared_by_ctrl_c():
+                yield
+        finally:
+            if stop.by is not None:
+                raise KeyboardInterrupt

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from deltaswarm_orchestrator.base.starting import starting_processes
+from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
 from deltaswarm_orchestrator.processes.starter import PRELOADED, room_for
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, free_port, quiet_pairs, use_one_worker_thread

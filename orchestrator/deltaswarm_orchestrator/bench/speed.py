@@ -11,18 +11,20 @@ from statistics import median
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
-from deltaswarm_orchestrator.base.starting import starting_processes
+from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.bench import floors
-from deltaswarm_orchestrator.bench.own_traffic import own_traffic_steps_per_s
+from deltaswarm_orchestrator.bench.own_traffic import Answer, SentSample, StepTraffic, Traffic, own_traffic_steps_per_s
 from deltaswarm_orchestrator.bench.rounds import cpu_ticks, in_turns, median_of, memory_mb, shares, spread, stolen_share
-from deltaswarm_orchestrator.bench.traffic import traffic_of
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.summary import summarise
+from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.keys import AGENT, WORLD
+from deltaswarm_wire.keys import ACT, AGENT, RADIO, REPORT, WORLD
+from deltaswarm_wire.messages import encode_frame
+from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 
 ROUNDS = 3
 AGENTS_PER_M2 = 0.0025
@@ -30,6 +32,34 @@ AGENTS_PER_M2 = 0.0025
 
 MEASURED = ("startup_s", "pss_mb", "median_pss_mb", "world_pss_mb", "open_files")
 """What is measured while a run is under way."""
+
+
+def answer(report_bytes: bytes | None, radio: bytes | None, act_bytes: bytes) -> Answer:
+    """Return an agent's samples in a step: its report, then its act, attached to its radio frame if it sends one."""
+    act = SentSample(ACT, len(act_bytes)) if radio is None else SentSample(RADIO, len(radio), len(act_bytes))
+    return (act,) if report_bytes is None else (SentSample(REPORT, len(report_bytes)), act)
+
+
+def traffic_of(scenario: Scenario) -> Traffic:
+    """Return a run's traffic; the run is done in this process."""
+    swarm, count = InProcess(scenario), scenario.run.steps
+    answers: list[list[Answer]] = [[] for _ in swarm.agents]
+    steps = []
+    for step in range(count):
+        clock = Clock(step, swarm.step(step, step == count - 1).time_s, step == count - 1)
+        swarm.close_step(clock)
+        given = [answer(out.report_bytes, out.radio, out.act_bytes) for _, _, out in swarm.exchanged]
+        for (agent, _, _), samples in zip(swarm.exchanged, given, strict=True):
+            answers[agent].append(samples)
+        steps.append(
+            StepTraffic(
+                tuple((agent, len(encode_frame(frame))) for agent, frame, _ in swarm.exchanged),
+                sum(map(len, given)),
+                tuple(len(encode_forwarded(forwarded)) for forwarded in swarm.world.forwarded),
+                len(encode_clock(clock)),
+            )
+        )
+    return Traffic(len(swarm.agents), steps, answers)
 
 
 def bench_scenario(agents: int, steps: int) -> Scenario:

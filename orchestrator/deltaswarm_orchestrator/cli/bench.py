@@ -8,8 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
-from deltaswarm_orchestrator.base.text import named
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, named
 from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
 
 

@@ -6,8 +6,7 @@ from dataclasses import asdict
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK
-from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.base.exits import FAILED, OK, aligned
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO, load_scenario
 

@@ -30,7 +30,7 @@ class Format:
 
 FORMATS = {
     "mcap": Format("", ".mcap"),
-    "csv": Format("tables", "-csv"),
+    "csv": Format("snapshots", "-csv"),
     "rosbag2": Format("rosbag2", "-rosbag2", "rosbags"),
     "rrd": Format("rrd", ".rrd", "rerun"),
     "mp4": Format("video", ".mp4"),

@@ -1,4 +1,4 @@
-"""What an export shows of a recording: the swarm in each view, and its metrics."""
+"""Read the views and metrics that an export shows of a recording, and export them as CSV."""
 
 import tomllib
 from collections.abc import Iterator
@@ -15,7 +15,10 @@ from deltaswarm_orchestrator.recording.reader import (
     values_of,
 )
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
+from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_wire.messages import NOBODY
+from deltaswarm_wire.operator_messages import Workload
 
 Line = list[tuple[float, float]]
 
@@ -103,3 +106,19 @@ def _with_statuses(view: Snapshot, statuses: list[tuple[Any, ...]]) -> Snapshot:
     pairs = zip(view.bodies, statuses, strict=True)
     bodies = (body._replace(**dict(zip(AGENT_FIELDS, status, strict=True))) for body, status in pairs)
     return view._replace(bodies=tuple(bodies))
+
+
+def write(film: Film, out: Path) -> None:
+    """Write `poses.csv` (a row per view and agent), `events.csv` (per event) and `workload.csv` (per step).
+
+    A cell is empty where there is no time yet, no parent or no root.
+    """
+    out.mkdir()
+    poses = (
+        (view.step, view.time_s, *("" if value == NOBODY and type(value) is int else value for value in body))
+        for view in film.snapshots()
+        for body in view.bodies
+    )
+    write_csv(out / "poses.csv", ("step", "time_s", *Body._fields), poses)
+    write_csv(out / "events.csv", EventState._fields, film.recording.events)
+    write_csv(out / "workload.csv", Workload._fields, film.recording.workloads)

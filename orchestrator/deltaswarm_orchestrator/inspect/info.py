@@ -7,8 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypeVar
 
-from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.text import aligned, shown
+from deltaswarm_orchestrator.base.exits import CommandError, aligned, shown
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError

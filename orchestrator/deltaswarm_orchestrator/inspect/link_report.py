@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.base.exits import aligned
 from deltaswarm_orchestrator.inspect.info import read_run
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.scenario import Scenario

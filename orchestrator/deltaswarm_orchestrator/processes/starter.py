@@ -15,7 +15,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.kernel import end_orphans
-from deltaswarm_orchestrator.base.starting import spared_by_ctrl_c
+from deltaswarm_orchestrator.base.signals import spared_by_ctrl_c
 from deltaswarm_orchestrator.processes import entry_point
 from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 from deltaswarm_orchestrator.processes.fork_server import (

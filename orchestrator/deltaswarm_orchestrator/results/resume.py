@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_scenario.scenario import Scenario, scenario_digest

@@ -1,24 +1,28 @@
-"""Results of a run: the files of its parts, merged into tables and one summary."""
+"""Results of a run: the files of its parts, merged into tables and one summary; scores of a person's answers."""
 
 import csv
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import COMMANDS
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.technique import Recorded, ScoredTable
+from deltaswarm_scenario.techniques import SCORED
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import CONTROLLERS
+
+PROBES, SITUATION = "probes.csv", "situation.csv"
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""
@@ -159,3 +163,31 @@ def read_rows(file: Path) -> list[dict[str, str]]:
         return []
     with file.open(newline="", encoding="utf-8") as stream:
         return list(csv.DictReader(stream))
+
+
+def write_scored(folder: Path, outcome: Outcome, scenario: Scenario) -> None:
+    """Write a table for each technique that was scored."""
+    for table, rows in _scored(folder, outcome, scenario):
+        write_csv(folder / f"{table.name}.csv", table.row._fields, rows)
+
+
+def score_answers(folder: Path, outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
+    """Return the summary's part about scored answers; empty if there were none."""
+    parts = [table.summarise(rows) for table, rows in _scored(folder, outcome, scenario) if table.summarise]
+    return {name: part for summary in parts for name, part in summary.items()}
+
+
+def _scored(folder: Path, outcome: Outcome, scenario: Scenario) -> Iterator[tuple[ScoredTable, Sequence[Any]]]:
+    """Yield the rows of each table that the run has."""
+    targets = outcome.world.get("targets")
+    run = Recorded(
+        lambda name: read_rows(file) if (file := folder / f"{name}.csv").exists() else None,
+        outcome.step_records,
+        outcome.events,
+        None if targets is None else frozenset(targets),
+        scenario.arena.width_m,
+        scenario.arena.height_m,
+    )
+    for table in SCORED.values():
+        if (rows := table.score(run)) is not None:
+            yield table, rows

@@ -20,10 +20,10 @@ from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.recording.recorder import LAYOUT, Recorder, layout_json
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
-from deltaswarm_orchestrator.results.answers import score_answers, write_scored
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
+from deltaswarm_orchestrator.results.run_tables import score_answers, write_scored
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check

@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from deltaswarm_orchestrator.base.exits import Reporter
-from deltaswarm_orchestrator.base.text import shown
+from deltaswarm_orchestrator.base.exits import Reporter, shown
 from deltaswarm_orchestrator.results.summary import main_rows
 from deltaswarm_wire.operator_messages import Status
 

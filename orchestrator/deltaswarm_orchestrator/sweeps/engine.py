@@ -14,7 +14,7 @@ from typing import Protocol
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
-from deltaswarm_orchestrator.base.starting import starting_processes
+from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.sweeps.job import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, how_ended, work
 
 ATTEMPTS = 2

@@ -10,7 +10,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_scenario.scenario import NAME, Scenario, content_of
 from deltaswarm_wire.checked import Problem, key
 

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import coverage, scale
 from benchmarks.__main__ import main as benchmarks
-from deltaswarm_orchestrator.base.text import named
+from deltaswarm_orchestrator.base.exits import named
 from deltaswarm_orchestrator.bench import speed
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_studies import style

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 
 FILES = {
@@ -54,7 +54,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 DIGEST = """
-from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 print(*(source.digest for source in sources(load_scenario("smoke", ["control.mode=mine:Mine"]))))
 """

@@ -1,13 +1,12 @@
 """The start of processes while stop signals come."""
 
-import os
 import signal
 import subprocess
 import sys
 
 import pytest
 
-from deltaswarm_orchestrator.base.starting import spared_by_ctrl_c, starting_processes
+from deltaswarm_orchestrator.base.signals import spared_by_ctrl_c, starting_processes
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -19,7 +18,7 @@ def test_a_signal_waits_until_processes_have_started(number: signal.Signals, fai
 
     def start() -> None:
         with starting_processes():
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)
             done.append("all")
             if fails:
                 raise RuntimeError("Nanny failed to start.")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deltaswarm_orchestrator.base.text import aligned, named, shown
+from deltaswarm_orchestrator.base.exits import aligned, named, shown
 
 
 def test_columns_begin_at_the_same_place() -> None:

@@ -3,8 +3,7 @@
 import pytest
 
 from deltaswarm_orchestrator.bench.own_traffic import SentSample, StepTraffic, Traffic, own_traffic_steps_per_s
-from deltaswarm_orchestrator.bench.speed import bench_scenario
-from deltaswarm_orchestrator.bench.traffic import answer, traffic_of
+from deltaswarm_orchestrator.bench.speed import answer, bench_scenario, traffic_of
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_wire.keys import ACT, RADIO, REPORT
 

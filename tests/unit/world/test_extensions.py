@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltaswarm_orchestrator.base.sources import sources
+from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import commented_toml, load_scenario
 from deltaswarm_scenario.scenario import Scenario
