@@ -63,7 +63,7 @@ ENDS_WITHIN_S = 3.0
 """Time after a signal at which a hanging body is abandoned [s]; systemd kills after 5 s."""
 
 
-class Recorder(Protocol):
+class SampleRecorder(Protocol):
     """Records frames."""
 
     def write(self, topic: str, data: bytes) -> None:
@@ -149,7 +149,7 @@ class _Loop:
     """The step loop."""
 
     def __init__(
-        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: Recorder | None
+        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: SampleRecorder | None
     ) -> None:
         self._run = run
         self._driver = driver
@@ -266,7 +266,7 @@ def _recorder_class() -> "type[FrameRecorder]":
     return FrameRecorder
 
 
-def _recorder(settings: BoardSettings) -> Recorder | None:
+def _recorder(settings: BoardSettings) -> SampleRecorder | None:
     log_settings = settings.log
     if log_settings.record == "off":
         return None

@@ -17,7 +17,7 @@ from deltaswarm_ros2.definitions import CLOCK, POSE_ARRAY, TWIST_STAMPED
 from deltaswarm_ros2.detections import Detections
 from deltaswarm_ros2.keys import full_name
 from deltaswarm_ros2.link import Hear, Ros2Link, Topic
-from deltaswarm_ros2.motion import STOP, Drive, Expected, Odometry, PlanarFrame, Pose, Twist, beside
+from deltaswarm_ros2.motion import STOP, Drive, ExpectedOdometry, Odometry, PlanarFrame, Pose, Twist, beside
 from deltaswarm_ros2.settings import HOLONOMIC, Ros2Settings
 from deltaswarm_wire.messages import MAX_SENSED
 
@@ -47,7 +47,7 @@ class Ros2Body(GuardedBody):
         self._frame = frame
         self._topic = Topic(full_name(options.odometry, namespace), options.odometry_type)
         self._odometry = Odometry(
-            Expected(self._topic.name, options.frame, frame, options.position_s, options.fixed_frame)
+            ExpectedOdometry(self._topic.name, options.frame, frame, options.position_s, options.fixed_frame)
         )
         self._drive = Drive(options.drive == HOLONOMIC, options.turn_gain, options.max_turn_radps)
         self._detections = Detections(

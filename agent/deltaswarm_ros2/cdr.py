@@ -9,7 +9,7 @@ from functools import lru_cache
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
-from deltaswarm_ros2.definitions import SEQUENCE, Field, fields_of
+from deltaswarm_ros2.definitions import SEQUENCE, MessageField, fields_of
 
 try:
     from pycdr2 import IdlStruct, make_idl_struct
@@ -89,7 +89,7 @@ def _idl(message_type: str) -> Any:
     return _class(message_type).__idl__
 
 
-def _annotation(field: Field) -> Any:
+def _annotation(field: MessageField) -> Any:
     one: Any = _BASIC.get(field.type) or _class(field.type)
     if field.length is None:
         return one
@@ -105,7 +105,7 @@ def _filled(message_type: str, message: Mapping[str, Any]) -> SimpleNamespace:
     return SimpleNamespace(**{field.name: _value(field, message.get(field.name)) for field in fields})
 
 
-def _value(field: Field, value: Any) -> Any:
+def _value(field: MessageField, value: Any) -> Any:
     if field.length is None:
         return _one(field.type, value)
     if field.length != SEQUENCE and value is not None and len(value) != field.length:

@@ -69,7 +69,7 @@ SEQUENCE = 0
 _FIELD = re.compile(r"(?P<type>[\w/]+)(?P<many>\[(?P<count>\d*)\])? (?P<name>\w+)")
 
 
-class Field(NamedTuple):
+class MessageField(NamedTuple):
     """A field. `type` is a basic type or a message's full name; `length` is None for a single value."""
 
     name: str
@@ -78,7 +78,7 @@ class Field(NamedTuple):
 
 
 @lru_cache
-def fields_of(message_type: str) -> tuple[Field, ...]:
+def fields_of(message_type: str) -> tuple[MessageField, ...]:
     """Parse a definition.
 
     Raises:
@@ -89,7 +89,7 @@ def fields_of(message_type: str) -> tuple[Field, ...]:
         found = _FIELD.fullmatch(line.strip())
         assert found, line
         name = found["type"] if found["type"] in TYPE_IDS else found["type"].replace("/", "/msg/")
-        fields.append(Field(found["name"], name, int(found["count"] or SEQUENCE) if found["many"] else None))
+        fields.append(MessageField(found["name"], name, int(found["count"] or SEQUENCE) if found["many"] else None))
     return tuple(fields)
 
 
@@ -115,7 +115,7 @@ def _description(message_type: str) -> dict[str, Any]:
     return {"type_name": message_type, "fields": fields}
 
 
-def _field_type(field: Field) -> dict[str, Any]:
+def _field_type(field: MessageField) -> dict[str, Any]:
     is_basic = field.type in TYPE_IDS
     offset = 0 if field.length is None else _ARRAY_IDS if field.length else _SEQUENCE_IDS
     return {

@@ -51,7 +51,7 @@ RESTARTED = "its odometry restarted, and the frame may have moved: restart the a
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedOdometry:
     """What the odometry of a robot must be like."""
 
     topic: str
@@ -70,7 +70,7 @@ class Odometry:
     A message is an Odometry or a PoseStamped; `gid` is the id of its publisher, empty where there is none.
     """
 
-    def __init__(self, expected: Expected) -> None:
+    def __init__(self, expected: ExpectedOdometry) -> None:
         self.pose: Pose | None = None
         """The newest pose [arena frame]."""
         self.std_m: float | None = None

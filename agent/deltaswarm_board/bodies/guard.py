@@ -21,7 +21,7 @@ LEAST_M = 1.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class GuardLimits:
     """Limits and expectations of a vehicle."""
 
     max_speed_mps: float
@@ -45,7 +45,7 @@ class Limits:
 class Obedience:
     """Compares where a vehicle is with where it was told to go; without an answer in time it is doubtful."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: GuardLimits) -> None:
         self._limits = limits
         self._at: tuple[float, float] | None = None
         self._at_s = -math.inf
@@ -96,7 +96,7 @@ class Obedience:
 class Guard:
     """Decides the velocity to send [m/s; arena frame] and whether the body is well."""
 
-    def __init__(self, limits: Limits, fence: Fence, std_m: float) -> None:
+    def __init__(self, limits: GuardLimits, fence: Fence, std_m: float) -> None:
         self.refused = 0
         """Set-points that would have left the fence."""
         self.stalls = 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_board.bodies.events_file import event_field, file_problems
 from deltaswarm_board.bodies.fence import Fence, Place
-from deltaswarm_board.bodies.guard import Guard, Limits, Velocity
+from deltaswarm_board.bodies.guard import Guard, GuardLimits, Velocity
 from deltaswarm_wire.checked import Problem, key
 
 log = logging.getLogger("deltaswarm.body")
@@ -52,9 +52,9 @@ class GuardedSettings:
         low, right, top = -self.fence_margin_m, width_m + self.fence_margin_m, height_m + self.fence_margin_m
         return Fence(self._corners() or [(low, low), (right, low), (right, top), (low, top)])
 
-    def limits(self, step_s: float) -> Limits:
+    def limits(self, step_s: float) -> GuardLimits:
         """Make the guard's limits for an agent that commands once a step."""
-        return Limits(
+        return GuardLimits(
             max_speed_mps=self.max_speed_mps,
             command_s=step_s + self.stall_s,
             ahead_s=self.ahead_s,

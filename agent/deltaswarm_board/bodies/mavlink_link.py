@@ -63,7 +63,7 @@ def _without_brackets(host: str) -> str:
     return bare
 
 
-class Link(abc.ABC):
+class MavlinkLink(abc.ABC):
     """A link. Every method except `close` raises OSError if the link is broken or cannot be opened."""
 
     def __init__(self) -> None:
@@ -123,7 +123,7 @@ class Link(abc.ABC):
         """Implement `write` on an open link."""
 
 
-def open_link(device: Device) -> Link:
+def open_link(device: Device) -> MavlinkLink:
     """Make the link to a device, which need not exist yet.
 
     Raises:
@@ -136,7 +136,7 @@ def open_link(device: Device) -> Link:
     return UdpLink(device.name, device.number, listens=device.kind in UDP_IN)
 
 
-class UdpLink(Link):
+class UdpLink(MavlinkLink):
     """Listens and sends to its `peer`, which its owner chooses, or sends to one address. Reads one datagram."""
 
     def __init__(self, host: str, port: int, *, listens: bool) -> None:
@@ -174,7 +174,7 @@ class UdpLink(Link):
             self._end.sendto(data, self.peer)
 
 
-class TcpLink(Link):
+class TcpLink(MavlinkLink):
     """A client."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -201,7 +201,7 @@ class TcpLink(Link):
         self._end.sendall(data)  # all or a broken link: half a message would spoil the next
 
 
-class SerialLink(Link):
+class SerialLink(MavlinkLink):
     """A serial line. Needs `pyserial`."""
 
     def __init__(self, path: str, baud: int) -> None:

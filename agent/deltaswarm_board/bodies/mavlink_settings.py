@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from types import MappingProxyType
 
-from deltaswarm_board.bodies.guard import Limits
+from deltaswarm_board.bodies.guard import GuardLimits
 from deltaswarm_board.bodies.guarded import GuardedSettings
 from deltaswarm_board.bodies.mavlink_link import MAX_BAUD, MIN_BAUD, parse_device
 from deltaswarm_wire.checked import Problem, key
@@ -110,7 +110,7 @@ class MavlinkSettings(GuardedSettings):
             problems.append(Problem("modes", ", ".join(map(repr, unknown)), f"must be from {', '.join(sorted(MODES))}"))
         return problems
 
-    def limits(self, step_s: float) -> Limits:
+    def limits(self, step_s: float) -> GuardLimits:
         """Make the guard's limits for an agent that commands once a step."""
         return replace(
             super().limits(step_s),

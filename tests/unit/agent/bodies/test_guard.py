@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from deltaswarm_board.bodies.fence import Fence, Place
-from deltaswarm_board.bodies.guard import STAND, Guard, Limits
+from deltaswarm_board.bodies.guard import STAND, Guard, GuardLimits
 from deltaswarm_board.bodies.mavlink import LocalFrame
 from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import SettingsError, load
@@ -18,7 +18,7 @@ SQUARE = Fence([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
 HORSESHOE = Fence([(0, 0), (10, 0), (10, 10), (7, 10), (7, 3), (3, 3), (3, 10), (0, 10)])
 """Two arms, and nothing between them."""
 
-LIMITS = Limits(
+LIMITS = GuardLimits(
     max_speed_mps=2.0, command_s=1.5, ahead_s=1.0, position_s=1.0, heartbeat_s=3.0, needs_armed=True, modes=("GUIDED",)
 )
 

@@ -14,7 +14,15 @@ from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_board.bodies.mavlink import MavlinkBody
-from deltaswarm_board.bodies.mavlink_link import Device, Link, SerialLink, TcpLink, UdpLink, open_link, parse_device
+from deltaswarm_board.bodies.mavlink_link import (
+    Device,
+    MavlinkLink,
+    SerialLink,
+    TcpLink,
+    UdpLink,
+    open_link,
+    parse_device,
+)
 from deltaswarm_board.bodies.mavlink_settings import MODES, MavlinkSettings, mode_name
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import AgentSettings
@@ -61,7 +69,7 @@ def test_connection_strings_mean_what_they_do_elsewhere(text: str, device: Devic
             load(MavlinkSettings, {"device": text})
 
 
-def received(link: Link, length: int) -> bytes:
+def received(link: MavlinkLink, length: int) -> bytes:
     """So many bytes."""
     data = b""
     while len(data) < length:

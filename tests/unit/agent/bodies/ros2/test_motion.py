@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import decode, encode
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED
-from deltaswarm_ros2.motion import RESTARTED, STOP, Drive, Expected, Odometry, PlanarFrame, Pose, beside
+from deltaswarm_ros2.motion import RESTARTED, STOP, Drive, ExpectedOdometry, Odometry, PlanarFrame, Pose, beside
 
 ONE, TWO = b"one", b"two"
 
 
 def an_odometry(**changes: Any) -> Odometry:
     expected = {"topic": "/odom", "frame_id": "odom", "frame": PlanarFrame(), "lost_s": 1.0, "survives_restart": False}
-    return Odometry(Expected(**{**expected, **changes}))
+    return Odometry(ExpectedOdometry(**{**expected, **changes}))
 
 
 def a_message(at_s: float = 1.0, *, x_m: float = 1.0, frame_id: str = "odom", **pose: Any) -> dict[str, Any]:
