@@ -7,6 +7,7 @@ impersonate another. A process is identified by user name and password or, over 
 certificate.
 """
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import count
 from pathlib import Path
@@ -18,6 +19,9 @@ from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, REC
 TLS = "tls"
 REVOKED = "revoked.txt"
 
+CERTIFIED = re.compile(rf"({AGENT}-[0-9]+|{WORLD}|{OPERATOR}|{RECORDER})(\.[0-9]+)?")
+"""The name of a user in a certificate."""
+
 
 def user_name(role: str, number: int = 0) -> str:
     """The user name of a process at the router."""
@@ -28,15 +32,25 @@ def revoked_beside(ca: str) -> frozenset[str]:
     """The names of certificates that count no more: a line each, in `revoked.txt` beside the authority's certificate.
 
     Raises:
-        ValueError: the file cannot be read.
+        ValueError: the file cannot be read, or a line is no such name.
     """
     file = Path(ca).with_name(REVOKED)
     try:
-        return frozenset(file.read_text(encoding="utf-8").split())
+        lines = file.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
         return frozenset()
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{file} cannot be read: {error}") from None
+    names = {number: line.strip() for number, line in enumerate(lines, 1) if line.strip()}
+    for number, name in names.items():
+        if not is_certified(name):
+            raise ValueError(f"{file} line {number} must be a name such as agent-3 or operator.2 (got {name!r:.80})")
+    return frozenset(names.values())
+
+
+def is_certified(name: str) -> bool:
+    """Whether a name can stand in a certificate: that of an agent, the world, the operator or the recorder."""
+    return CERTIFIED.fullmatch(name) is not None
 
 
 def certified_name(user: str, revoked: Collection[str]) -> str:

@@ -127,10 +127,13 @@ def test_a_wrong_argument_is_refused(tmp_path: Path, arguments: list[str], messa
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("host", ["", "a b", "tcp/10.0.0.1", "10.0.0.1:7447", "wörld"])
+@pytest.mark.parametrize(
+    "host",
+    ["", "a b", "tcp/10.0.0.1", "10.0.0.1:7447", "wörld", "192.168.1.300", "10.0.1", "-x", "x-", "a..b", "x" * 64],
+)
 def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: Printed) -> None:
     """A name or an address is expected; nothing is written."""
-    assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", "--host", host]) == 2
+    assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", f"--host={host}"]) == 2
     assert f"(got {host!r})" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

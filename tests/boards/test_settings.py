@@ -191,6 +191,10 @@ def test_with_revoked_certificates_a_board_in_open_air_names_whom_it_admits(tmp_
     assert "agent-4" not in names
     world = {"mode": "client", "connect": ["tls/10.0.0.1:7448"], "tls": tls}
     read_settings(a_file(tmp_path, air=world, body={"kind": "world"}))
+    for line in ("agent-", "agent-x", "nobody", "agent-3.", "agent-3.x", "agent-3 # lost"):
+        (tmp_path / "revoked.txt").write_text(f"agent-4\n\n{line}\n")
+        with pytest.raises(SettingsError, match=r"revoked\.txt line 3 must be a name"):
+            read_settings(a_file(tmp_path, air=air | {"agents": "3-4"}))
     (tmp_path / "revoked.txt").write_bytes(b"\xff\xfe")
     with pytest.raises(SettingsError, match=r"revoked\.txt cannot be read"):
         read_settings(a_file(tmp_path, air=air | {"agents": "3-4"}))

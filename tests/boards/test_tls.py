@@ -340,7 +340,7 @@ def test_certificates_are_revoked_one_after_the_other(tmp_path: Path, capsys: Pr
         assert certificate_problem(tls_files(folder, "agent-3"), "agent-3") == ""
     assert (folder / "agent-4.pem").read_bytes() == other
     capsys.readouterr()
-    for name in ("agent-9", "world", "nobody"):
+    for name in ("agent-9", "world", "nobody", "ca", "agent-03x", "agent-3.2"):
         assert main(["certificates", "--out", str(folder), "--revoke", name]) == 2
         assert name in capsys.readouterr().err
     assert (folder / "revoked.txt").read_text().split() == ["agent-3", "agent-3.2"]

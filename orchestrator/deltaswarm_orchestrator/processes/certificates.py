@@ -5,6 +5,7 @@ The world's access control goes by the name in a certificate: `agent-3` may act 
 
 import datetime
 import ipaddress
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -13,13 +14,19 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from deltaswarm_wire.access import REVOKED, certified_name, revoked_beside, user_name
+from deltaswarm_wire.access import REVOKED, certified_name, is_certified, revoked_beside, user_name
 from deltaswarm_wire.arguments import secret_problem
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 
 CA = "ca"
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
+LABEL = re.compile(r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?")
+"""One part of a host's name (RFC 1123)."""
+
+MAX_HOST = 253
+"""Characters of a host's name."""
+
 CLOCK_SLACK = datetime.timedelta(days=1)
 """Certificates are valid this long before now, because a board without a real-time clock may lag behind."""
 
@@ -130,7 +137,7 @@ def revoke(folder: Path, users: Iterable[str]) -> Path:
     """
     revoked = revoked_beside(str(folder / "ca.pem"))
     for user in users:
-        if user == WORLD or not (folder / f"{user}.pem").exists():
+        if user == WORLD or not is_certified(user) or not (folder / f"{user}.pem").exists():
             raise ValueError(
                 f"--revoke must be an agent, operator or recorder with a certificate in {folder} (got {user})"
             )
@@ -172,8 +179,8 @@ def check_host(text: str) -> x509.GeneralName:
         return x509.IPAddress(ipaddress.ip_address(text))
     except ValueError:
         pass
-    labels = text.split(".")
-    if not all(label and label.replace("-", "").isalnum() and label.isascii() for label in labels):
+    is_number = text.rpartition(".")[2].isdecimal()  # the last label of a name is none, so this is no address
+    if is_number or len(text) > MAX_HOST or not all(map(LABEL.fullmatch, text.split("."))):
         raise ValueError(f"--host must be a name or an IP address (got {text!r})")
     return x509.DNSName(text)
 
