@@ -1,4 +1,4 @@
-"""What commands print: with `--json` one document on standard output, and nothing else there."""
+"""What commands print: with `--json` one document on standard output and nothing else; else aligned columns."""
 
 import argparse
 import json
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_orchestrator.base.exits import aligned, named, shown
 from deltaswarm_orchestrator.cli import all_commands, main, parser
 from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
@@ -154,3 +155,28 @@ def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     assert main(["study", "beyond", "--plan", "--json"]) == 0
     assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]
+
+
+def test_columns_begin_at_the_same_place() -> None:
+    """Whatever the width of their cells; no line ends with a space."""
+    assert aligned([("a", "b"), ("long", "")]) == "a     b\nlong"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "-"), (True, "yes"), (False, "NO"), (0.126, "0.13"), (1234.5, "1234"), (7, "7"), ("a", "a")],
+)
+def test_a_value_is_short(value: object, text: str) -> None:
+    """Fractions have two decimals, or none where they are large."""
+    assert shown(value) == text
+
+
+def test_rows_become_a_table() -> None:
+    """A list of them, or a table of them by name; plain values come first."""
+    lines = named(
+        {"sizes": [{"agents": 5, "speed_hz": 2.5}], "radio": {"all_on": {"x": 1}}, "steps": 9, "us": {"a": 1}}
+    )
+    assert [line.split() for line in lines.splitlines() if line] == [
+        *(["steps", "9"], ["agents", "speed", "hz"], ["5", "2.50"]),
+        *(["radio", "x"], ["all_on", "1"], ["us"], ["a", "1"]),
+    ]

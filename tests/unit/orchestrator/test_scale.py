@@ -1,4 +1,4 @@
-"""How speed scales: scenarios of one density at any size, and each measurement in a process of its own."""
+"""How speed scales, in one process and with real ones: one density at any size, each measurement in its process."""
 
 import itertools
 import json
@@ -8,11 +8,13 @@ from typing import Any
 
 import pytest
 
-from benchmarks import coverage, scale
+from benchmarks import coverage, processes, scale
 from benchmarks.__main__ import main as benchmarks
+from benchmarks.__main__ import parser
 from deltaswarm_orchestrator.base.exits import named
 from deltaswarm_orchestrator.bench import speed
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.processes.starter import LEASE, OTHER_SESSIONS, STARTED, room_for
 from deltaswarm_studies import style
 from tests.support.complaints import Printed
 
@@ -150,3 +152,33 @@ def test_results_are_printed_even_if_their_figure_fails(
     printed = capsys.readouterr()
     assert json.loads(printed.out) == result
     assert printed.err == "deltaswarm: x.png could not be written: No space left on device\n"
+
+
+def test_a_thousand_agents_and_more_may_join_at_once() -> None:
+    """Beyond Zenoh's own limits on sessions and handshakes."""
+    settings = dict(room_for(1500))
+    for name in ("max_sessions", "accept_pending"):
+        assert settings[f"transport/unicast/{name}"] == str(1500 + OTHER_SESSIONS)
+    assert int(settings[LEASE]) == 90_000  # a link may be silent while the others start
+    assert LEASE not in dict(room_for(100))
+
+
+def test_defaults_are_the_measurements_own() -> None:
+    """Other measurements keep theirs."""
+    many = parser().parse_args(["processes"])
+    assert (many.sizes, many.steps) == ([25, 100, 400, 1000], 100)
+    in_one = parser().parse_args(["scale"])
+    assert (in_one.sizes[-1], in_one.steps) == (1000, 1000)
+
+
+@pytest.mark.processes
+def test_each_size_has_a_row() -> None:
+    """Smallest first, whatever the order; no process is left on Python's list."""
+    rows = processes.measure((6, 3), 20)["sizes"]
+    assert [row["agents"] for row in rows] == [3, 6]
+    for row in rows:
+        assert row["agent_steps_per_s"] == pytest.approx(row["agents"] * row["steps_per_s"])
+        assert 1 < row["median_agent_pss_mb"] <= row["largest_agent_pss_mb"] < 50
+        assert row["open_files"] > 3 * row["agents"]
+        assert 0 <= row["stolen_share"] <= 1
+    assert not STARTED
