@@ -13,8 +13,9 @@ from pathlib import Path
 
 from deltaswarm_operator.io.command_options import add_arguments, command_options_of
 from deltaswarm_operator.io.files import TABLE
-from deltaswarm_operator.io.open_air import OpenAirConfig, run_open_air
-from deltaswarm_operator.io.process import OperatorConfig, run_operator
+from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
+from deltaswarm_operator.io.process import Source, run_operator
+from deltaswarm_operator.io.world_source import WorldConfig, WorldSource
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_scenario.scenario import RunSettings
 from deltaswarm_wire import checked
@@ -124,8 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     without_world = NO_WORLD in argv
     arguments = (open_air_parser() if without_world else parser()).parse_args(argv)
     try:
-        config = _open_air_config(arguments) if without_world else _config(arguments)
-        if (config.out / TABLE).exists() and not (isinstance(config, OperatorConfig) and config.go_on):
+        source: Source = _open_air(arguments) if without_world else _world(arguments)
+        config = source.config
+        if (config.out / TABLE).exists() and not config.go_on:
             raise FileExistsError(
                 f"--out must be a folder without {TABLE}, which is never overwritten (got {config.out})"
             )
@@ -133,18 +135,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"deltaswarm operator: {error}", file=sys.stderr)
         return 2
     try:
-        return run_open_air(config) if isinstance(config, OpenAirConfig) else run_operator(config)
+        return run_operator(source)
     except Exception as error:
         code = exit_code_of(error)
         logging.getLogger("deltaswarm.operator").error("the operator fails: %s", error, exc_info=code == FAILED)
         return code
 
 
-def _config(arguments: argparse.Namespace) -> OperatorConfig:
+def _world(arguments: argparse.Namespace) -> WorldSource:
     briefing = arguments.briefing and checked.load(
         Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8"))
     )
-    return OperatorConfig(
+    config = WorldConfig(
         briefing=briefing,
         station=_end(arguments.channel_fd),
         conductor=_end(arguments.conductor_fd),
@@ -158,13 +160,14 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
         checkpoint_steps=arguments.checkpoint,
         markers=arguments.markers,
     )
+    return WorldSource(config)
 
 
 def _end(descriptor: int | None) -> socket.socket | None:
     return None if descriptor is None else socket.socket(fileno=descriptor)
 
 
-def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
+def _open_air(arguments: argparse.Namespace) -> OpenAirSource:
     """Check the arguments. Raises ValueError, OSError."""
     connect, listen = arguments.connect, arguments.listen
     if not connect and not listen:
@@ -195,8 +198,10 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
         pairs += [("transport/auth/usrpwd/user", OPERATOR), ("transport/auth/usrpwd/password", password)]
         pairs.append(("transport/auth/usrpwd/dictionary_file", str(arguments.credentials)))
     settings, step_s = _settings(arguments), _step_s(arguments)
-    return OpenAirConfig(
-        command_options=command_options_of(arguments, settings, step_s),
+    options = command_options_of(arguments, settings, step_s)
+    config = OpenAirConfig(
+        command_options=options,
+        listen=options.listen if options else None,
         run=arguments.run,
         link=link,
         pairs=pairs,
@@ -205,6 +210,7 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
         out=arguments.out,
         status_every_s=arguments.status_every_s,
     )
+    return OpenAirSource(config)
 
 
 def _settings(arguments: argparse.Namespace) -> OperatorSettings:

@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from deltaswarm_board.settings import BoardSettings
-from deltaswarm_operator.__main__ import _open_air_config, open_air_parser
+from deltaswarm_operator.__main__ import _open_air, open_air_parser
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_wire.access import air_rules
@@ -52,7 +52,7 @@ def opened(settings: BoardSettings) -> zenoh.Session:
 def operator(folder: Path, out: Path, *arguments: str) -> Iterator[zenoh.Session]:
     """A session as the operator without a world opens it."""
     command = ["--no-world", "--run", RUN, "--out", str(out), *tls_arguments(folder, "operator"), *arguments]
-    config = _open_air_config(open_air_parser().parse_args(command))
+    config = _open_air(open_air_parser().parse_args(command)).config
     with zenoh.open(configured(zenoh.Config, config.pairs, config.link)) as session:
         yield session
 
@@ -199,4 +199,4 @@ def test_numbers_need_certificates(tmp_path: Path) -> None:
     """The operator's, as a board's."""
     command = ["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:1", "--agents", "0-3"]
     with pytest.raises(ValueError, match=r"--agents must .*certificates"):
-        _open_air_config(open_air_parser().parse_args(command))
+        _open_air(open_air_parser().parse_args(command))

@@ -121,6 +121,11 @@ class ConsoleServer:
         """Longest wait before `show` is called again [wall s]; None without a station."""
         return None if self._channel is None else SHOW_EVERY_S
 
+    @property
+    def is_due(self) -> bool:
+        """Whether the station waits for a picture."""
+        return self._channel is not None and time.monotonic() >= self._show_due
+
     def start(self) -> None:
         """Start the console before the first step."""
         self.console.start(time.monotonic())

@@ -14,15 +14,15 @@ from unittest.mock import MagicMock
 import pytest
 
 from deltaswarm_operator.__main__ import main
-from deltaswarm_operator.io.bounded_queue import (
+from deltaswarm_operator.io.inbox import (
     MAX_TOKENS,
     MAX_WAITING_BYTES_OF_ONE,
     SAMPLE_BYTES,
-    BoundedQueue,
+    BoundedInbox,
     ItemKind,
 )
-from deltaswarm_operator.io.open_air import OpenAirConfig, OpenAirOperator
-from deltaswarm_operator.io.process import End
+from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
+from deltaswarm_operator.io.process import End, OperatorProcess
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
@@ -252,23 +252,32 @@ def sample(key: str, data: bytes) -> Any:
 
 def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """So many reports wait and no more, none is larger than reports are, and each agent's key is named once."""
-    inbox = BoundedQueue()
-    config = OpenAirConfig(RUN, RouterLink(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
-    operator = OpenAirOperator(config, MagicMock(), inbox, MagicMock())
+    config = OpenAirConfig(
+        run=RUN,
+        link=RouterLink(""),
+        pairs=[],
+        settings=OperatorSettings(),
+        step_s=1.0,
+        out=tmp_path,
+        status_every_s=10.0,
+    )
+    source = OpenAirSource(config)
+    inbox = source.inbox
+    operator = OperatorProcess(source, MagicMock(), MagicMock())
     inbox.put(ItemKind.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
     room = MAX_WAITING_BYTES_OF_ONE // (SAMPLE_BYTES + 1)
     for number in range(2 * room + 10):
         inbox.put(ItemKind.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
     inbox.stop()
-    operator.run()
-    assert operator.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
-    assert operator.meter.totals["rejected"] == 2 * room
+    assert operator.run() is End.STOPPED
+    assert source.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
+    assert source.meter.totals["rejected"] == 2 * room
     assert len(caplog.records) == 4
 
 
 def test_one_that_floods_leaves_room_for_the_others() -> None:
     """Of its own samples few wait, however large they are; what was taken makes room again. Tokens are never lost."""
-    inbox = BoundedQueue()
+    inbox = BoundedInbox()
     large = bytes(MAX_SAMPLE_BYTES)
     for _ in range(2 * MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES):
         inbox.put(ItemKind.REPORT, sample("7", large))

@@ -1,4 +1,4 @@
-"""The bounded inbox of the operator without a world; untrusted senders may send anything."""
+"""The inbox of the operator's main thread; bounded in open air, where untrusted senders may send anything."""
 
 import logging
 import queue
@@ -7,6 +7,7 @@ from collections import Counter
 from enum import Enum
 from typing import Any
 
+from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import parse_agent_key
 
@@ -17,10 +18,17 @@ class ItemKind(Enum):
     """Kinds of items in the main thread's inbox."""
 
     REPORT = "report"
+    CLOCK = "clock"
+    LISTENER = "listener"
     HEALTH = "health"
     TOKEN = "token"
     INTENT = "intent"
+    CONDUCT = "conduct"
     STOP = "stop"
+
+
+BY = {ItemKind.INTENT: PERSON, ItemKind.CONDUCT: CONDUCTOR}
+"""Whose intents these are."""
 
 
 SAMPLE_BYTES = 4096
@@ -46,29 +54,51 @@ def whose_key(agent: int | None) -> str:
     return "no agent's key" if agent is None else f"agent {agent}'s key"
 
 
-class BoundedQueue:
-    """Samples from Zenoh's threads and the request to stop, for the main thread."""
+class Inbox:
+    """Items from the threads of Zenoh and of the pages, and the request to stop, for the main thread."""
 
     def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[tuple[ItemKind, Any]] = queue.SimpleQueue()
+
+    def stop(self) -> None:
+        """Stop the main thread after the waiting items. Safe in a signal handler: it takes no lock."""
+        self._queue.put((ItemKind.STOP, None))
+
+    def put(self, arrival: ItemKind, sample: Any) -> None:
+        """Add an item."""
+        self._queue.put((arrival, sample))
+
+    def get(self, timeout_s: float) -> tuple[ItemKind, Any]:
+        """Take the first item; raise queue.Empty after this time [s]."""
+        return self._queue.get(timeout=timeout_s)
+
+    def __len__(self) -> int:
+        return self._queue.qsize()
+
+
+class BoundedInbox(Inbox):
+    """An inbox that refuses samples for lack of room, per sender and in total."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.refused: Counter[int | None] = Counter()
         """Reports and health messages refused for lack of room, by agent (None: no agent's key)."""
-        self._queue: queue.SimpleQueue[tuple[ItemKind, Any]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting_bytes: Counter[int | None] = Counter()
         self._all_waiting_bytes = 0
         self._late_tokens: dict[str, Any] = {}
 
-    def stop(self) -> None:
-        """Stop the main thread after the waiting samples. Safe in a signal handler: it takes no lock."""
-        self._queue.put((ItemKind.STOP, None))
-
-    def put_intent(self, intent: bytes | None) -> None:
-        """Add an intent of the station, if there is room; None: the station has gone."""
-        if intent is None or len(self) < MAX_TOKENS:
-            self._queue.put((ItemKind.INTENT, intent))
-
     def put(self, arrival: ItemKind, sample: Any) -> None:
-        """Add a sample, or refuse it for lack of room. Of excess tokens the newest of each key is kept for later."""
+        """Add a sample, or refuse it for lack of room. Of excess tokens the newest of each key is kept for later.
+
+        Excess intents of the station are dropped; None, which says that it has gone, never is.
+        """
+        if arrival in BY:
+            if sample is None:
+                log.warning("the station has ended; the operator continues without it")
+            if sample is None or len(self) < MAX_TOKENS:
+                self._queue.put((arrival, sample))
+            return
         if arrival is ItemKind.TOKEN:
             with self._lock:
                 if len(self) < MAX_TOKENS:
@@ -115,6 +145,3 @@ class BoundedQueue:
             and self._waiting_bytes[sender] + needed <= MAX_WAITING_BYTES_OF_ONE
             and self._all_waiting_bytes + needed <= MAX_WAITING_BYTES
         )
-
-    def __len__(self) -> int:
-        return self._queue.qsize()
