@@ -123,8 +123,8 @@ def test_everything_on_the_live_page_is_translated(pseudo: Callable[..., Page]) 
         Select(page.at("command-name")).select_by_value(form["name"])
         for radio in page.all("#command-targets input"):
             radio.click()
-            page.at("command-send").click()
-            page.until(lambda: page.text("command-answer"))
+            # Again if it comes too soon after the last: the page takes that for a double click.
+            page.until(lambda: page.at("command-send").click() or page.text("command-answer"))
             assert untranslated(page) == []
     rows = [
         [number, "set delta", ["all"], {"delta": 4}, 90.0, heard, done, refused, 160.0, state, late, refusers, by]

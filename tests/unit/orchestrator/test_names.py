@@ -25,7 +25,16 @@ def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
     """Every scenario, sweep and study can be loaded by its name, every controller found."""
     assert main(["list", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert list(found) == ["scenarios", "sweeps", "studies", "controllers", "commands", "bodies"]
+    assert list(found) == [
+        "scenarios",
+        "sweeps",
+        "studies",
+        "controllers",
+        "commands",
+        "bodies",
+        "radio models",
+        "faults",
+    ]
     assert all(text for names in found.values() for text in names.values())
     for name in found["scenarios"]:
         assert main(["run", name, "--dry-run"]) == 0

@@ -12,10 +12,11 @@ from deltaswarm_scenario.radio import RadioSettings
 
 @pytest.mark.parametrize("table", [radio_cost.ALL_ON, radio_cost.ALWAYS_ON], ids=["on", "always on"])
 def test_on_is_every_model(table: tuple[str, ...]) -> None:
-    """Each key of `[radio]` is other than it is by default, but the range of a disc."""
+    """Each key of `[radio]` is other than it is by default, but the range of a disc and models from outside."""
     radio, plain = load_scenario("paper-25", table).radio, load_scenario("paper-25").radio
     assert [one.name for one in fields(RadioSettings) if getattr(radio, one.name) == getattr(plain, one.name)] == [
-        "range_m"
+        "range_m",
+        "models",
     ]
 
 

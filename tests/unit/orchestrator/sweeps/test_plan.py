@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.sweeps.plan import SEED_BITS, Job, Variant, replicate_seed
 from deltaswarm_scenario.density import DENSITIES, ComponentSettings
+from deltaswarm_scenario.fault import FaultSettings
 from deltaswarm_scenario.scenario import CLOCKS, RECORDS, Scenario
 from tests.support.sweeping import made
+from tests.support.weather import put_weather
 
 SEEDS = st.integers(0, 2**63 - 1)
 
@@ -148,6 +150,10 @@ def changed(settings: Any, dotted: str) -> Any:
         other = value + 1
     elif isinstance(value, str):
         other = next((one for group in CHOICES if value in group for one in group if one != value), value + "x")
+    elif name == "models":
+        other = {"weather:Fog": {}}
+    elif name == "fault":
+        other = (FaultSettings("freeze", 0.0, 5.0, (1,)),)
     elif isinstance(value, dict):
         other = {**value, "delta": 4}
     elif value is None:
@@ -157,15 +163,19 @@ def changed(settings: Any, dotted: str) -> Any:
     return replace(settings, **{name: other})
 
 
-@pytest.mark.parametrize("dotted", [one for one in leaves(Scenario()) if one != "name"])
-def test_any_other_scenario_has_another_key(dotted: str, tmp_path: Path) -> None:
+def test_any_other_scenario_has_another_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whichever key it is that differs."""
-    scenario, other = Scenario(), changed(Scenario(), dotted)
-    if other.events.density.kind == "grid":
-        file = tmp_path / "grid.csv"
-        np.savetxt(file, np.eye(3), delimiter=",")
-        other = replace(other, events=replace(other.events, density=replace(other.events.density, file=str(file))))
-    assert job(scenario).key != job(other).key
+    put_weather(tmp_path, monkeypatch)
+    file = tmp_path / "grid.csv"
+    np.savetxt(file, np.eye(3), delimiter=",")
+    usual = job(Scenario()).key
+    keys = [dotted for dotted in leaves(Scenario()) if dotted != "name"]
+    assert len(keys) > 100
+    for dotted in keys:
+        other = changed(Scenario(), dotted)
+        if other.events.density.kind == "grid":
+            other = replace(other, events=replace(other.events, density=replace(other.events.density, file=str(file))))
+        assert job(other).key != usual, dotted
 
 
 def test_a_grid_is_known_by_its_weights(tmp_path: Path) -> None:
