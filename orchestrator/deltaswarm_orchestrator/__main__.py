@@ -3,13 +3,14 @@
 import os
 import sys
 
-from deltaswarm_orchestrator.base.output import open_outputs
 from deltaswarm_orchestrator.base.signals import end_at_once_on_signals
 
 
 def main() -> int:
     """Run one command; return its exit code. Slow imports come after the signal handlers are set."""
     end_at_once_on_signals()
+    from deltaswarm_orchestrator.base.output import open_outputs
+
     open_outputs()
     # No array here is large enough for a second OpenBLAS thread, and the threads started by importing numpy spin for
     # 0.1 s in every process. Set before that import; the parts of a run inherit it.

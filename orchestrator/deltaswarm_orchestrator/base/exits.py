@@ -2,9 +2,10 @@
 
 import sys
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from deltaswarm_wire.operator_messages import Status
+if TYPE_CHECKING:  # imported before the signal handlers are set, so it imports nothing itself
+    from deltaswarm_wire.operator_messages import Status
 
 OK, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -53,7 +54,7 @@ def complain(text: str) -> None:
 class Reporter:
     """Takes the progress of a run. This base class discards it, and needs no terminal: sweep workers show nothing."""
 
-    def update(self, status: Status, messages_per_s: float | None) -> None:
+    def update(self, status: "Status", messages_per_s: float | None) -> None:
         """Take the newest state."""
 
     def say(self, text: str) -> None:

@@ -3,6 +3,7 @@
 import argparse
 import json
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -180,3 +181,10 @@ def test_rows_become_a_table() -> None:
         *(["steps", "9"], ["agents", "speed", "hz"], ["5", "2.50"]),
         *(["radio", "x"], ["all_on", "1"], ["us"], ["a", "1"]),
     ]
+
+
+def test_nothing_slow_is_imported_before_signals_are_heeded() -> None:
+    """A Ctrl-C that comes earlier ends in Python's traceback."""
+    code = "import deltaswarm_orchestrator.__main__, sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not {"msgpack", "numpy", "zenoh", "deltaswarm_wire"} & set(printed.split())
