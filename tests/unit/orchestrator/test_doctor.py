@@ -37,33 +37,34 @@ def test_doctor_looks_for_all_that_is_required(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_lean_installation_runs_and_says_what_studies_need(tmp_path: Path) -> None:
     """Without the extra `study`: runs, info and doctor work; a study names the package and how to get it."""
-    hidden = "import sys; sys.modules.update(dict.fromkeys(sys.argv.pop(1).split(',')))\n"
-    code = f"{hidden}from deltaswarm_orchestrator.cli import main; sys.exit(main(sys.argv[1:]))"
-
-    def lean(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-c", code, ",".join(doctor.needed("study")), *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-
-    run = ("run", "smoke", "--in-process", "--set", "run.duration_s=5", "--set", "agents.count=150", "--out", "a")
-    plan, check = ("study", "lose-the-roots", "--plan"), ("sweep", "modes", "--dry-run")
-    for arguments in (
-        run,
-        ("info", "a"),
-        ("doctor",),
-        ("list",),
-        ("study", "paper", "--render", "--help"),
-        plan,
-        check,
-    ):
-        done = lean(*arguments)
-        assert done.returncode == 0, done.stderr
+    program = """
+import contextlib, io, json, sys
+sys.modules.update(dict.fromkeys(sys.argv[1].split(",")))
+from deltaswarm_orchestrator.cli import main
+for command in json.loads(sys.argv[2]):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main(command)
+        except SystemExit as ended:
+            code = ended.code
+    print(json.dumps([code, out.getvalue(), err.getvalue()]))
+"""
     (tmp_path / "runs.csv").write_text("variant,replicate,seed\n")
-    done = lean(*plan, "--pilot", ".")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.splitlines()[-1].endswith(doctor.INSTALL_STUDY)
-    done = lean("sweep", "smoke")
-    assert done.returncode == 2
-    assert doctor.INSTALL_STUDY in done.stderr
+    run = ["run", "smoke", "--in-process", "--set", "run.duration_s=5", "--set", "agents.count=150", "--out", "a"]
+    plan = ["study", "lose-the-roots", "--plan"]
+    commands = [run, ["info", "a"], ["doctor"], ["list"], ["study", "paper", "--render", "--help"], plan]
+    commands += [["sweep", "modes", "--dry-run"], [*plan, "--pilot", "."], ["sweep", "smoke"]]
+    hidden = ",".join(doctor.needed("study"))
+    command = [sys.executable, "-c", program, hidden, json.dumps(commands)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    *well, (code, planned, complaint), refused = map(json.loads, done.stdout.splitlines())
+    assert [each[0] for each in well] == [0] * 7, well
+    assert (code, complaint) == (0, "")
+    assert planned.splitlines()[-1].endswith(doctor.INSTALL_STUDY)
+    assert refused[0] == 2
+    assert doctor.INSTALL_STUDY in refused[2]
 
 
 def test_doctor_says_what_to_do_where_something_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:

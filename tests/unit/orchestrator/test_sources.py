@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -53,42 +54,45 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-DIGEST = """
+PROGRAM = """
+import json, os, sys
 from deltaswarm_orchestrator.base.provenance import sources
-from deltaswarm_orchestrator.scenarios.load import load_scenario
-print(*(source.digest for source in sources(load_scenario("smoke", ["control.mode=mine:Mine"]))))
-"""
-MANIFEST = """
-import json
 from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-print(json.dumps(new_manifest(load_scenario("smoke", ["control.mode=mine:Mine"]), "processes", "off")))
+for name in ["", *sys.argv[1:]]:
+    if name:
+        with open(os.path.join(sys.path[1], name), "a") as file:
+            file.write("# edited\\n")
+    if os.fork() == 0:
+        scenario = load_scenario("smoke", ["control.mode=mine:Mine"])
+        manifest = new_manifest(scenario, "processes", "off")
+        print(*(source.digest for source in sources(scenario)), json.dumps(manifest["controller"]), flush=True)
+        os._exit(0)
+    if os.wait()[1]:
+        sys.exit(1)
 """
 
 
-def digest(folder: Path, code: str = DIGEST) -> str:
-    """As a new process sees it: a module that is loaded already does not change with its file."""
+def sources_of(folder: Path, *edited: str) -> list[tuple[str, dict[str, Any]]]:
+    """The digest and the manifest's entry at first and after each edit.
+
+    Each as a new process sees it: a module that is loaded already does not change with its file.
+    """
     environment = {**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", PROGRAM, *edited]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_the_manifest_of_a_run_names_the_files(folder: Path) -> None:
-    """By module, and by name what is data; with their digest."""
-    controller = json.loads(digest(folder, MANIFEST))["controller"]
-    assert controller["source"] == digest(folder).strip()
-    modules = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in FILES if ".py" in name]
-    assert controller["files"] == sorted(["data: table.csv", *(name for name in modules if "unused" not in name)])
+    lines = [line.split(" ", 1) for line in done.stdout.splitlines()]
+    return [(digest, json.loads(controller)) for digest, controller in lines]
 
 
 def test_every_file_that_it_imports_or_declares_counts(folder: Path) -> None:
     """Helpers in packages, relative and late imports, bases and data; not what nothing imports."""
-    before = digest(folder)
-    for name in FILES:
-        with (folder / name).open("a") as file:
-            file.write("# edited\n")
-        after = digest(folder)
+    (before, controller), *edited = sources_of(folder, *FILES)
+    assert controller["source"] == before
+    modules = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in FILES if ".py" in name]
+    assert controller["files"] == sorted(["data: table.csv", *(name for name in modules if "unused" not in name)])
+    for name, (after, _) in zip(FILES, edited, strict=True):
         assert (after != before) == ("unused" not in name), name
         before = after
 
@@ -97,7 +101,7 @@ def test_a_file_that_it_declares_must_be_there(folder: Path) -> None:
     """Else nobody would know what the results rest on."""
     (folder / "table.csv").unlink()
     with pytest.raises(AssertionError, match=r"must be a controller whose files can be read: .*table\.csv"):
-        digest(folder)
+        sources_of(folder)
 
 
 def test_shipped_controllers_are_identified_by_the_version() -> None:
