@@ -19,6 +19,7 @@ from deltaswarm_scenario import density, fault, operator_links, operator_setting
 from deltaswarm_wire import obstacles
 from deltaswarm_wire import settings as agent_settings
 from deltaswarm_wire.plugins import FAULTS, find
+from tests.support.tiers import in_one_test
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -80,7 +81,7 @@ def test_no_core_draws_from_a_shared_generator() -> None:
         assert drawn <= {"Generator", "default_rng"}, named(path)
 
 
-@pytest.mark.parametrize("folder", [*SOURCES, "tests"])
+@in_one_test("folder", [*SOURCES, "tests"])
 def test_files_are_short(folder: str) -> None:
     """A file that grows past 400 lines is telling of a missing idea."""
     long = {named(path): path.read_text().count("\n") for path in modules(folder)}
@@ -98,7 +99,7 @@ SETTINGS: list[Any] = [
 ] + [find(FAULTS, kind, "fault.kind").Settings for kind in FAULTS.shipped]
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=lambda found: found.__name__)
+@in_one_test("settings", SETTINGS)
 def test_every_setting_says_what_it_means(settings: Any) -> None:
     """Each key has a default and a text; a default that the paper does not give says whose reading it is."""
     for spec in dataclasses.fields(settings):

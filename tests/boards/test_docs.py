@@ -16,6 +16,7 @@ from deltaswarm_board.settings import read_settings
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from tests.support.swarms import PATIENCE_S, wait_until
+from tests.support.tiers import in_one_test
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "agent" / "systemd"
@@ -46,7 +47,7 @@ def commands() -> list[str]:
     return [line.strip() for block in blocks for line in block.splitlines()]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("section", "name", "value"),
     [
         ("Service", "Type", "notify"),

@@ -17,6 +17,7 @@ from deltaswarm_orchestrator.cli import all_commands, parser
 from deltaswarm_orchestrator.live.views import LIVE_SOCKET
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.swarms import COMMAND, UNHURRIED, wait_until
+from tests.support.tiers import in_one_test
 
 RUN_ELSEWHERE = {
     "README.md": "docs/test_readme",
@@ -68,7 +69,7 @@ def test_every_block_of_commands_runs_in_a_test() -> None:
         assert (ROOT / "tests" / f"{test}.py").exists()
 
 
-@pytest.mark.parametrize("name", sorted(PAGES))
+@in_one_test("name", sorted(PAGES))
 def test_every_command_in_the_text_exists(name: str) -> None:
     """With its options; values are placeholders as often as not."""
     for span in re.findall(r"`(deltaswarm [^`]+)`", page(name)):
@@ -81,7 +82,7 @@ def test_every_command_in_the_text_exists(name: str) -> None:
             assert command in ("agent", "world", "operator", "..."), span
 
 
-@pytest.mark.parametrize("name", sorted(PAGES))
+@in_one_test("name", sorted(PAGES))
 def test_the_files_on_a_page_are_toml_with_a_name(name: str) -> None:
     """A reader who saves one knows what to call it."""
     assert all(re.fullmatch(r"[\w-]+\.toml", file) for file in files(page(name)))

@@ -4,7 +4,7 @@ import ast
 from collections import Counter
 from pathlib import Path
 
-import pytest
+from tests.support.tiers import in_one_test
 
 ROOT = Path(__file__).parents[2]
 ROWS = [
@@ -20,7 +20,7 @@ FUNCTIONS = Counter(
 )
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+@in_one_test("row", ROWS)
 def test_a_row_names_one_test_that_exists(row: list[str]) -> None:
     """What is claimed is shown, and a test that is renamed is renamed here too."""
     assert len(row) == 3

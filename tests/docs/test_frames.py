@@ -8,8 +8,6 @@ import re
 from dataclasses import asdict
 from pathlib import Path
 
-import pytest
-
 from deltaswarm_agent.controllers.paper import beliefs, finds, frames, returning, timers, whereabouts
 from deltaswarm_agent.controllers.paper.frames import (
     Attending,
@@ -24,6 +22,7 @@ from deltaswarm_agent.controllers.paper.frames import (
 )
 from deltaswarm_wire import codec
 from tests.support.annotating import Example, Page, Shape, assert_is_the_codes, message
+from tests.support.tiers import in_one_test
 from tests.unit.agent.paper import test_protocol_machine as machine
 
 FOLDER = Path(__file__).parents[2] / "agent" / "deltaswarm_agent" / "controllers" / "paper"
@@ -69,7 +68,7 @@ TREES = Page(FOLDER / "TREES.md", {})
 SOURCES = (frames, timers, whereabouts, beliefs, finds, returning, machine)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@in_one_test("name", EXAMPLES)
 def test_an_example_is_what_the_code_sends(name: str) -> None:
     """Every byte of the page's example, with its annotation, is the code's, and decodes to what the page says."""
     FRAMES.assert_shows(name)
@@ -83,7 +82,7 @@ def test_every_kind_of_frame_has_its_example_and_its_number() -> None:
         assert f"| {getattr(frames, kind)} | {kind.lower()} |" in FRAMES.text
 
 
-@pytest.mark.parametrize("field", Member._fields[3:])
+@in_one_test("field", Member._fields[3:])
 def test_each_item_of_a_members_frame_is_explained(field: str) -> None:
     """A row of the page's table for each, and rows by the names of their numbers."""
     (row,) = re.findall(rf"^\| `{field}` \| (.*) \|$", FRAMES.text, re.MULTILINE)
@@ -92,7 +91,7 @@ def test_each_item_of_a_members_frame_is_explained(field: str) -> None:
         assert ", ".join(rows[field]._fields) in row
 
 
-@pytest.mark.parametrize(("name", "number"), FRAMES.constants() + TREES.constants())
+@in_one_test(("name", "number"), FRAMES.constants() + TREES.constants())
 def test_a_number_of_the_pages_is_the_codes(name: str, number: str) -> None:
     """Each row of a table that begins with a constant's name gives that constant."""
     assert_is_the_codes(name, number, SOURCES)

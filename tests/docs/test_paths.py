@@ -3,9 +3,8 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from tests.support.pages import ROOT
+from tests.support.tiers import in_one_test
 
 FOLDERS = ("agent", "world", "operator", "orchestrator")
 CODE = [file for folder in (*FOLDERS, "docs", "tests", ".ci") for file in (ROOT / folder).rglob("*")]
@@ -24,7 +23,7 @@ THE_READERS = {"fog.py", "wind.py"}
 """Files that a page asks its reader to write."""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@in_one_test("page", PAGES)
 def test_the_files_that_a_page_names_exist(page: Path) -> None:
     """In backticks: paths from the root, and the ends of paths of Python's files."""
     if page.name == HISTORY:

@@ -58,6 +58,7 @@ from deltaswarm_wire.operator_messages import (
     encode_workload,
 )
 from tests.support.annotating import Example, Page, Shape, assert_is_the_codes, message
+from tests.support.tiers import in_one_test
 
 SOURCES = (
     access,
@@ -178,7 +179,7 @@ RECORDS = {record.name: record for record in (CLOCK, STATUS, WORKLOAD)}
 PAGE = Page(Path(__file__).parents[2] / "agent" / "PROTOCOL.md", EXAMPLES)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@in_one_test("name", EXAMPLES)
 def test_an_example_is_what_the_code_sends(name: str) -> None:
     """Every byte of the page's example, with its annotation, is the code's, and decodes to what the page says."""
     PAGE.assert_shows(name)
@@ -195,7 +196,7 @@ def test_a_table_of_a_record_is_the_codes(name: str) -> None:
     assert f"<!-- record {name} -->\n\n{RECORDS[name].table()}\n\n" in PAGE.text
 
 
-@pytest.mark.parametrize(("name", "number"), PAGE.constants())
+@in_one_test(("name", "number"), PAGE.constants())
 def test_a_number_of_the_page_is_the_codes(name: str, number: str) -> None:
     """Each row of a table that begins with a constant's name gives that constant."""
     assert_is_the_codes(name, number, SOURCES)

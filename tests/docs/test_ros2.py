@@ -39,6 +39,7 @@ from tests.support.fields import endpoint, free_port
 from tests.support.pages import ROOT, commands
 from tests.support.ros2_robots import fleet
 from tests.support.swarms import PATIENCE_S, wait_until
+from tests.support.tiers import in_one_test
 
 PAGE = (ROOT / "docs" / "ROS2.md").read_text()
 AGENT = 7
@@ -124,7 +125,7 @@ def test_keys_and_tokens_are_those_of_the_code() -> None:
     ]
 
 
-@pytest.mark.parametrize(("message_type", "message", "size"), SIZES)
+@in_one_test(("message_type", "message", "size"), SIZES)
 def test_every_message_has_its_hash_and_size(message_type: str, message: dict[str, Any], size: str) -> None:
     """In the tables of the page."""
     assert f"| `{message_type}` | `{type_hash(message_type)}` |" in PAGE
@@ -154,7 +155,7 @@ def test_the_example_is_that_twist() -> None:
     assert bytes.fromhex(blocks("text")[4]) == encode(TWIST, AHEAD)
 
 
-@pytest.mark.parametrize("name", Ros2Settings.__dataclass_fields__)
+@in_one_test("name", Ros2Settings.__dataclass_fields__)
 def test_the_page_explains_every_option(name: str) -> None:
     """Except the endpoints of a peer."""
     assert f"`{name}`" in PAGE or f"`{name} = " in PAGE or name == "listen"

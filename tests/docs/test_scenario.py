@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-import pytest
 from docs.extensions import api, architecture, page_messages
 from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
+
+from tests.support.tiers import in_one_test
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -45,13 +46,13 @@ def test_the_lists_of_packages_and_files_are_up_to_date() -> None:
     assert not {name for name in files - {"__init__.py"} if f"| `{name}` | " not in page}
 
 
-@pytest.mark.parametrize("page", sorted((DOCS / "api").glob("*.md")), ids=lambda page: page.stem)
+@in_one_test("page", sorted((DOCS / "api").glob("*.md")))
 def test_the_pages_of_the_api_are_up_to_date(page: Path) -> None:
     """docs/api/ has every public name of its modules, with signature, fields and docstring."""
     assert page.read_text() == api.with_modules(page.read_text())
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("page", "lines"),
     [
         ("controller", ["class Percept(NamedTuple):", "class Decision(NamedTuple):"]),

@@ -15,7 +15,7 @@ from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import repeat
 from deltaswarm_studies.settings import StudyFile
 from tests.support.pages import ROOT, commands, files, shell
-from tests.support.tiers import nightly
+from tests.support.tiers import in_one_test, nightly
 
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
@@ -60,7 +60,7 @@ def test_the_index_links_every_published_study() -> None:
     assert sorted(re.findall(r"\]\((.*?)/page\.md\)", index)) == [folder.name for folder in PUBLISHED]
 
 
-@pytest.mark.parametrize("folder", PUBLISHED, ids=lambda folder: folder.name)
+@in_one_test("folder", PUBLISHED)
 def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
     """Every estimate, contrast and verdict, from the published runs; no finding that whole tables do not support."""
     study = load_study(folder.name)

@@ -26,6 +26,7 @@ from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.messages import Event, Pose
 from deltaswarm_wire.operator_messages import decode_report
 from deltaswarm_wire.settings import AgentSettings
+from tests.support.tiers import in_one_test
 
 TASK = AgentSettings(range_m=150.0)
 RANGE_M = TASK.sensing_range_m
@@ -339,7 +340,7 @@ def test_the_planner_alone_reports() -> None:
         assert 200 < reports <= 300
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("overrides", "said"),
     [
         (["control.mode=central"], "141.4 m"),

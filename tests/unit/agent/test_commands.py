@@ -17,6 +17,7 @@ from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode
 from deltaswarm_wire.messages import Frame, Heard
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
 from tests.support.commanding import GO, a_command, item
+from tests.support.tiers import in_one_test
 
 ME = 7
 
@@ -207,7 +208,7 @@ def test_who_does_not_accept_a_command_relays_and_refuses_it(controller: Deaf, s
     assert [len(percept.commands) for percept in controller.percepts] == [int(state == DONE)]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("target", "is_meant"),
     [
         (Target(), True),
@@ -219,7 +220,6 @@ def test_who_does_not_accept_a_command_relays_and_refuses_it(controller: Deaf, s
         (Target(TREE, (7,)), False),
         (Target(PLACE, (99, 99)), True),
     ],
-    ids=str,
 )
 def test_a_command_is_for_its_target_and_is_heard_by_all(target: Target, is_meant: bool) -> None:
     """Who is not meant relays it and says that it has heard it."""

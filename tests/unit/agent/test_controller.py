@@ -23,6 +23,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
 from deltaswarm_wire.plugins import CONTROLLERS, MAX_DESCRIBED, described
 from deltaswarm_wire.settings import AgentSettings
+from tests.support.tiers import in_one_test
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def refused(mode: str, **options: Any) -> list[Problem]:
     return caught.value.problems
 
 
-@pytest.mark.parametrize("mode", CONTROLLERS.shipped)
+@in_one_test("mode", CONTROLLERS.shipped)
 def test_a_shipped_controller_is_made_by_its_short_name(mode: str) -> None:
     """The modes of the paper are one class, and so is `adaptive` but for its defaults."""
     others = {"potential": PotentialController, "central": CentralController}
@@ -236,7 +237,7 @@ def test_a_controllers_chance_is_its_own() -> None:
     assert len({first_draw(1), first_draw(2), first_draw(1, 1), first_draw(1, 2)}) == 4
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("mode", "said"),
     [
         ("hybird", "decentralised, hierarchical, hybrid, potential, or module:Class"),

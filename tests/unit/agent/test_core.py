@@ -26,6 +26,7 @@ from deltaswarm_wire.messages import (
     decode_act,
 )
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, decode_report
+from tests.support.tiers import in_one_test
 
 ME = 7
 
@@ -204,7 +205,7 @@ SAID = {
 """What must hold, and what was got, of some."""
 
 
-@pytest.mark.parametrize("bad", BAD)
+@in_one_test("bad", BAD)
 def test_a_bad_decision_is_one_line_with_controller_and_step(bad: str) -> None:
     """Whatever a controller returns or raises: the agent has failed, and the text says why and where to look."""
     core, _ = core_of(BAD[bad])
@@ -274,9 +275,7 @@ def test_own_frames_are_dropped() -> None:
     assert Receiver(ME, 1.0).newest_of([sample(ME, 0), sample(8, 0)], 0)[0] == [(8, b"hello")]
 
 
-@pytest.mark.parametrize(
-    "data", [b"", b"\xc1", b"\x93\x01\x00\xc4\x00", b"\x93\x03\x00\xa0", bytes(MAX_RADIO_BYTES + 1)]
-)
+@in_one_test("data", [b"", b"\xc1", b"\x93\x01\x00\xc4\x00", b"\x93\x03\x00\xa0", bytes(MAX_RADIO_BYTES + 1)])
 def test_malformed_frames_are_counted_and_dropped(data: bytes) -> None:
     """Not MessagePack, another version, a payload that is not bytes, too long: the others are heard."""
     core, controller = core_of(Decision())

@@ -17,6 +17,7 @@ from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_world.core.obstacles import Obstacles as WorldObstacles
 from tests.support.shapes import SIDE_M, Place, deepest_m, depth_m, places, polygons
+from tests.support.tiers import in_one_test
 
 SQUARE = ObstacleSettings(((10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0)))
 NEAR_M = 1e-4
@@ -27,7 +28,7 @@ def on_map(*obstacles: ObstacleSettings, **more: Any) -> AgentSettings:
     return load(AgentSettings, table)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("way", "crossing"),
     [
         ((10.0, 0.0), (0.5, (-1.0, 0.0))),
@@ -37,7 +38,6 @@ def on_map(*obstacles: ObstacleSettings, **more: Any) -> AgentSettings:
         ((0.0, 20.0), None),
         ((18.0, -20.0), None),
     ],
-    ids=["into", "through", "up to", "away", "along", "past"],
 )
 def test_the_first_crossing_is_that_of_the_edge_ahead(way: Place, crossing: tuple[float, Place] | None) -> None:
     """From (5, 15): its share of the way, and the normal that points back; whichever way round the corners go."""

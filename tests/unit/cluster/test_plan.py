@@ -25,6 +25,7 @@ from deltaswarm_cluster.plan import (
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
+from tests.support.tiers import in_one_test
 
 HERE = Installed("1.2.0", "3.11", "1.10.2", "aa")
 W0, W1 = Worker("w0", "tcp://10.0.0.1:1"), Worker("w1", "tcp://10.0.0.2:1")
@@ -80,7 +81,7 @@ def test_many_workers_are_not_all_named() -> None:
     check_reached("tls/10.0.0.9:0", dict.fromkeys(many, ""))
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("endpoint", "is_well"),
     [
         ("tls/10.0.0.9:0", True),

@@ -17,6 +17,7 @@ from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import ArgumentForm, CommandForm, Turn, decode_command
 from deltaswarm_wire.operator_messages import Clock, Workload
 from tests.support.commanding import GO, briefing, taken_over
+from tests.support.tiers import in_one_test
 from tests.unit.operator.test_console import say, shown
 
 SET_DELTA = CommandForm("set delta", ("all", "tree"), (ArgumentForm("delta", "integer", 1, 1000, default=4),))
@@ -130,7 +131,7 @@ def test_a_run_by_the_system_repeats_itself() -> None:
     assert "autonomy" not in told[2]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "overrides",
     [
         ["control.mode=potential", "operator.autonomy.sets_delta=system"],

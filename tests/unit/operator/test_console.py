@@ -21,6 +21,7 @@ from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_c
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Answer, Clock, Report, Workload
 from tests.support.commanding import FORM, GO, RIGHT, briefing, taken_over
+from tests.support.tiers import in_one_test
 
 CONSENT = {"operator": {"probes": {"consent": "Please"}}}
 TLX = {"operator": {"probes": {"tlx": True, "tlx_weights": True}}}
@@ -164,7 +165,7 @@ def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
     assert given == list(range(300))
 
 
-@pytest.mark.parametrize("killed_after", [0, 2, 3, 4, 9])
+@in_one_test("killed_after", [0, 2, 3, 4, 9])
 def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None:
     """It gives the same turns, as if nothing had happened."""
     script = briefing(at(2), *[at(5)] * 40, at(9))
@@ -250,10 +251,9 @@ def test_what_is_no_intent_changes_nothing(data: bytes) -> None:
     assert console.pace == before
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "fields",
     [{"speed": 10**400}, {"speed": "nan"}, {"speed": -1}, {"steps": math.inf}, {"steps": 0}, {"steps": 10**9}, {}],
-    ids=repr,
 )
 def test_a_wrong_pace_is_refused(fields: dict[str, Any]) -> None:
     """The pace stays."""

@@ -10,6 +10,7 @@ from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Health, Report, encode_health, encode_report
+from tests.support.tiers import in_one_test
 
 
 def report(agent: int, sequence: int, step: int = 0) -> bytes:
@@ -153,7 +154,7 @@ def test_so_is_one_that_had_reported_only_once() -> None:
     assert (found["restarts"], found["stale"]) == (1, 2)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("agent", "data", "sent", "reason"),
     [
         (1, report(2, 0), None, "2 on the key of agent 1"),

@@ -11,6 +11,7 @@ from deltaswarm_scenario.questions import FormSettings, QuestionSettings
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_scenario.tlx import SCALES
 from tests.support.commanding import reloaded
+from tests.support.tiers import in_one_test
 
 
 def probes(**settings: Any) -> Probes:
@@ -205,7 +206,7 @@ def test_a_whole_run_asks_in_order() -> None:
     assert (asked.outcomes["questions"], asked.outcomes["answers_missing"]) == (6, 3)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("name", "is_attended", "is_held", "kind"),
     [
         ("sagat", True, True, "form"),

@@ -17,6 +17,7 @@ from deltaswarm_operator.io.replaying import read
 from deltaswarm_wire.operator_messages import Clock
 from tests.support.commanding import script
 from tests.support.cores import swarm
+from tests.support.tiers import in_one_test
 
 STEPS = 260
 SETS = (
@@ -147,7 +148,7 @@ HARM = [
 ]
 
 
-@pytest.mark.parametrize("intent", HARM, ids=lambda intent: f"{intent}"[:40])
+@in_one_test("intent", HARM)
 def test_no_intent_stops_a_replay(intent: Any) -> None:
     """It goes on, and can be shown."""
     replay = a_replay()
@@ -157,7 +158,7 @@ def test_no_intent_stops_a_replay(intent: Any) -> None:
     assert replay.show()["time_s"] == 3
 
 
-@pytest.mark.parametrize("kind", ["command", "isa", "tlx", "sheet", "note"])
+@in_one_test("kind", ["command", "isa", "tlx", "sheet", "note"])
 def test_nothing_can_be_commanded_in_a_replay(kind: str) -> None:
     """Who tries is told so."""
     (answer,) = a_replay().intend(json.dumps({"type": kind, "from": 4, "id": "c"}).encode())

@@ -17,6 +17,7 @@ from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, Sim
 from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, PersonSettings
 from tests.support.commanding import reloaded
 from tests.support.complaints import mistakes
+from tests.support.tiers import in_one_test
 from tests.unit.operator.test_console import report
 
 CALM = PersonSettings(policy=NONE, sigma=0.0)
@@ -157,7 +158,7 @@ def test_a_repeat_replaces_what_has_not_been_read() -> None:
     assert one.totals()["replaced"] == 1
 
 
-@pytest.mark.parametrize(("later", "replaced"), [((1, 2), 1), ((1, 2, 3), 1), ((1,), 0), ((1, 3), 0), ((), 0)])
+@in_one_test(("later", "replaced"), [((1, 2), 1), ((1, 2, 3), 1), ((1,), 0), ((1, 3), 0), ((), 0)])
 def test_only_an_item_that_names_all_the_same_events_replaces_another(later: tuple[int, ...], replaced: int) -> None:
     """The same events or more."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
@@ -174,7 +175,7 @@ def test_what_waits_too_long_is_missed() -> None:
     assert one.totals()["missed"] == 1
 
 
-@pytest.mark.parametrize(("now_s", "missed"), [(29.0, 0), (30.0, 0), (30.5, 1), (60.0, 1)])
+@in_one_test(("now_s", "missed"), [(29.0, 0), (30.0, 0), (30.5, 1), (60.0, 1)])
 def test_an_item_is_missed_once_it_is_older_than_the_patience(now_s: float, missed: int) -> None:
     """Not at that age; of a person at the station too, also if the item is read later, and once only."""
     waiting = Item(1, 0.0, 1, "free", 0, (2,), True)
@@ -231,7 +232,7 @@ def test_agents_in_turn_follow_from_the_times_on_and_between_items() -> None:
     assert person().totals()["agents_in_turn"] is None
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("table", "path"),
     [
         ({"policy": "lazy"}, "policy"),

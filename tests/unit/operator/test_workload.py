@@ -24,6 +24,7 @@ from deltaswarm_wire.operator_messages import (
     encode_workload,
 )
 from tests.support.strategies import REPORT, strange
+from tests.support.tiers import in_one_test
 
 STEP_S = 1.0
 
@@ -109,7 +110,7 @@ def test_the_largest_gap_fits_on_the_wire() -> None:
     assert meter.totals["lost"] == 2 * 2**32 - 3
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("data", "said"),
     [
         (b"", "sample must"),
@@ -157,7 +158,7 @@ def test_what_the_fabric_loses_behind_the_uplink_is_found() -> None:
     assert meter.totals["per_sender"]["world"] == {"messages": 0, "lost": 2, "rejected": 2}
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("window_s", "step_s", "steps"), [(1.0, 0.6, 2), (60.0, 0.7, 86), (60.0, 0.9, 67), (1.0, 0.3, 3), (1.0, 4.0, 1)]
 )
 def test_a_window_is_the_nearest_whole_number_of_steps(window_s: float, step_s: float, steps: int) -> None:
@@ -165,7 +166,7 @@ def test_a_window_is_the_nearest_whole_number_of_steps(window_s: float, step_s: 
     assert SlidingRate(window_s, step_s).steps == steps
 
 
-@pytest.mark.parametrize(("sequences", "lost"), [((0, 1, 2), 0), ((0, 2), 1), ((1,), 1), ((0, 2, 1), 1), ((0, 5), 4)])
+@in_one_test(("sequences", "lost"), [((0, 1, 2), 0), ((0, 2), 1), ((1,), 1), ((0, 2, 1), 1), ((0, 5), 4)])
 def test_a_gap_in_the_worlds_sequence_is_a_loss(sequences: tuple[int, ...], lost: int) -> None:
     """Also of a single report, and of the first."""
     meter = a_meter()

@@ -23,6 +23,7 @@ from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import load
 from tests.support.complaints import Printed
 from tests.support.swarms import COMMAND
+from tests.support.tiers import in_one_test
 
 COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "bench", "agent", "world", "operator"]
 COMMANDS += ["bundle", "certificates", "top"]
@@ -62,7 +63,7 @@ def on_streams(redirection: str, *arguments: str) -> subprocess.CompletedProcess
     return subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("arguments", [["list"], ["list", "--json"], ["--help"], ["run", "smoke", "--dry-run"]])
+@in_one_test("arguments", [["list"], ["list", "--json"], ["--help"], ["run", "smoke", "--dry-run"]])
 def test_a_result_that_nothing_can_hold_is_a_failure(arguments: list[str]) -> None:
     """On a full disk, for example: one line, exit code 1."""
     done = on_streams(">/dev/full", *arguments)

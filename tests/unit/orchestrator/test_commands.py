@@ -13,6 +13,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError
 from tests.support.commanding import script
+from tests.support.tiers import in_one_test
 
 ROWS = (
     [3, "set delta", "circle", [20, 20, 12.5], {"delta": 1}],
@@ -40,7 +41,7 @@ def test_a_scenario_with_commands_is_the_same_after_writing_it() -> None:
     assert tomllib.loads(to_toml(scenario))["command"][1]["arguments"] == {"for_s": 12.5}
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "row",
     [
         [1, "fly", "all", [], {}],
@@ -53,7 +54,6 @@ def test_a_scenario_with_commands_is_the_same_after_writing_it() -> None:
         [1, "hold", "all", [], {"for_s": "1979-05-27T07:32:00Z"}],
         [1, "hold", "all", [], {"for_s": 10**60}],
     ],
-    ids=str,
 )
 def test_a_command_that_nobody_would_obey_is_a_mistake_of_the_scenario(row: list[object]) -> None:
     """It is found before anything is started."""

@@ -11,6 +11,7 @@ from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.cli import main
 from tests.support.complaints import Printed
+from tests.support.tiers import in_one_test
 
 
 @pytest.fixture
@@ -115,7 +116,7 @@ def test_the_smallest_limit_of_all_groups_above_a_container_counts(
     assert limits.limits(5)[1].allowed == 30
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("error", "names"),
     [
         (OSError(errno.EMFILE, "Too many open files"), "files"),
@@ -129,7 +130,6 @@ def test_the_smallest_limit_of_all_groups_above_a_container_counts(
         (RuntimeError("set changed size during iteration"), None),
         (Exception("Connection refused (os error 111)"), None),
     ],
-    ids=str,
 )
 def test_errors_are_named_by_the_limit_that_is_reached(error: BaseException, names: str | None) -> None:
     """Of Python, of the system, and of Zenoh, whose threads fail by a panic."""

@@ -16,6 +16,7 @@ from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
 from tests.support.swarms import COMMAND
+from tests.support.tiers import in_one_test
 
 WITHOUT_JSON = {"completion", "replay"}
 """Commands without a result, as the page of commands says."""
@@ -42,7 +43,7 @@ def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[ar
             yield from leaves(one, ())
 
 
-@pytest.mark.parametrize("command", sorted(all_commands()))
+@in_one_test("command", sorted(all_commands()))
 def test_every_command_with_a_result_has_json(command: str) -> None:
     """Each of its subcommands too."""
     for own in leaves(parser(command), (command,)):
@@ -163,7 +164,7 @@ def test_columns_begin_at_the_same_place() -> None:
     assert aligned([("a", "b"), ("long", "")]) == "a     b\nlong"
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("value", "text"),
     [(None, "-"), (True, "yes"), (False, "NO"), (0.126, "0.13"), (1234.5, "1234"), (7, "7"), ("a", "a")],
 )

@@ -12,6 +12,7 @@ from deltaswarm_orchestrator.sweeps.runner import SweepDisplay
 from deltaswarm_wire.operator_messages import Status
 from tests.support.complaints import Printed
 from tests.support.sweeping import made, tasks_of
+from tests.support.tiers import in_one_test
 
 
 def test_a_speed_is_told_when_there_was_time_to_measure_it(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
@@ -26,7 +27,7 @@ def test_a_speed_is_told_when_there_was_time_to_measure_it(monkeypatch: pytest.M
     assert told == [[], [], ["40x"]]
 
 
-@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@in_one_test("width", [40, 60, 80, 120])
 def test_on_a_narrow_terminal_the_bar_and_the_time_left_stay(width: int) -> None:
     """What does not fit beside them is left out, the total time last."""
     status = Status(4500, 9000, 4500.0, 25, 12, 33.3, 9, 210, "running")

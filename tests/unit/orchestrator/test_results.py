@@ -25,6 +25,7 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.operator_messages import Workload
 from tests.support.strategies import event_states, step_records, workloads
+from tests.support.tiers import in_one_test
 
 STEP_S = 0.5
 UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None, "delta": None}
@@ -109,7 +110,7 @@ def test_a_whole_run_is_valid_and_has_a_digest() -> None:
     assert found["digest"] == combine("aa", "bb") != combine("bb", "aa")
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("change", "reason"),
     [
         ({"world": {}}, "did not reach its last step"),
@@ -117,7 +118,6 @@ def test_a_whole_run_is_valid_and_has_a_digest() -> None:
         ({"step_records": [record(0, transport_lost=2)]}, "2 messages were lost on the fabric"),
         ({"workloads": [workload(0, lost=3)]}, "3 messages were lost on the fabric"),
     ],
-    ids=["no world", "operator ended early", "lost to the world", "lost to the operator"],
 )
 def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reason: str) -> None:
     """And it says why."""
@@ -129,7 +129,7 @@ def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reaso
     assert any(reason in because for because in found["invalid_because"])
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("world", "per_sender", "reasons"),
     [
         (
@@ -159,7 +159,6 @@ def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reaso
             ],
         ),
     ],
-    ids=["loss", "loss of many", "two under one number", "excess"],
 )
 def test_a_reason_names_its_agents(
     world: dict[str, Any], per_sender: dict[str, dict[str, int]], reasons: list[str]

@@ -17,9 +17,10 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.processes.starter import LEASE, OTHER_SESSIONS, STARTED, room_for
 from deltaswarm_studies import style
 from tests.support.complaints import Printed
+from tests.support.tiers import in_one_test
 
 
-@pytest.mark.parametrize(("agents", "tiles"), [(1, 1), (25, 1), (30, 1), (50, 2), (100, 4), (200, 8), (400, 16)])
+@in_one_test(("agents", "tiles"), [(1, 1), (25, 1), (30, 1), (50, 2), (100, 4), (200, 8), (400, 16)])
 def test_every_size_has_the_papers_density(agents: int, tiles: int) -> None:
     """Of agents and of events; each tile has its own gaussian, and all tiles are alike."""
     made = scale.scale_scenario(agents, 100)

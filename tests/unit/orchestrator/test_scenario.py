@@ -18,6 +18,7 @@ from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.complaints import names
 from tests.support.swarms import told
+from tests.support.tiers import in_one_test
 
 
 def problems(name: str, *overrides: str, seed: int | None = None) -> list[str]:
@@ -54,7 +55,7 @@ def test_the_large_scenario_has_the_base_ones_density_of_agents() -> None:
     assert areas_m2[1] == 4 * areas_m2[0]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("override", "found"),
     [
         ("control.mode=hierarchical", lambda s: s.control.mode == "hierarchical"),
@@ -68,7 +69,6 @@ def test_the_large_scenario_has_the_base_ones_density_of_agents() -> None:
         ("name=other-1", lambda s: s.name == "other-1"),
         ("  seed = 12", lambda s: s.seed == 12),
     ],
-    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_any_key_can_be_set(override: str, found: Any) -> None:
     """Dotted, with TOML values; a plain word is a string."""
@@ -90,7 +90,7 @@ def test_a_mixture_can_be_set() -> None:
     assert [part.weight for part in density.components] == [2.0, 1.0]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("override", "said"),
     [
         ("agents.count=2.5", "agents.count: 2.5"),
@@ -111,7 +111,6 @@ def test_a_mixture_can_be_set() -> None:
         ("seed=" + "9" * 5000, "seed: '9999"),
         ("name=" + "[" * 5000, "name: '[[[["),
     ],
-    ids=lambda value: value[:20],
 )
 def test_a_wrong_override_is_explained(override: str, said: str) -> None:
     """By the key's path and what was found."""
@@ -266,7 +265,7 @@ def test_what_no_single_key_shows_is_said_too(tmp_path: Path) -> None:
     assert [problem.split()[0] for problem in found] == ["name", "events.density.mean_m", "control.d_min_m"]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("override", "exact"),
     [
         ("seed=-1", "9223372036854775807"),

@@ -16,6 +16,7 @@ from deltaswarm_scenario.scenario import Scenario
 from tests.support.airs import EVERYTHING
 from tests.support.complaints import Printed
 from tests.support.cores import play
+from tests.support.tiers import in_one_test
 
 STEPS = 120
 
@@ -34,7 +35,7 @@ def numbers(answer: Answer, reason: str) -> dict[str, Any]:
     return dict(found)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("radio", "reason"),
     [
         ("radio.range_m=100", None),

@@ -14,6 +14,7 @@ from deltaswarm_scenario.density import COARSE_SAMPLES, SAMPLES, ComponentSettin
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, load
 from tests.support.pages import ROOT, files
+from tests.support.tiers import in_one_test
 
 WAY: dict[str, Any] = {"path_m": [[10, 50], [90, 50]], "path_s": [0, 100]}
 NARROW = {"covariance_m2": [[1, 0], [0, 1]]}
@@ -33,7 +34,7 @@ def load_with(density: Any, obstacles: tuple[Any, ...] = ()) -> Scenario:
     return load(Scenario, {"events": {"density": density}, "arena": {"obstacles": list(obstacles)}})
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("time_s", "mean_m"),
     [(0, (1, 2)), (10, (1, 2)), (12.5, (2, 4)), (15, (3, 6)), (20, (9, 9)), (25, (8, 9)), (30, (7, 9)), (1e9, (7, 9))],
 )
@@ -77,7 +78,7 @@ MISTAKES: list[tuple[Any, list[tuple[str, str]]]] = [
 ]
 
 
-@pytest.mark.parametrize(("density", "found"), MISTAKES)
+@in_one_test(("density", "found"), MISTAKES)
 def test_each_mistake_is_a_message_with_its_key(density: Any, found: list[tuple[str, str]]) -> None:
     """In the path of a gaussian and in that of a mixture's component."""
     assert mistakes(density) == [(f"events.density.{path}", value) for path, value in found]
@@ -104,7 +105,7 @@ def test_a_path_through_a_wall_is_refused() -> None:
     assert 40 < time_s < 60
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("path_m", "path_s", "is_refused"),
     [
         ([[10, 50], [90, 50]], [50, 50], False),
@@ -115,7 +116,6 @@ def test_a_path_through_a_wall_is_refused() -> None:
         ([[50, 50], [90, 50]], [50, 50], True),
         ([[10, 10], [50, 50], [90, 50]], [0, 50, 50], True),
     ],
-    ids=["jump", "stay and jump", "around", "in the wall", "ends in it", "begins in it", "jumps out of it"],
 )
 def test_a_path_may_jump_over_a_wall(path_m: Any, path_s: Any, is_refused: bool) -> None:
     """No event occurs on a jump; but at no time may the density be in the wall, and be it just before a jump."""

@@ -4,7 +4,6 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,11 +13,12 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import check, load
 from deltaswarm_wire.plugins import FAULTS
 from tests.support.complaints import mistakes
+from tests.support.tiers import in_one_test
 
 KILL = {"kind": "kill", "at_s": 5.0}
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("fault", "said"),
     [
         ({**KILL, "kind": "kil", "roots": True}, ("kind", "'kil'; did you mean 'kill'?")),

@@ -8,6 +8,7 @@ import pytest
 from deltaswarm_operator.core.intents import INTENTS
 from deltaswarm_scenario import page_messages
 from deltaswarm_scenario.page_messages import CONDUCTOR, FROM_PAGE, PARTICIPANT, RefusedError, answers, checked, made
+from tests.support.tiers import in_one_test
 
 RIGHT: dict[str, dict[str, Any]] = {
     "command": {"name": "go", "target": {"kind": "all"}},
@@ -48,7 +49,7 @@ def test_a_page_is_answered_whatever_it_sends(page: str, kind: str) -> None:
         assert not carried_out
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("kind", "field", "value", "why"),
     [
         ("isa", "answer", 6, "an integer from 1 to 5"),

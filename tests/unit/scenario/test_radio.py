@@ -18,9 +18,10 @@ from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.operator_messages import Report, encode_report
 from tests.support.airs import EVERYTHING, radios
 from tests.support.complaints import mistakes
+from tests.support.tiers import in_one_test
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("table", "said"),
     [
         ({"loss": -0.1}, ("radio.loss", "-0.1")),
@@ -127,7 +128,7 @@ def test_all_is_off_by_default() -> None:
     assert (radio.bandwidth.sender_bytes_per_s, radio.bandwidth.receiver_bytes_per_s) == (0, 0)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "uplink",
     [
         {"loss": 0.1},

@@ -16,6 +16,7 @@ from deltaswarm_wire.checked import Problem, SettingsError, check, load, plain
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.strategies import tables_of
+from tests.support.tiers import in_one_test
 
 Path = tuple[str, ...]
 
@@ -73,7 +74,7 @@ def test_an_empty_table_is_the_papers_scenario() -> None:
     assert (scenario.agents.sensing_range_m, scenario.radio.range_m) == (5.0, 9.0)
 
 
-@pytest.mark.parametrize("path", LEAVES, ids=of_key)
+@in_one_test("path", LEAVES)
 def test_every_key_says_what_it_is(path: Path) -> None:
     """Each key has a meaning, and one that has a source names the paper or our reading of it."""
     _, limits = LEAVES[path]
@@ -133,7 +134,7 @@ def test_an_agent_is_told_its_task_and_its_body_alone() -> None:
     assert min(seeds) > 2**32
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("table", "path", "hint"),
     [
         ({"radio": {"rnge_m": 3}}, "radio.rnge_m", "'range_m'"),
@@ -181,7 +182,7 @@ NO_VALUES: tuple[Any, ...] = (
 )
 
 
-@pytest.mark.parametrize("path", LEAVES, ids=of_key)
+@in_one_test("path", LEAVES)
 def test_no_key_takes_what_is_no_value_of_its(path: Path) -> None:
     """NaN, infinities, tables, and integers beyond every float or too long to print."""
     for value in NO_VALUES:
@@ -190,14 +191,14 @@ def test_no_key_takes_what_is_no_value_of_its(path: Path) -> None:
         assert len(text) < 300
 
 
-@pytest.mark.parametrize("path", [path for path, leaf in LEAVES.items() if leaf[0] in NO_CASTS], ids=of_key)
+@in_one_test("path", [path for path, leaf in LEAVES.items() if leaf[0] in NO_CASTS])
 def test_a_value_of_another_type_is_a_mistake(path: Path) -> None:
     """Not a cast: `recruitment = 1`, `delta = true`, and a whole number as a float."""
     for value in NO_CASTS[LEAVES[path][0]]:
         assert paths_of(problems(table_with(path, value))) == [of_key(path)]
 
 
-@pytest.mark.parametrize("path", NUMBERS, ids=of_key)
+@in_one_test("path", NUMBERS)
 def test_limits_are_where_they_are_said_to_be(path: Path) -> None:
     """`low` and `high` are allowed themselves, `above` is not; what lies beyond is refused by that key."""
     hint, limits = NUMBERS[path]
@@ -215,7 +216,7 @@ MIDDLE = {"corners_m": [[40, 40], [60, 40], [60, 60], [40, 60]]}
 EVERYWHERE = {"corners_m": [[0, 0], [100, 0], [100, 100], [0, 100]]}
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("table", "path"),
     [
         ({"name": ""}, "name"),
@@ -259,7 +260,7 @@ def test_a_name_makes_the_name_of_a_run() -> None:
     assert Keys(f"{name}-0123456789abcde").run
 
 
-@pytest.mark.parametrize("table", [None, [], "x", 5, [("seed", 1)]])
+@in_one_test("table", [None, [], "x", 5, [("seed", 1)]])
 def test_what_is_no_table_is_one_mistake(table: Any) -> None:
     """Whatever a file held instead."""
     assert paths_of(problems(table)) == ["settings"]

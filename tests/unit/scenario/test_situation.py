@@ -7,6 +7,7 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.situation import SituationRow, is_open, score
 from deltaswarm_scenario.technique import Recorded
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
+from tests.support.tiers import in_one_test
 
 ARENA = {"width_m": 100.0, "height_m": 60.0}
 
@@ -30,7 +31,7 @@ def scored(answers: list[tuple[str, str]], events: list[EventState], **truth: in
     return found
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("item", "value", "truth", "is_right", "error"),
     [
         ("open_events", "7", "7", 1, 0.0),
@@ -53,7 +54,7 @@ def test_an_answer_is_compared_with_the_truth(
     assert rows == [SituationRow("sagat", 2, item, 10.0, value, truth, is_right, error)]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("places", "truth"),
     [
         ([(10, 50)], "top left"),
@@ -76,7 +77,7 @@ def test_the_quarter_with_most_events(places: list[tuple[float, float]], truth: 
     assert row.is_right == ("top left" in truth)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("arrived_s", "completed_s", "is_counted"),
     [(9.0, None, True), (10.0, None, True), (10.5, None, False), (1.0, 10.0, False), (1.0, 10.5, True)],
 )

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from deltaswarm_scenario.task import DECOY, TARGET, JudgementRow, Task, TaskSettings, judgement_rows, score
 from deltaswarm_scenario.technique import Recorded
 from deltaswarm_sessions.session import score_form
+from tests.support.tiers import in_one_test
 
 
 def rows(hits: int, misses: int, false_alarms: int, rejections: int, unjudged: int = 0) -> list[JudgementRow]:
@@ -75,7 +76,7 @@ def test_the_person_is_told_the_score() -> None:
     assert score_form({}) is None
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("counts", "share_right", "d_prime", "criterion"),
     [
         ((0, 0, 0, 0, 0), None, None, None),

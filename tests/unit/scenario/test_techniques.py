@@ -11,6 +11,7 @@ from deltaswarm_scenario.questions import Form, FormSettings, QuestionSettings
 from deltaswarm_scenario.situation import QUARTERS, Sagat, Spam
 from deltaswarm_scenario.techniques import NAMED, SCORED, ProbeSettings
 from deltaswarm_scenario.tlx import SCALES, Tlx
+from tests.support.tiers import in_one_test
 
 SIX = dict(zip(SCALES, (10, 20, 30, 40, 50, 60), strict=True))
 WEIGHTS = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
@@ -34,7 +35,7 @@ def technique(**settings: Any) -> Any:
     return one
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("settings", "names"),
     [
         ({}, ["isa"]),
@@ -85,7 +86,7 @@ def test_times_are_before_the_end_of_the_run(name: str, at_s: tuple[float, ...],
     )
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("settings", "due_s"),
     [
         ({"isa_every_s": 30.0}, [130.0, 130.0]),
@@ -99,7 +100,7 @@ def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None
     assert [technique(**settings).due_s(number, 100.0, Random(1)) for number in range(len(due_s))] == due_s
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("question", "path"),
     [
         (QuestionSettings("a", "A?"), None),
@@ -121,7 +122,7 @@ def test_a_question_of_a_form_can_be_answered(question: QuestionSettings, path: 
     assert [problem.path for problem in question.problems()] == ([path] if path else [])
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("form", "is_right"),
     [
         (FORM, True),
@@ -150,7 +151,7 @@ def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
     assert 39.0 < max(times_s) <= 40.0
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("settings", "number", "message", "answers", "act"),
     [
         ({"isa_every_s": 9}, 0, {"answer": 1}, {"isa": 1}, {"value": 1}),
@@ -180,7 +181,7 @@ def test_answers_that_are_taken(
     assert set(one.items(number)) <= set(answers)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("settings", "message", "why"),
     [
         *(({"isa_every_s": 9}, {"answer": wrong}, "from 1 to 5") for wrong in (0, 6, 2.0, True, None, "3")),
@@ -237,7 +238,7 @@ def test_answers_that_are_refused(settings: dict[str, Any], message: dict[str, A
         technique(**settings).answers(0, message)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("given", "isa", "tlx"),
     [
         ([], {"isa": None}, {"tlx": None}),
@@ -259,16 +260,14 @@ def test_scores(given: list[dict[str, Any]], isa: dict[str, Any] | None, tlx: di
     assert Sagat.scores([ANSWERS]) == Form.scores([GIVEN]) == {}
 
 
-@pytest.mark.parametrize(
-    ("load", "answer"), [(0.0, 1), (0.19, 1), (0.2, 2), (0.39, 2), (0.5, 3), (0.79, 4), (0.8, 5), (1.0, 5)]
-)
+@in_one_test(("load", "answer"), [(0.0, 1), (0.19, 1), (0.2, 2), (0.39, 2), (0.5, 3), (0.79, 4), (0.8, 5), (1.0, 5)])
 def test_a_simulated_person_answers_isa_by_its_load(load: float, answer: int) -> None:
     """In five equal bands; it answers nothing else."""
     assert Isa.simulated(load) == {"isa": answer}
     assert Tlx.simulated(load) is Spam.simulated(load) is None
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("settings", "words"),
     [
         ({"isa_every_s": 60.0}, "ISA every 60 s"),
@@ -286,7 +285,7 @@ def test_the_outline_of_a_session_says_what_is_asked(settings: dict[str, Any], w
     assert technique(**settings).outline == words
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("settings", "keys"),
     [
         ({"isa_every_s": 60.0}, ["person.isa"]),

@@ -25,6 +25,7 @@ from deltaswarm_wire.digest import RADIO, REPORT
 from tests.support.strategies import (
     step_records,
 )
+from tests.support.tiers import in_one_test
 
 TALLY = StepRecord.of(dict.fromkeys(COLUMNS, 0))
 
@@ -46,7 +47,7 @@ def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
         decode_truth(msgpack.packb(raw))
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("place", "row", "field"),
     [
         ("bodies", Body(0, 0.0, 0.0, "a role of too many letters", 0, -1, -1), "role"),
@@ -94,7 +95,7 @@ def test_the_drops_are_on_the_wire_in_their_order() -> None:
     assert [*COLUMNS[17:]] == [*expected, "rejected", "transport_lost"]
 
 
-@pytest.mark.parametrize("drops", [{}, {"dropped_fog": -1}, {"dropped_fog": "3"}, {"fog": 3}, [], 3])
+@in_one_test("drops", [{}, {"dropped_fog": -1}, {"dropped_fog": "3"}, {"fog": 3}, [], 3])
 def test_wrong_drops_of_models_from_outside_are_refused(drops: Any) -> None:
     """They are a map of counts."""
     row = [*TALLY.columns().values(), drops]

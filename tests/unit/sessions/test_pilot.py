@@ -13,6 +13,7 @@ from deltaswarm_sessions.pilot import Question, plan_participants
 from deltaswarm_sessions.power import ADJUSTED, SIGNED_RANK, T_TEST, Pilot, fit, powers
 from deltaswarm_sessions.settings import load_session
 from tests.support.sessions import a_file
+from tests.support.tiers import in_one_test
 
 HEAD = "participant condition position stream run attempt seed complete isa items word far training_value"
 DIFFERENCES = {1: 1, 2: 2, 3: 3, 4: 6}
@@ -74,7 +75,7 @@ def test_what_cannot_be_fitted_is_none() -> None:
     assert fit(np.arange(3.0), np.array([[1.0], [-1.0], [1.0]])) is not None
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("drawn", "effect", "is_rejected"),
     [
         ((2, 2), 1.0, False),  # t = 1 / (sqrt(4/3) / 2) = 1.73
@@ -93,7 +94,7 @@ def test_a_t_test_rejects_from_its_limit_on(drawn: tuple[int, int], effect: floa
     assert [*found] == [is_rejected]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("drawn", "effect", "is_rejected"),
     [
         ((6, 0), 5.0, True),  # all six are positive: p = 2/64
@@ -142,7 +143,7 @@ def test_the_search_doubles_and_then_closes_in(monkeypatch: pytest.MonkeyPatch) 
     assert (last.power, last.error) == (0.8, pytest.approx(0.004))
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("test", "alpha", "expected"),
     [
         (T_TEST, 0.05, [0.1258, 0.6286, 0.9226, 0.9896]),

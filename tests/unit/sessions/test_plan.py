@@ -12,6 +12,7 @@ from deltaswarm_sessions.plan import MAX_SEED, Placed, group_of, order_of, order
 from deltaswarm_sessions.settings import load_session
 from deltaswarm_wire.checked import SettingsError
 from tests.support.sessions import FORMS, a_file, a_session, with_criterion
+from tests.support.tiers import in_one_test
 
 counts = st.integers(1, 12)
 seeds = st.none() | st.integers(0, 2**40)
@@ -88,7 +89,7 @@ def test_rows_and_orders_are_the_published_ones() -> None:
     assert len({tuple(order_of(1, 4, seed)) for seed in range(40)}) == 4
 
 
-@pytest.mark.parametrize(("count", "is_crossed", "group"), [(2, True, 4), (3, True, 12), (2, False, 2), (3, False, 6)])
+@in_one_test(("count", "is_crossed", "group"), [(2, True, 4), (3, True, 12), (2, False, 2), (3, False, 6)])
 def test_participants_come_in_groups_that_balance_the_design(count: int, is_crossed: bool, group: int) -> None:
     """As the page on sessions says."""
     assert group_of(count, is_crossed=is_crossed) == group

@@ -21,6 +21,7 @@ from deltaswarm_studies.load import load_study
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import Printed
 from tests.support.sessions import FORMS, a_file
+from tests.support.tiers import in_one_test
 
 
 def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
@@ -171,7 +172,7 @@ def test_a_session_is_outlined_before_anybody_sits_there(tmp_path: Path, capsys:
     assert "SAGAT at 30 s; ISA every 120 to 150 s; NASA-TLX; task" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("speed", "every_s", "wait_s", "warns"),
     [(5, 120, 20, False), (5, 99, 20, True), (0, 120, 20, True), (0, 0, 1, False)],
 )

@@ -10,6 +10,7 @@ from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire.checked import SettingsError, check
 from tests.support.pages import ROOT
 from tests.support.sessions import a_file, with_criterion
+from tests.support.tiers import in_one_test
 
 ALWAYS = {
     "waiting_time_s.restricted_mean",
@@ -20,7 +21,7 @@ ALWAYS = {
 }
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("values", "outcome"),
     [
         ([], "open"),

@@ -16,6 +16,7 @@ from deltaswarm_studies.contrasts import contrasts_of, smallest_effects
 from deltaswarm_studies.evidence import Evidence, fits_of, grids_of, recovery_of, too_few
 from deltaswarm_studies.tables import windows_with_levels
 from tests.support.studying import FAST, OWN, SAME, SLOW, SWEEP, made, series, spread, table
+from tests.support.tiers import in_one_test
 from tests.support.verdicts import NOISE, ONE, TWO_CLAIMS, noisy, runs_with, walsh
 
 
@@ -47,7 +48,7 @@ def test_every_number_of_a_claims_row() -> None:
     assert row["verdict"] == "holds"
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("text", "criterion"),
     [
         (f'less = "{FAST}"\nmore = "{SLOW}"', "more"),
@@ -62,7 +63,7 @@ def test_a_criterion_in_words(text: str, criterion: str) -> None:
     assert claims_of(study, runs_with(study, spread))["criterion"].tolist() == [criterion]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("within", "verdict"),
     [("[21.0, 28.0]", "holds"), ("[21.1, 28.0]", "undecided"), ("[21.0, 27.9]", "undecided"),
      ("[28.1, 40.0]", "refuted"), ("[28.0, 40.0]", "undecided"), ("[1.0, 20.9]", "refuted"),
@@ -74,7 +75,7 @@ def test_a_value_is_judged_by_where_its_interval_lies(within: str, verdict: str)
     assert claims_of(study, runs_with(study, noisy))["verdict"].tolist() == [verdict]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("within", "p"),
     [("[20.0, 29.0]", 2 / 1024), ("[21.0, 28.0]", 22 / 1024), ("[28.5, 40.0]", 22 / 1024), ("[24.4, 24.6]", 1.0)],
 )
@@ -100,7 +101,7 @@ def test_an_order_of_values_that_may_be_0_is_one_of_differences(at_least: float,
     assert row["p"] == pytest.approx(scipy_stats.wilcoxon(differences, method="exact").pvalue, abs=1e-9)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("text", "is_vacuous"),
     [
         (f'kind = "value"\nof = "{FAST}"\nwithin = [10.0, 110.0]', False),  # ten times as wide as the runs differ

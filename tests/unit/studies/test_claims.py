@@ -12,6 +12,7 @@ from deltaswarm_studies.claims import claims_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of
 from deltaswarm_studies.tables import runs_of
 from tests.support.studying import FAST, LEVELS, LIMIT, MODES, OWN, SAME, SLOW, made, spread, table, worse_at_90
+from tests.support.tiers import in_one_test
 
 NONE = pd.DataFrame()
 
@@ -22,7 +23,7 @@ def claim(text: str) -> pd.Series:
     return claims_of(study, runs_of(study, table(worse_at_90), NONE)).iloc[0]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("text", "verdict"),
     [
         (f'less = "{FAST}"\nmore = "{SLOW}"', "holds"),
@@ -161,7 +162,7 @@ def test_a_value_is_compared_with_the_sources_own_error() -> None:
     assert claim(f'kind = "value"\nof = "{FAST}"\nabove = 50.0\n')["verdict"] == "refuted"
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("text", "is_vacuous"),
     [
         (f'kind = "value"\nof = "{FAST}"\nwithin = [-1e9, 1e9]', True),

@@ -18,6 +18,7 @@ from deltaswarm_studies.tables import (
     windows_with_levels,
 )
 from tests.support.studying import FAST, LIMIT, OWN, SAME, SLOW, SWEEP, made, series, spread, table, worse_at_90
+from tests.support.tiers import in_one_test
 
 NONE = pd.DataFrame()
 
@@ -48,7 +49,7 @@ def test_a_contrast_compares_levels_within_each_cell() -> None:
     assert waiting.loc[("loss=0.9", "hybrid 3"), "p_holm"] == pytest.approx(4 * 2 / 2**10)
 
 
-@pytest.mark.parametrize(("replicates", "is_told"), [(0, False), (1, True), (7, True), (8, False)])
+@in_one_test(("replicates", "is_told"), [(0, False), (1, True), (7, True), (8, False)])
 def test_too_few_replicates_are_told(replicates: int, is_told: bool) -> None:
     """From one on, up to those that could show something of four comparisons; none at all are told elsewhere."""
     study = made(OWN + LIMIT)
@@ -238,7 +239,7 @@ def test_recovery_is_when_windows_are_again_like_those_without_the_fault(after_s
     }
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("loads", "back_s"),
     [
         ([4, 4, 4, 4, 4, 4], 100.0),

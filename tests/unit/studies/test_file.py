@@ -16,11 +16,12 @@ from deltaswarm_studies.study import default_factors
 from deltaswarm_studies.tables import runs_of
 from deltaswarm_wire.checked import SettingsError
 from tests.support.studying import LEVELS, OWN, SWEEP, made, spread, table
+from tests.support.tiers import in_one_test
 
 STUDIES = [name for names in COLLECTIONS.values() for name in names]
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@in_one_test("name", STUDIES)
 def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
     """Enough replicates for its contrasts; every figure has a caption."""
     study = load_study(name)
@@ -32,7 +33,7 @@ def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
     assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)
 
 
-@pytest.mark.parametrize("name", built_in_files())
+@in_one_test("name", built_in_files())
 def test_every_built_in_sweep_can_be_studied(name: str) -> None:
     """A study file is a sweep file, and a bare sweep a study that asks nothing."""
     assert load_study(name).sweep.variants
@@ -84,7 +85,7 @@ def test_sound_tables_are_taken() -> None:
     assert made(TIMED)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("own", "path"),
     [
         (CONTRAST + CLAIM + CLAIM, "claim.id"),
@@ -237,7 +238,7 @@ def test_the_longest_horizon_of_all_variants_counts(horizons: str) -> None:
     assert "metrics.horizon_s" in [problem.path for problem in caught.value.problems]
 
 
-@pytest.mark.parametrize("window_s", [0.1, 0.3, 0.7, 1.1])
+@in_one_test("window_s", [0.1, 0.3, 0.7, 1.1])
 def test_windows_are_counted_in_whole_numbers(window_s: float) -> None:
     """Multiples that floating-point numbers do not have exactly are multiples all the same."""
     sweep = SWEEP.replace("series_every_s = 100.0", f"series_every_s = {window_s!r}")

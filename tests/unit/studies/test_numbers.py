@@ -10,12 +10,13 @@ from scipy import stats as scipy_stats
 from deltaswarm_studies import stats
 from deltaswarm_studies.contrasts import contrasts_of, disagreements, smallest_effects
 from tests.support.studying import OWN, SWEEP, made
+from tests.support.tiers import in_one_test
 from tests.support.verdicts import NOISE, ONE, noisy, runs_with, walsh
 
 # Statistics
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("pairs", "alpha", "critical"),
     [(6, 0.05, 0), (8, 0.05, 3), (10, 0.05, 8), (12, 0.05, 13), (15, 0.05, 25), (20, 0.05, 52), (10, 0.01, 3),
      (12, 0.01, 7), (20, 0.01, 37)],
@@ -31,7 +32,7 @@ def test_five_pairs_can_reject_nothing() -> None:
     assert stats.contrast([2, 3, 4, 5, 6], [1, 1, 1, 1, 1], "difference").interval(0.05) == (-math.inf, math.inf)
 
 
-@pytest.mark.parametrize(("family", "pairs"), [(1, 6), (2, 7), (3, 7), (4, 8), (7, 9), (12, 9), (13, 10), (26, 11)])
+@in_one_test(("family", "pairs"), [(1, 6), (2, 7), (3, 7), (4, 8), (7, 9), (12, 9), (13, 10), (26, 11)])
 def test_the_pairs_that_a_family_needs(family: int, pairs: int) -> None:
     """The first number of pairs for which 2 / 2^pairs times the family is at most 0.05."""
     assert stats.pairs_needed(family) == pairs

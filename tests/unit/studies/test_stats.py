@@ -22,6 +22,7 @@ from deltaswarm_studies.stats import (
     smallest_p,
     with_error,
 )
+from tests.support.tiers import in_one_test
 
 SIZES = st.lists(st.integers(1, 100), min_size=1, max_size=25, unique=True)
 GRID = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=20)
@@ -131,7 +132,7 @@ def test_pairs_with_a_missing_value_are_left_out_and_counted() -> None:
     assert nothing.interval(ALPHA) == (-math.inf, math.inf)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("a", "b", "scale"), [([1], [1, 2], None), ([math.inf], [1], None), ([0], [1], "ratio"), ([1], [-1], "ratio")]
 )
 def test_impossible_samples_are_refused(a: list[float], b: list[float], scale: str | None) -> None:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from deltaswarm_wire import codec
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from tests.support.strategies import NASTY, nested
+from tests.support.tiers import in_one_test
 
 NOT_NUMBERS = [None, True, False, "1", b"1", [], {}, math.nan, math.inf, -math.inf]
 
@@ -67,7 +68,7 @@ def test_a_wider_limit_is_given_by_the_caller() -> None:
     assert len(codec.unpack(data, codec.MAX_ORDINARY_BYTES)) == MAX_SAMPLE_BYTES
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "data",
     [
         b"",
@@ -84,7 +85,6 @@ def test_a_wider_limit_is_given_by_the_caller() -> None:
         b"\xc7\x05\xff" + b"\xff" * 5,
         nested(5000),
     ],
-    ids=lambda data: data[:8].hex() or "empty",
 )
 def test_what_is_not_one_messagepack_value_is_refused_with_a_reason(data: bytes) -> None:
     """Cut, trailing, not UTF-8, keys that are no strings, endless lengths, bad timestamps, too deep."""
@@ -100,13 +100,13 @@ def test_random_bytes_never_raise_anything_else(data: bytes) -> None:
         codec.unpack(data)
 
 
-@pytest.mark.parametrize("value", [*NOT_NUMBERS, 1.0, 1.5])
+@in_one_test("value", [*NOT_NUMBERS, 1.0, 1.5])
 def test_an_integer_is_neither_bool_nor_float_nor_text(value: Any) -> None:
     """Python's bool is an int; on the wire it is not."""
     assert refused(codec.integer, value, 0, 10, "m.f").field == "m.f"
 
 
-@pytest.mark.parametrize("value", NOT_NUMBERS)
+@in_one_test("value", NOT_NUMBERS)
 def test_a_number_is_finite_and_no_bool(value: Any) -> None:
     """NaN, the infinities, bool and text are no numbers."""
     assert refused(codec.number, value, -10.0, 10.0, "m.f").field == "m.f"
@@ -160,7 +160,7 @@ def test_of_a_field_given_twice_the_last_counts() -> None:
     assert codec.fields(codec.unpack(data), ("a",), "m")["a"] == 3
 
 
-@pytest.mark.parametrize("value", [value for value in NASTY if type(value) is not int])
+@in_one_test("value", [value for value in NASTY if type(value) is not int])
 def test_any_other_version_is_refused(value: Any) -> None:
     """True is no number, nor is the version as a float."""
     for other in (value, float(PROTOCOL_VERSION), 0, 1, PROTOCOL_VERSION + 1):

@@ -32,6 +32,7 @@ from deltaswarm_wire.operator_messages import MAX_ANSWERS, MAX_MEMBERS, Answer, 
 from tests.support import commanding
 from tests.support.commanding import FORM, RIGHT, a_command, sign
 from tests.support.strategies import Codec, complaint, repacked, strange
+from tests.support.tiers import in_one_test
 
 each = pytest.mark.parametrize("codec", commanding.CODECS, ids=str)
 
@@ -65,7 +66,7 @@ def test_no_field_of_a_command_takes_what_it_is_not(place: str, value: Any) -> N
         decode_command(repacked(data, commanding.COMMAND.places[place], value))
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "raw",
     [
         [TREE, -1],
@@ -87,7 +88,7 @@ def test_a_target_is_somebody_or_somewhere(raw: Any) -> None:
         make_target(raw)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "command",
     [
         a_command(name="x" * 65),
@@ -102,7 +103,6 @@ def test_a_target_is_somebody_or_somewhere(raw: Any) -> None:
         Command(0, "go", Target(), {f"n{n}": "x" * 60 for n in range(wire.MAX_ARGUMENTS)}, 1.0),
         Command(0, "go", Target(), {"none": math.nan}, 1.0),
     ],
-    ids=lambda command: f"{command!r:.60}",
 )
 def test_what_nobody_could_decode_is_not_encoded(command: Command) -> None:
     """The sender is told, not the receiver."""
@@ -130,7 +130,7 @@ def test_the_largest_turn_fits_on_a_link() -> None:
     assert commanding.REPORT.decode(encode_report(report)) == report
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("name", "value"),
     [
         *((name, value) for name in ("whole", "real") for value in (True, math.nan, math.inf, -math.inf, "3", None)),
@@ -156,9 +156,7 @@ def test_a_form_refuses_a_wrong_argument(name: str, value: Any) -> None:
     assert len(problem) < 300
 
 
-@pytest.mark.parametrize(
-    "arguments", [{}, {**RIGHT, "more": 1}, {"whole": 3}, [], None, "whole", {**RIGHT, 3: 3}], ids=repr
-)
+@in_one_test("arguments", [{}, {**RIGHT, "more": 1}, {"whole": 3}, [], None, "whole", {**RIGHT, 3: 3}])
 def test_a_form_wants_just_its_arguments(arguments: Any) -> None:
     """Neither fewer nor more, nor something else."""
     assert FORM.problem(Target(), arguments)
@@ -187,7 +185,7 @@ def test_a_target_covers_whom_it_names(target: Target, agent: int, root: int) ->
     assert str(target)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     "table",
     [
         {"target": "tree"},
@@ -203,7 +201,6 @@ def test_a_target_covers_whom_it_names(target: Target, agent: int, root: int) ->
         {"life_s": math.nan},
         {"at_s": -1},
     ],
-    ids=repr,
 )
 def test_a_script_says_what_is_wrong_with_a_command(table: dict[str, Any]) -> None:
     """As a problem of the scenario, before anything is started."""

@@ -8,11 +8,12 @@ import pytest
 from deltaswarm_wire.codec import MAX_ID, MAX_RADIO_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode_sample
 from tests.support.strategies import repacked
+from tests.support.tiers import in_one_test
 
 PLAIN = Sample(5, b"whatever a controller says")
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("place", "value", "said"),
     [
         *((0, version, r"version must") for version in (1, PROTOCOL_VERSION + 1, True, None, 2.0)),
@@ -41,7 +42,7 @@ def test_a_frame_without_commands_does_not_pay_for_them() -> None:
     assert len(encode_sample(PLAIN)) == len(PLAIN.payload) + 5
 
 
-@pytest.mark.parametrize("length", [*range(3), *range(5, 9)])
+@in_one_test("length", [*range(3), *range(5, 9)])
 def test_a_sample_has_three_or_four_items(length: int) -> None:
     """No fewer and no more."""
     raw = [PROTOCOL_VERSION, 5, b"", [], 0, 0, 0, 0][:length]

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, REPORT, WORLD, Keys, parse_agent_key, parse_token
 from tests.support.strategies import agents
+from tests.support.tiers import in_one_test
 
 KEYS = Keys("run-1")
 
@@ -42,7 +43,7 @@ def test_a_run_name_is_one_chunk_or_an_error(name: str) -> None:
         assert keys.root.split("/") == ["deltaswarm", name]
 
 
-@pytest.mark.parametrize("name", ["", "a/b", "*", "**", "a*", "$*", "@lv", "a b", "-a", ".", "a\n", "\u00e4", "x" * 65])
+@in_one_test("name", ["", "a/b", "*", "**", "a*", "$*", "@lv", "a b", "-a", ".", "a\n", "\u00e4", "x" * 65])
 def test_a_run_name_that_is_no_chunk_is_refused(name: str) -> None:
     """With the name in the error."""
     with pytest.raises(ValueError, match="must be"):
@@ -61,7 +62,7 @@ def test_a_token_leads_back_to_its_process(number: int, role: str) -> None:
     assert parse_token(KEYS.token(role, number)) == (role, number)
 
 
-@pytest.mark.parametrize("number", NO_NUMBERS, ids=lambda number: ascii(number[:9]))
+@in_one_test("number", NO_NUMBERS)
 def test_an_agents_number_is_spelled_in_one_way(number: str) -> None:
     """Plain digits without leading zeros, up to the largest id: no two keys stand for one agent."""
     assert parse_agent_key(f"deltaswarm/r/agent/{number}/act") is None
@@ -77,7 +78,7 @@ def test_any_other_key_is_none(key: str) -> None:
     assert token is None or f"/@lv/{token[0]}/" in key
 
 
-@pytest.mark.parametrize("key", ["", "agent/1/act", "x/agents/1/act", "x/agent/1", "x/agent/1/act/y"])
+@in_one_test("key", ["", "agent/1/act", "x/agents/1/act", "x/agent/1", "x/agent/1/act/y"])
 def test_a_key_of_another_form_is_none(key: str) -> None:
     """Too short, too long, or of something else."""
     assert parse_agent_key(key) is None

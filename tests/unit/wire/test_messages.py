@@ -36,6 +36,7 @@ from tests.support.strategies import (
     nested,
     strange,
 )
+from tests.support.tiers import in_one_test
 
 each = pytest.mark.parametrize("codec", [*MESSAGES, RADIO, TRUTH], ids=str)
 
@@ -99,7 +100,7 @@ def test_a_sensed_event_fits_into_what_is_reckoned_for_it(event: Event) -> None:
     assert len(msgpack.packb(event)) <= messages.SENSED_BYTES
 
 
-@pytest.mark.parametrize("radio_bytes", [1, 7, 20, 342, MAX_RADIO_BYTES])
+@in_one_test("radio_bytes", [1, 7, 20, 342, MAX_RADIO_BYTES])
 def test_a_frame_that_is_full_to_its_room_passes(radio_bytes: int) -> None:
     """Whatever fits into FRAME_ROOM_BYTES, with what the world reckons besides for each, is encoded and decoded."""
     count = min(messages.MAX_HEARD, messages.FRAME_ROOM_BYTES // (radio_bytes + HEARD_BYTES))

@@ -3,17 +3,16 @@
 import tomllib
 from typing import Any
 
-import pytest
-
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from tests.support.complaints import mistakes
+from tests.support.tiers import in_one_test
 
 TRIANGLE = {"corners_m": [[1, 1], [9, 1], [5, 9]]}
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("obstacle", "said"),
     [
         ({}, (".corners_m", "0")),

@@ -17,6 +17,7 @@ from deltaswarm_wire.orders import (
     encode_order,
     encode_taken,
 )
+from tests.support.tiers import in_one_test
 
 ORDERS = st.builds(
     ProcessOrder,
@@ -49,7 +50,7 @@ def test_the_word_of_what_is_taken_survives(step: int) -> None:
     assert decode_taken(encode_taken(step)) == step
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("field", "value"),
     [("action", "burn"), ("agents", 3), ("agents", [-1]), ("agents", ["1"]), ("step", 1.5), ("number", -1), ("why", 7)],
 )

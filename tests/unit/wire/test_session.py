@@ -17,6 +17,7 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire.arguments import connects_to, listens_on
 from deltaswarm_wire.logs import LogFormatter
 from deltaswarm_wire.session import WITH_PORT, RouterLink, client_pairs, configured, endpoint_problem, host_and_port
+from tests.support.tiers import in_one_test
 
 SHARED_MEMORY = "transport/shared_memory/enabled"
 LINK = RouterLink("tcp/127.0.0.1:7447")
@@ -53,7 +54,7 @@ def test_a_log_shows_no_rust_source() -> None:
     assert text.count(os.strerror(errno.EADDRINUSE)) == 2
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("endpoint", "parts"),
     [
         ("tcp/192.168.1.10:7447", ("192.168.1.10", 7447)),
@@ -75,7 +76,7 @@ def test_what_has_no_port_needs_none(endpoint: str) -> None:
     assert endpoint_problem(endpoint) == endpoint_problem(endpoint, connects=True) == ""
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("endpoint", "word"),
     [
         ("", "PROTOCOL/ADDRESS"),

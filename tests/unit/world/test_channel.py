@@ -22,6 +22,7 @@ from deltaswarm_world.core.air.channel.queues import DelayLine, Packet, RateLimi
 from deltaswarm_world.core.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts, Jammers, Walls
 from tests.support.airs import Stage
+from tests.support.tiers import in_one_test
 
 Place = tuple[float, float]
 coordinates = st.floats(-50, 150)
@@ -190,7 +191,7 @@ def test_a_range_factor_shortens_a_direction(low: float, distance_m: float, seed
     assert cut[0] == (distance_m / 10 > factor)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("p", "r", "good", "bad"), [(0.02, 0.1, 0.0, 1.0), (0.3, 0.7, 0.1, 0.6), (0.5, 0.5, 0.0, 1.0), (1.0, 1.0, 0.0, 1.0)]
 )
 def test_bursts_lose_their_stationary_share(p: float, r: float, good: float, bad: float) -> None:
@@ -259,7 +260,7 @@ def _sides(a: Place, b: Place, p: Place, q: Place) -> list[float]:
     return [side(a, b, p), side(a, b, q), side(p, q, a), side(p, q, b)]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("p", "q", "cut"),
     [
         ((0, 5), (20, 5), True),
@@ -269,7 +270,6 @@ def _sides(a: Place, b: Place, p: Place, q: Place) -> list[float]:
         ((10, -5), (10, 15), False),
         ((10, 5), (20, 5), False),
     ],
-    ids=["across", "past its end", "this side", "at its very end", "along it", "from on it"],
 )
 def test_a_wall_is_where_it_is(p: Place, q: Place, cut: bool) -> None:
     """From (10, 0) to (10, 10): cut is what has ends on opposite sides and passes between its ends."""
@@ -278,7 +278,7 @@ def test_a_wall_is_where_it_is(p: Place, q: Place, cut: bool) -> None:
     assert found[0] == cut
 
 
-@pytest.mark.parametrize(("time_s", "on"), [(4.9, False), (5.0, True), (7.9, True), (8.0, False)])
+@in_one_test(("time_s", "on"), [(4.9, False), (5.0, True), (7.9, True), (8.0, False)])
 def test_zones_keep_their_times(time_s: float, on: bool) -> None:
     """From the first moment, to the last and not longer."""
     through = link(0, (0.0, 0.0), 1, (20.0, 0.0))
@@ -292,9 +292,7 @@ def test_zones_keep_their_times(time_s: float, on: bool) -> None:
         assert model.explain(through, time_s).cuts == on
 
 
-@pytest.mark.parametrize(
-    ("time_s", "at"), [(0, (0, 0)), (10, (0, 0)), (15, (10, 0)), (20, (20, 0)), (25, (20, 5)), (99, (20, 10))]
-)
+@in_one_test(("time_s", "at"), [(0, (0, 0)), (10, (0, 0)), (15, (10, 0)), (20, (20, 0)), (25, (20, 5)), (99, (20, 10))])
 def test_a_jammer_goes_its_way(time_s: float, at: Place) -> None:
     """In straight lines, at the times given; it jams who is within, and nobody else."""
     zone = JammerSettings((0, 0), 2.0, 10.0, None, ((20, 0), (20, 10)), (20.0, 30.0))
@@ -345,7 +343,7 @@ def line(latency_s: float, jitter_s: float, step_s: float = 1.0) -> DelayLine:
     return DelayLine(latency_s, jitter_s, step_s, rng(1), rng(2))
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("latency_s", "jitter_s", "step_s"),
     [(0.0, 0.4, 1.0), (0.5, 0.0, 1.0), (1.5, 0.0, 1.0), (2.5, 1.0, 1.0), (0.25, 3.1, 1.0), (0.12, 0.05, 0.1)],
 )
@@ -357,7 +355,7 @@ def test_the_mean_delay_is_latency_and_half_the_jitter(latency_s: float, jitter_
     assert delays.max() <= math.ceil((latency_s + jitter_s) / step_s)
 
 
-@pytest.mark.parametrize(("latency_s", "step_s", "steps"), [(0.0, 1.0, 0), (3.0, 1.0, 3), (0.3, 0.1, 3), (7.0, 3.5, 2)])
+@in_one_test(("latency_s", "step_s", "steps"), [(0.0, 1.0, 0), (3.0, 1.0, 3), (0.3, 0.1, 3), (7.0, 3.5, 2)])
 def test_a_latency_of_whole_steps_is_exact_and_draws_nothing(latency_s: float, step_s: float, steps: int) -> None:
     """Whatever the generators are."""
     jitter_rng, rounding_rng = rng(1), rng(2)

@@ -20,6 +20,7 @@ from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.density import DENSEST_EVERY_S, Places, load_grid
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.obstacles import Obstacles
+from tests.support.tiers import in_one_test
 
 PAPER = [[50.0, 0.0], [0.0, 50.0]]
 DRAWS = 4000
@@ -104,7 +105,7 @@ def test_obstacles_truncate_a_density() -> None:
     assert np.mean(found[:, 0] < 50) == pytest.approx(left / (left + right), abs=0.02)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("density", "obstacles", "densest_m"),
     [
         ({"mean_m": [48, 52], "covariance_m2": PAPER}, [], (48, 52)),
@@ -116,7 +117,6 @@ def test_obstacles_truncate_a_density() -> None:
             (48, 55),
         ),
     ],
-    ids=["gaussian", "uniform", "mixture", "behind an obstacle"],
 )
 def test_the_densest_position(
     density: dict[str, Any], obstacles: list[ObstacleSettings], densest_m: tuple[float, float] | None
@@ -156,7 +156,7 @@ KEPT = {"path_m": [[48, 52]] * 3, "path_s": [0, 50, 50]}
 """A path that stays where it is."""
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("time_s", "mean_m"),
     [(0, (20, 30)), (100, (20, 30)), (125, (35, 30)), (199.9, (79.94, 30)), (200, (80, 70)), (300, (60, 45))],
 )

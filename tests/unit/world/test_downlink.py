@@ -18,6 +18,7 @@ from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_POSES, decode_frame, 
 from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns
 from tests.support.commanding import a_command, sign
+from tests.support.tiers import in_one_test
 from tests.support.worlds import Stage
 
 PLACES = np.array([[0.0, 0.0], [3.0, 4.0], [30.0, 40.0]])
@@ -125,7 +126,7 @@ def test_what_is_delayed_arrives_in_its_time(
         assert loss == 1 or loss == 0.5 or steps
 
 
-@pytest.mark.parametrize("count", [1, MAX_COMMANDS, MAX_COMMANDS + 1, 40])
+@in_one_test("count", [1, MAX_COMMANDS, MAX_COMMANDS + 1, 40])
 def test_no_command_starves_behind_newer_ones(count: int) -> None:
     """Of more than fit into a frame the others follow in the next steps, and all are repeated in turn."""
     base = Base(repeat_s=2)

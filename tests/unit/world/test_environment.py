@@ -12,6 +12,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_world.core.environment import COVERAGE_EVERY_S, Coverage, Environment, EventRecord
 from tests.support.cores import play, swarm
+from tests.support.tiers import in_one_test
 
 
 def environment(**tables: Any) -> Environment:
@@ -189,7 +190,7 @@ def test_the_area_is_the_union_within_the_arena(members: list[tuple[float, float
     assert area_m2(*members) == by_hand_m2(members)
 
 
-@pytest.mark.parametrize("step_s", [0.5, 1.0, 4.0, 60.0])
+@in_one_test("step_s", [0.5, 1.0, 4.0, 60.0])
 def test_coverage_is_measured_each_10_s(step_s: float) -> None:
     """From the first step on, as nearly as whole steps allow."""
     measure = coverage(run={"step_s": step_s})

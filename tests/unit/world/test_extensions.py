@@ -15,6 +15,7 @@ from deltaswarm_wire.checked import SettingsError, plain
 from deltaswarm_world.core.air.channel.links import Ends
 from deltaswarm_world.core.air.radio import Air
 from tests.support.cores import play
+from tests.support.tiers import in_one_test
 from tests.support.weather import put_weather
 
 FOG, WIND = 'radio.models."weather:Fog".density=0.05', 'fault=[{kind="weather:Wind", at_s=10, agents=[0, 1]}]'
@@ -35,7 +36,7 @@ def mistakes(*overrides: str) -> list[tuple[str, str]]:
     return [(problem.path, f"{problem.given}; {problem.allowed}") for problem in caught.value.problems]
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("override", "path", "said"),
     [
         (

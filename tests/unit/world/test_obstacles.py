@@ -18,6 +18,7 @@ from deltaswarm_world.core.obstacles import Obstacles
 from tests.support.airs import OBSTACLES, Stage
 from tests.support.cores import play, swarm
 from tests.support.shapes import SIDE_M, Place, deepest_m, depth_m, places, polygons
+from tests.support.tiers import in_one_test
 
 SQUARE = ObstacleSettings(((10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0)))
 NEAR_M = 1e-4
@@ -69,7 +70,7 @@ def test_no_body_enters_an_obstacle(obstacles: list[ObstacleSettings], start: Pl
         here = end
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("to", "stops"),
     [
         ((15.0, 15.0), (10.0, 15.0)),
@@ -78,7 +79,6 @@ def test_no_body_enters_an_obstacle(obstacles: list[ObstacleSettings], start: Pl
         ((5.0, 30.0), (5.0, 30.0)),
         ((15.0, 25.0), (10.0, 20.0)),
     ],
-    ids=["into", "through", "away", "along", "at a corner"],
 )
 def test_a_body_stops_at_the_edge(to: Place, stops: Place) -> None:
     """From (5, 15), to a micrometre of the edge and on its way."""

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_world.core.pace import FORGIVEN_STEPS, RealTimePace, StepGate, TimeoutBackoff
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
+from tests.support.tiers import in_one_test
 
 TICK_S = 0.25
 """A sum of powers of two, as all times here are: no rounding."""
@@ -118,7 +119,7 @@ class Gate:
         self.gate.begin_step()
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("begins_s", "next_s"),
     [
         (100.5, 101.0),
@@ -166,7 +167,7 @@ def test_without_a_pace_every_step_may_begin_at_once() -> None:
     assert stage.gate.wait_s(2) == 0.25
 
 
-@pytest.mark.parametrize("speed", [0.5, 1, 7, 40])
+@in_one_test("speed", [0.5, 1, 7, 40])
 def test_steps_come_at_the_speed_that_was_asked_for(speed: float) -> None:
     """In 20 s of the wall clock, if each step of 1 s begins as soon as it may."""
     stage, step = Gate(speed=speed), 1

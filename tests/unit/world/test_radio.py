@@ -20,6 +20,7 @@ from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.air.radio import Reception
 from deltaswarm_world.core.arrays import Floats
 from tests.support.airs import EVERYTHING, Stage, radios
+from tests.support.tiers import in_one_test
 
 RANGE_M = 10.0
 
@@ -94,7 +95,7 @@ def test_loss_is_reproducible() -> None:
     assert one == same != other
 
 
-@pytest.mark.parametrize("loss", [0.05, 0.3, 0.9, 1.0])
+@in_one_test("loss", [0.05, 0.3, 0.9, 1.0])
 def test_loss_has_its_share(loss: float) -> None:
     """Of 38,000 pairs in range, within four standard errors; a loss of 1 spares none."""
     receptions = heard_in(100, loss, seed=3)
@@ -164,14 +165,14 @@ ONE_BY_ONE: dict[str, dict[str, Any]] = {
 """What cuts the link from (0, 20) to (2, 20), in the order in which a frame meets it."""
 
 
-@pytest.mark.parametrize("reason", ONE_BY_ONE)
+@in_one_test("reason", ONE_BY_ONE)
 def test_each_model_has_its_own_reason(reason: str) -> None:
     """Alone it cuts the link, and its name is given."""
     stage = Stage([[0, 20], [2, 20]], **ONE_BY_ONE[reason])
     assert stage.carry([0]).dropped == {reason: 1}
 
 
-@pytest.mark.parametrize("first", range(len(ONE_BY_ONE)))
+@in_one_test("first", range(len(ONE_BY_ONE)))
 def test_the_first_reason_is_the_one_that_counts(first: int) -> None:
     """Of all that would cut a link, in the documented order; range and a dead receiver come before all."""
     reasons = list(ONE_BY_ONE)[first:]
@@ -183,7 +184,7 @@ def test_the_first_reason_is_the_one_that_counts(first: int) -> None:
     assert Stage([[0, 20], [12, 20]], **table).carry([0], [True, False]).dropped == {"dead": 1}
 
 
-@pytest.mark.parametrize("other", [name for name in ONE_BY_ONE if name != "loss"])
+@in_one_test("other", [name for name in ONE_BY_ONE if name != "loss"])
 def test_switching_a_model_on_changes_nothing_of_another_s_draws(other: str) -> None:
     """The same frames fall to loss, as far as no other reason comes first."""
     tables: list[dict[str, Any]] = [{}, {"blackouts": [{"from_s": 3, "until_s": 5}]}]

@@ -2,9 +2,8 @@
 
 from typing import Any
 
-import pytest
-
 from deltaswarm_wire.messages import MAX_POSES
+from tests.support.tiers import in_one_test
 from tests.support.worlds import Stage
 
 
@@ -26,7 +25,7 @@ def test_an_agent_whose_act_holds_is_left_alone() -> None:
     assert stage.begin()[0].poses == ()
 
 
-@pytest.mark.parametrize("what", ["senses", "hears", "fault", "board", "last", "asks all"])
+@in_one_test("what", ["senses", "hears", "fault", "board", "last", "asks all"])
 def test_an_agent_is_asked_earlier_when_something_happens(what: str) -> None:
     """It senses an event, hears a frame, is hit by a fault; boards are asked always, and all in the last step."""
     tables: dict[str, Any] = {"run": {"ask_every_step": what == "asks all"}}

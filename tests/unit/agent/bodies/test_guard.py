@@ -13,6 +13,7 @@ from deltaswarm_board.bodies.guard import STAND, Guard, GuardLimits
 from deltaswarm_board.bodies.mavlink import LocalFrame
 from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import SettingsError, load
+from tests.support.tiers import in_one_test
 
 SQUARE = Fence([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
 HORSESHOE = Fence([(0, 0), (10, 0), (10, 10), (7, 10), (7, 3), (3, 3), (3, 10), (0, 10)])
@@ -73,7 +74,7 @@ def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place)
         assert beyond_m(to) < beyond_m(at) + 1e-9
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("corners", "message"),
     [
         ([(0, 0), (1, 1)], "3 corners.* 2"),
@@ -115,7 +116,7 @@ def test_frames_turn_forth_and_back(north_m: float, east_m: float, heading_deg: 
     assert frame.to_arena(north_m + north, east_m + east) == pytest.approx((x, y), abs=1e-9)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("heading_deg", "north", "east"), [(0.0, 1.0, 0.0), (90.0, 0.0, 1.0), (180.0, -1.0, 0.0), (-90.0, 0.0, -1.0)]
 )
 def test_the_heading_is_the_compass_direction_of_y(heading_deg: float, north: float, east: float) -> None:

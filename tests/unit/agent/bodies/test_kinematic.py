@@ -15,6 +15,7 @@ from deltaswarm_board.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_wire.checked import check, load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import AgentSettings
+from tests.support.tiers import in_one_test
 
 QUIET = {"speed_noise": 0.0, "turn_noise_rad": 0.0, "drift": 0.0, "fix_std_m": 0.0}
 
@@ -138,7 +139,7 @@ def test_an_event_is_seen_from_the_believed_place(tmp_path: Path) -> None:
     assert sensed.events[0].x_m - sensed.x_m == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("text", "word"),
     [
         ("", "got none"),

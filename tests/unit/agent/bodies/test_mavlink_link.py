@@ -28,13 +28,14 @@ from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port
 from tests.support.swarms import PATIENCE_S, wait_until
+from tests.support.tiers import in_one_test
 
 LOCAL = "127.0.0.1"
 IPV6 = Path("/proc/net/if_inet6")
 HAS_IPV6 = IPV6.exists() and " lo\n" in IPV6.read_text()
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("text", "device"),
     [
         ("udpin:0.0.0.0:14540", Device("udpin", "0.0.0.0", 14540)),

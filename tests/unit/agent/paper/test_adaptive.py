@@ -29,6 +29,7 @@ from tests.support.cores import (
     event,
     member,
 )
+from tests.support.tiers import in_one_test
 
 SENDER = 5
 RATES = strategies.averages
@@ -241,7 +242,7 @@ def test_a_place_is_forgotten_with_time() -> None:
     assert all(places.next_goal(lone.now) is None for _ in range(200))
 
 
-@pytest.mark.parametrize(("level", "step_s"), [(1, 1.0), (2, 1.0), (3, 1.0), (1, 0.5), (2, 4.0)])
+@in_one_test(("level", "step_s"), [(1, 1.0), (2, 1.0), (3, 1.0), (1, 0.5), (2, 4.0)])
 def test_a_member_leaves_when_a_walker_would_have_found_enough(level: int, step_s: float) -> None:
     """K / w seconds of idling, at level l in 1/l of that; w is 1 in 300 s as long as nobody tells otherwise."""
     path = tuple(range(100, 100 + level))
@@ -286,7 +287,7 @@ def test_who_learns_that_walkers_find_much_leaves_sooner() -> None:
     assert not fast.path
 
 
-@pytest.mark.parametrize(("busy", "delta"), [(0.0, 4), (0.2499, 4), (0.25, 3), (0.4999, 3), (0.5, 2), (1.0, 2)])
+@in_one_test(("busy", "delta"), [(0.0, 4), (0.2499, 4), (0.25, 3), (0.4999, 3), (0.5, 2), (1.0, 2)])
 def test_delta_falls_as_agents_are_busier(busy: float, delta: int) -> None:
     """Where there is much work, trees are founded early."""
     assert delta_for(busy) == delta

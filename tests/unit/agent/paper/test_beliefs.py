@@ -3,7 +3,6 @@
 import random
 from collections.abc import Iterable
 
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from deltaswarm_agent.controllers.paper.beliefs import Beliefs, to_cm
 from deltaswarm_agent.controllers.paper.frames import MAX_AGE, MAX_EVENTS, MAX_GONE, Gone, Sighting
 from deltaswarm_wire.messages import Event
 from tests.support.cores import STEPS, event
+from tests.support.tiers import in_one_test
 
 NOW = 1000
 
@@ -80,7 +80,7 @@ def test_the_own_sensor_is_fresher_than_any_word(told: Words, sensed: set[int]) 
     assert (0 in {row.event for row in beliefs.active()}) == (0 in sensed)
 
 
-@pytest.mark.parametrize(("distance_m", "is_gone"), [(0.0, True), (4.94, True), (4.96, False), (8.0, False)])
+@in_one_test(("distance_m", "is_gone"), [(0.0, True), (4.94, True), (4.96, False), (8.0, False)])
 def test_an_event_that_should_be_sensed_and_is_not_is_gone(distance_m: float, is_gone: bool) -> None:
     """Within sensing range less 5 cm; beyond that the sensor cannot tell."""
     beliefs = some()

@@ -36,6 +36,7 @@ from tests.support.cores import (
     member,
     relocating,
 )
+from tests.support.tiers import in_one_test
 
 
 def velocity(decision: StepAnswer) -> tuple[float, float]:
@@ -192,7 +193,7 @@ def test_decentralised_agents_found_no_trees() -> None:
     assert lone.core.state is State.ATTENDING
 
 
-@pytest.mark.parametrize(("distance_m", "joins"), [(5.999, False), (6.0, True), (9.979, True), (9.981, False)])
+@in_one_test(("distance_m", "joins"), [(5.999, False), (6.0, True), (9.979, True), (9.981, False)])
 def test_a_parent_is_at_least_d_min_away_and_2_cm_within_range(distance_m: float, joins: bool) -> None:
     """The 2 cm: places are rounded on the air, and who joins at 10.003 m is never heard again."""
     lone = Lone(at=OUTSIDE)

@@ -37,6 +37,7 @@ from tests.support.strategies import (
     repacked,
     strange,
 )
+from tests.support.tiers import in_one_test
 
 PLAIN = Member(SENDER, 100, 200, False, (2, SENDER), 5, 1, (), (), (), None)
 
@@ -130,14 +131,14 @@ def test_rows_are_whole(frame: Member, field: str) -> None:
         decoded(msgpack.packb(raw))
 
 
-@pytest.mark.parametrize("kind", [True, False, 1.0, -1, 4, None, "member", [1], 2**40])
+@in_one_test("kind", [True, False, 1.0, -1, 4, None, "member", [1], 2**40])
 def test_a_kind_is_one_of_four_integers(kind: Any) -> None:
     """True equals 1 in Python; it is no kind of frame."""
     with pytest.raises(WireError, match=r"^frame\.kind must"):
         decoded(repacked(encode(PLAIN), 0, kind))
 
 
-@pytest.mark.parametrize("above", [(2, 2), (2, 3, 2), (SENDER,), (2, SENDER, 3)])
+@in_one_test("above", [(2, 2), (2, 3, 2), (SENDER,), (2, SENDER, 3)])
 def test_a_path_names_nobody_twice(above: tuple[int, ...]) -> None:
     """A frame whose path is a cycle is not heard; its sender is the last of its path."""
     payload = encode(PLAIN._replace(path=(*above, SENDER)))
@@ -185,7 +186,7 @@ def test_an_oversized_frame_is_refused_at_both_ends() -> None:
         decoded(bytes(MAX_RADIO_BYTES + 1))
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("frame", "most_bytes"),
     [
         (Attending(24, 10000, 10000, 449, 10000, 10000), 17),
@@ -193,7 +194,6 @@ def test_an_oversized_frame_is_refused_at_both_ends() -> None:
         (Leaving(24, 10000, 10000), 8),
         (Member(24, 10000, 10000, False, (24,), 8999, 3, (), (), (), None), 18),
     ],
-    ids=lambda value: type(value).__name__,
 )
 def test_frames_are_short_on_the_air(frame: PaperFrame, most_bytes: int) -> None:
     """At the far corner of the paper's arena, at the end of a run; the envelope adds 5 to 9 bytes."""

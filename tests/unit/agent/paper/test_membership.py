@@ -29,6 +29,7 @@ from tests.support.cores import (
     near_frames,
     relocating,
 )
+from tests.support.tiers import in_one_test
 
 CHILD, CHILD_AT = 4, (58.0, 50.0)
 pulses = st.integers(0, 2**32 - 1)
@@ -74,7 +75,7 @@ def test_a_childs_own_word_about_itself_comes_first() -> None:
     assert stale not in decision.radio.table
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("says", "stays"),
     [
         (child(CHILD, (ME,), CHILD_AT), True),
@@ -85,7 +86,6 @@ def test_a_childs_own_word_about_itself_comes_first() -> None:
         (child(CHILD, (ME, 2), CHILD_AT), False),
         (member((CHILD,), CHILD_AT, pulse=0), False),
     ],
-    ids=["child", "attending", "leaving", "relocating", "orphan", "other parent", "root"],
 )
 def test_a_child_is_dropped_when_it_is_none_any_more(says: PaperFrame, stays: bool) -> None:
     """It leaves, relocates, is orphaned, names another parent, or is a root itself."""
@@ -165,7 +165,7 @@ def an_orphan() -> Lone:
 NEAR_AT, LEGAL_AT = (56.0, 50.0), (59.0, 57.0)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("frame", "adopts"),
     [
         (member((ROOT, 5), LEGAL_AT, pulse=101), True),
@@ -176,7 +176,6 @@ NEAR_AT, LEGAL_AT = (56.0, 50.0), (59.0, 57.0)
         (member((ROOT, 5), NEAR_AT, pulse=101), False),
         (member((ROOT, 5), (59, 59.99), pulse=101), False),
     ],
-    ids=["fresh", "known", "orphan", "descendant", "other tree", "too near", "too far"],
 )
 def test_an_orphan_is_adopted_by_a_fresh_pulse_only(frame: Member, adopts: bool) -> None:
     """By a member of its own tree, not below itself, that has heard of the root since; first at a legal distance."""

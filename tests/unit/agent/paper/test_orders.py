@@ -22,6 +22,7 @@ from tests.support.cores import (
     leaving,
     member,
 )
+from tests.support.tiers import in_one_test
 from tests.unit.agent.paper.test_recruitment import distance, leaf_frame, orders
 
 
@@ -33,7 +34,7 @@ def parent_says(pulse: int, order: RecruitmentOrder | None) -> Member:
     return member((ROOT, PARENT), PARENT_AT, pulse=pulse, order=order)
 
 
-@pytest.mark.parametrize(("leaf", "ttl", "relayed"), [(9, 12, True), (9, 2, True), (9, 1, False), (8, 12, False)])
+@in_one_test(("leaf", "ttl", "relayed"), [(9, 12, True), (9, 2, True), (9, 1, False), (8, 12, False)])
 def test_an_order_is_relayed_only_towards_its_leaf(leaf: int, ttl: int, relayed: bool) -> None:
     """By those with the leaf in their table, once per hearing, while it has time to live."""
     lone = a_member()

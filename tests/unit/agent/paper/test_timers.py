@@ -25,6 +25,7 @@ from tests.support.cores import (
     event,
     member,
 )
+from tests.support.tiers import in_one_test
 
 STEPS_S = [0.25, 1.0, 5.0]
 steps_s = st.floats(0.01, 60.0)
@@ -53,7 +54,7 @@ def test_what_a_timer_counts_fits_its_field(step_s: float) -> None:
     assert found.order <= MAX_HOPS == MAX_TTL
 
 
-@pytest.mark.parametrize(("time_s", "step_s", "steps"), [(12, 5, 2), (12, 60, 1), (60, 0.25, 240), (0.1, 1, 1)])
+@in_one_test(("time_s", "step_s", "steps"), [(12, 5, 2), (12, 60, 1), (60, 0.25, 240), (0.1, 1, 1)])
 def test_a_time_is_rounded_to_steps(time_s: float, step_s: float, steps: int) -> None:
     """To the nearest, and never to none."""
     assert steps_of(time_s, step_s) == steps

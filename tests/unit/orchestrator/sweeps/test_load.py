@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import names
 from tests.support.sweeping import described, made, mistakes, written
+from tests.support.tiers import in_one_test
 
 AXIS = "[sweep.axes]\nagents.speed_mps = [1.0, 2.0]\n"
 
@@ -33,7 +34,7 @@ def load(folder: Path, text: str, *overrides: str) -> Sweep:
 # What varies
 
 
-@pytest.mark.parametrize("name", built_in_files())
+@in_one_test("name", built_in_files())
 def test_built_in_sweeps_load(name: str) -> None:
     """By name, and they carry it."""
     assert load_sweep(name).name == name
@@ -159,7 +160,7 @@ def test_files_are_looked_for_beside_the_file_that_names_them(tmp_path: Path, mo
     assert Path(variant.scenario.events.density.file) == tmp_path / "3.csv"
 
 
-@pytest.mark.parametrize("named", ["", 3, None, ["a.csv"]])
+@in_one_test("named", ["", 3, None, ["a.csv"]])
 def test_what_names_no_grid_is_left_as_it_is(named: Any) -> None:
     """No file is no folder, and what is no name is a mistake like any other."""
     axes = {"axes": {"control.delta": [2]}}
@@ -236,7 +237,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize(("sweep", "message"), WRONG.values(), ids=WRONG)
+@in_one_test(("sweep", "message"), WRONG.values())
 def test_a_mistake_is_said_in_one_clear_line(sweep: dict[str, Any], message: str) -> None:
     """It names the key and what was found; nothing else is reported except what follows from it."""
     found = mistakes(described(sweep))
@@ -269,7 +270,7 @@ def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
     assert len(mistakes(described({"axes": axes}, bsae="x", base="no-such"))) == 2
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("other", "message"),
     [
         ({"schema": 2}, "schema: 2"),
@@ -286,7 +287,6 @@ def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
         ({"sweep": 4}, "sweep: 4"),
         ({"axes": {}}, "axes"),
     ],
-    ids=str,
 )
 def test_mistakes_beside_the_axes_are_said_too(other: dict[str, Any], message: str) -> None:
     """In the base scenario, in what all share, in the file's own keys."""
@@ -294,7 +294,7 @@ def test_mistakes_beside_the_axes_are_said_too(other: dict[str, Any], message: s
     assert names(line, message), line
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("override", "message"),
     [
         ("control.delta=9", "--set"),

@@ -20,6 +20,7 @@ from deltaswarm_ros2.definitions import (
     fields_of,
 )
 from tests.support.ros2_types import bag_decoded, bag_encoded
+from tests.support.tiers import in_one_test
 
 BASIC: Mapping[str, st.SearchStrategy[Any]] = {
     "int32": st.integers(-(2**31), 2**31 - 1),
@@ -46,7 +47,7 @@ def messages(message_type: str) -> st.SearchStrategy[Any]:
     return st.fixed_dictionaries(made)
 
 
-@pytest.mark.parametrize("message_type", DEFINITIONS)
+@in_one_test("message_type", DEFINITIONS)
 def test_bytes_are_those_of_rosbags(message_type: str) -> None:
     """Alignment after strings of every length, arrays, sequences; each reads what the other writes."""
 
@@ -110,7 +111,7 @@ def counted(message_type: str) -> dict[str, Any]:
     return message(message_type)
 
 
-@pytest.mark.parametrize("message_type", DEFINITIONS)
+@in_one_test("message_type", DEFINITIONS)
 def test_bytes_are_those_of_earlier_releases(message_type: str) -> None:
     """Of every type."""
     data = encode(message_type, counted(message_type))
@@ -138,7 +139,7 @@ def test_the_other_byte_order_and_padding_are_read() -> None:
     assert decode("std_msgs/msg/String", data) == decode("std_msgs/msg/String", data + bytes(3)) == message
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("message_type", "data", "message"),
     [
         (TWIST, b"", "must begin with"),

@@ -1,9 +1,9 @@
 """Type hashes, computed from the definitions, are those that ROS publishes."""
 
-import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from deltaswarm_ros2.definitions import DEFINITIONS, type_hash
+from tests.support.tiers import in_one_test
 
 PUBLISHED = {
     "builtin_interfaces/msg/Duration": "e8d009f659816f758b75334ee1a9ca5b5c0b859843261f14c7f937349599d93b",
@@ -36,13 +36,13 @@ PUBLISHED = {
 middleware/microros/kilted/include/*/*/msg/detail/*__description.c; String: rmw_zenoh's docs/design.md."""
 
 
-@pytest.mark.parametrize("message_type", DEFINITIONS)
+@in_one_test("message_type", DEFINITIONS)
 def test_hashes_are_the_published_ones(message_type: str) -> None:
     """Of every type that is sent or received, and of every type in it."""
     assert type_hash(message_type) == f"RIHS01_{PUBLISHED[message_type]}"
 
 
-@pytest.mark.parametrize("store", [Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL])
+@in_one_test("store", [Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL])
 def test_another_implementation_computes_the_same_from_its_own_definitions(store: Stores) -> None:
     """Those of each ROS 2 with type hashes in the package rosbags."""
     types = get_typestore(store)

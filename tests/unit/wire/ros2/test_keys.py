@@ -23,6 +23,7 @@ from deltaswarm_ros2.keys import (
     node_token,
     topic_key,
 )
+from tests.support.tiers import in_one_test
 
 STRING = "std_msgs/msg/String"
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -70,7 +71,7 @@ def test_an_attachment_is_33_bytes_little_endian() -> None:
     assert decode_attachment(data) == attachment
 
 
-@pytest.mark.parametrize("data", [b"", bytes(32), bytes(33), bytes(16) + b"\x10" + bytes(17)])
+@in_one_test("data", [b"", bytes(32), bytes(33), bytes(16) + b"\x10" + bytes(17)])
 def test_other_attachments_are_errors(data: bytes) -> None:
     """Too short or too long, or an id of another length."""
     with pytest.raises(AttachmentError, match="33 bytes"):
@@ -83,7 +84,7 @@ def test_an_id_belongs_to_one_token() -> None:
     assert len(gid_of("a")) == 16
 
 
-@pytest.mark.parametrize(("text", "holds"), [("cmd_vel", True), ("/a/b2", True), ("2b", False), ("a//b", False)])
+@in_one_test(("text", "holds"), [("cmd_vel", True), ("/a/b2", True), ("2b", False), ("a//b", False)])
 def test_names_are_those_of_ros(text: str, holds: bool) -> None:
     """Words of letters, digits and underscores."""
     assert is_name(text) is holds

@@ -16,6 +16,7 @@ from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port
 from tests.support.ros2_robots import TWIST_STAMPED, Fleet, Kind, Robot, fleet
 from tests.support.swarms import wait_until
+from tests.support.tiers import in_one_test
 
 pytestmark = pytest.mark.processes
 
@@ -59,9 +60,7 @@ def wait_for_fault(body: Ros2Body, text: str) -> None:
     go(body, 1.0, 0.0, lambda: text in body.sense(0.0).fault, f"the fault {text!r}")
 
 
-@pytest.mark.parametrize(
-    "kind", [KIND, Kind(domain=42), Kind(layout="ros2dds"), Kind(command_type=TWIST_STAMPED)], ids=repr
-)
+@in_one_test("kind", [KIND, Kind(domain=42), Kind(layout="ros2dds"), Kind(command_type=TWIST_STAMPED)])
 def test_a_robot_goes_where_the_agent_wants(kind: Kind) -> None:
     """In both formats of keys, and in a domain; positions come back in the arena's frame, with their uncertainty."""
     with driven(kind, origin_x_m=-5.0, origin_y_m=-2.0) as (body, robot, _):

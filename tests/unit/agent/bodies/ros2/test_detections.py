@@ -4,6 +4,7 @@ import pytest
 
 from deltaswarm_ros2.detections import Detections
 from deltaswarm_wire.messages import Event
+from tests.support.tiers import in_one_test
 
 
 def detections(cell_m: float = 1.0) -> Detections:
@@ -38,7 +39,7 @@ def test_what_is_not_detected_again_ends() -> None:
     assert not found.events(0.0)
 
 
-@pytest.mark.parametrize("place", [(-0.1, 3.0), (2.0, 10.0), (7.0, 3.0), (float("nan"), 3.0)])
+@in_one_test("place", [(-0.1, 3.0), (2.0, 10.0), (7.0, 3.0), (float("nan"), 3.0)])
 def test_what_no_sensor_of_the_swarm_would_sense_is_ignored(place: tuple[float, float]) -> None:
     """Outside the arena, beyond the sensing range, or nowhere."""
     found = detections()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from deltaswarm_ros2.cdr import decode, encode
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED
 from deltaswarm_ros2.motion import RESTARTED, STOP, Drive, ExpectedOdometry, Odometry, PlanarFrame, Pose, beside
+from tests.support.tiers import in_one_test
 
 ONE, TWO = b"one", b"two"
 
@@ -59,7 +60,7 @@ def test_the_heading_is_the_yaw(yaw_rad: float, pitch_rad: float) -> None:
     assert odometry.pose.heading_rad == pytest.approx(yaw_rad)
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("message", "reason"),
     [
         (a_message(frame_id="map"), "/odom is in the frame 'map' and not 'odom'"),
@@ -139,7 +140,7 @@ def test_a_velocity_of_zero_is_a_stop(drive: Drive) -> None:
     assert drive.twist((0.0, 0.0), 1.0) == STOP
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("heading_deg", "twist"),
     [
         (0.0, (1.0, 0.0, 0.0)),

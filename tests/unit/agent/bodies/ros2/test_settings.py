@@ -6,6 +6,7 @@ import pytest
 
 from deltaswarm_ros2.settings import Ros2Settings
 from deltaswarm_wire.checked import SettingsError, load
+from tests.support.tiers import in_one_test
 
 
 def test_all_keys_have_defaults_and_texts() -> None:
@@ -14,7 +15,7 @@ def test_all_keys_have_defaults_and_texts() -> None:
     assert all(spec.metadata["doc"] for spec in Ros2Settings.__dataclass_fields__.values())
 
 
-@pytest.mark.parametrize(
+@in_one_test(
     ("table", "message"),
     [
         ({"layout": "dds"}, "layout must be one of rmw_zenoh, ros2dds"),
