@@ -35,7 +35,7 @@ TALKATIVE = [f"--set={name}" for name in ("events.rate_hz=5", "agents.sensing_ra
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("listen", ["tcp/127.0.0.1:0", "tls/127.0.0.1:0"])
+@pytest.mark.parametrize("listen", first_of(["tls/127.0.0.1:0", "tcp/127.0.0.1:0"]))
 def test_boards_are_agents_of_the_run(listen: str, tmp_path: Path) -> None:
     """Over TCP by password and over TLS by certificate: the digest is that of the run in one process."""
     same = [*SHORT, "--set", "run.ask_every_step=true"]  # as boards are

@@ -31,6 +31,7 @@ def test_the_commands_for_a_cluster_and_a_run_work(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["valid"]
 
 
+@pytest.mark.slow
 @pytest.mark.processes
 def test_the_measurement_works() -> None:
     """With two agents and few steps, at the round-trip times of the page: each step that asks an agent takes one."""

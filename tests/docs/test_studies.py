@@ -15,10 +15,11 @@ from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import repeat
 from deltaswarm_studies.settings import StudyFile
 from tests.support.pages import ROOT, commands, files, shell
-from tests.support.tiers import in_one_test, nightly
+from tests.support.tiers import nightly
 
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
+NAMES = ["paper", *nightly(*(folder.name for folder in PUBLISHED if folder.name != "paper"))]
 SHORTER = "--set run.duration_s=100 --repeats 7 --prove 0"
 
 
@@ -60,11 +61,11 @@ def test_the_index_links_every_published_study() -> None:
     assert sorted(re.findall(r"\]\((.*?)/page\.md\)", index)) == [folder.name for folder in PUBLISHED]
 
 
-@in_one_test("folder", PUBLISHED)
-def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_published_follows_from_its_tables(name: str) -> None:
     """Every estimate, contrast and verdict, from the published runs; no finding that whole tables do not support."""
-    study = load_study(folder.name)
-    found = Evidence.of_folder(study, folder)
+    folder = ROOT / "docs" / "studies" / name
+    found = Evidence.of_folder(load_study(name), folder)
     for name in ("estimates", "contrasts", "claims"):
         frame = getattr(found, name)
         if len(frame):
@@ -76,7 +77,7 @@ def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
     assert found.incomplete or not found.unsupported
 
 
-@pytest.mark.parametrize("name", ["paper", *nightly(*(folder.name for folder in PUBLISHED if folder.name != "paper"))])
+@pytest.mark.parametrize("name", NAMES)
 def test_todays_code_repeats_a_published_run(name: str) -> None:
     """Every number of it: a page is never older than the code."""
     assert repeat(load_study(name), ROOT / "docs" / "studies" / name).differing == []

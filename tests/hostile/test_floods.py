@@ -53,6 +53,7 @@ def test_what_the_router_refuses_harms_nobody(request_: str, silence: Ended, tmp
     assert harm(play(tmp_path / "run", "smoke", STEPS, request_, rest_s=REST_S), silence) == []
 
 
+@pytest.mark.slow
 def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
     """A narrow one, with loss and delay: what the others do, hear and sense is as beside an agent that fell silent."""
     uplink = ["uplink.loss=0.2", "uplink.latency_s=2", "uplink.bandwidth.receiver_bytes_per_s=400"]

@@ -24,6 +24,7 @@ from deltaswarm_world.io.slow_links import DESCRIPTORS, PATIENCE_S, SlowLinks, t
 from deltaswarm_world.io.transport import open_router
 from tests.hostile.attacker import WHO
 from tests.support.swarms import BOUND_S, started, wait_for_end, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -77,7 +78,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return play(tmp_path_factory.mktemp("undisturbed") / "run")[0]
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", first_of(LINKS))
 def test_a_client_that_does_not_read_stops_nobody(link: str, undisturbed: dict[str, Any], tmp_path: Path) -> None:
     """It gets an agent's frames in a second session: the run goes on, and all agents do what they did without it."""
     world, log = play(tmp_path / "run", link)
@@ -86,7 +87,7 @@ def test_a_client_that_does_not_read_stops_nobody(link: str, undisturbed: dict[s
     assert "goes on without" not in log
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", first_of(LINKS))
 def test_operator_and_recorder_are_not_cut(link: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The world knows them by their sessions' ids: their links are full for longer, but only the agent's is cut."""
     credentials = tmp_path / "credentials"
@@ -126,7 +127,7 @@ def test_links_that_come_and_go_leave_no_descriptor(tmp_path: Path) -> None:
         links.close()
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", first_of(LINKS))
 def test_a_link_that_was_there_before_does_no_harm(link: str, tmp_path: Path) -> None:
     """As that of a board that knows the port."""
     credentials = tmp_path / "credentials"

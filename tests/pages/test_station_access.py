@@ -10,6 +10,7 @@ from selenium.webdriver.common.keys import Keys
 
 from tests.support.station_feed import Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
+from tests.support.tiers import first_of, nightly
 
 pytestmark = NEEDS_BROWSER
 
@@ -113,8 +114,12 @@ STATES: dict[str, Callable[[Page], None]] = {
 }
 
 
+SHORTLY = ("form", "tlx", "commands tab", "ended")
+"""The states that the gate looks at."""
+
+
 @pytest.mark.skipif(AXE is None, reason="selenium-axe-python is not installed, which brings axe")
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", [*SHORTLY, *nightly(*(name for name in STATES if name not in SHORTLY))])
 def test_axe_finds_nothing(page: Page, state: str) -> None:
     """Whatever is asked or shown."""
     STATES[state](page)
@@ -122,7 +127,7 @@ def test_axe_finds_nothing(page: Page, state: str) -> None:
 
 
 @pytest.mark.skipif(AXE is None, reason="selenium-axe-python is not installed, which brings axe")
-@pytest.mark.parametrize("kind", ["replay", "researcher", "conductor"])
+@pytest.mark.parametrize("kind", first_of(["researcher", "replay", "conductor"]))
 def test_axe_finds_nothing_on_other_pages(open_page: Callable[..., Page], kind: str) -> None:
     """The pages of a replay, of the researcher and of the conductor."""
     page = open_page(Swarm(kind))
@@ -171,7 +176,7 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
     assert sorted(answers["weights"].values()) == [0, 1, 2, 3, 4, 5]
 
 
-@pytest.mark.parametrize("state", ["sheet", "form", "tlx"])
+@pytest.mark.parametrize("state", first_of(["tlx", "sheet", "form"]))
 def test_no_dialog_scrolls_sideways(page: Page, state: str) -> None:
     """On a usual screen, at 200 % of one, on a tablet and on a telephone."""
     ask(page, state)

@@ -236,6 +236,7 @@ def work(page: Page) -> list[Message]:
     return [*sent, page.asked("tlx")]
 
 
+@pytest.mark.slow
 def test_what_is_stored_is_the_same_in_every_language(open_page: Callable[..., Page]) -> None:
     """Answers, orders and what happens to the page, in English and in German."""
     german = load_scenario("smoke", ["operator.page.language=de"]).operator.page.language.told

@@ -122,6 +122,7 @@ def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
     assert page.asked("pace") == {"type": "pace", "paused": True}
 
 
+@pytest.mark.slow
 def test_a_place_outside_the_arena_is_not_sent(page: Page) -> None:
     """As when a comma was typed for a point."""
     Select(page.at("command-name")).select_by_value("attend a place")

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 
+import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
@@ -92,6 +93,7 @@ def test_pause_step_and_speed(page: Page) -> None:
     page.until(lambda: page.text("status") == "live")
 
 
+@pytest.mark.slow
 def test_a_speed_that_is_not_reached_is_told(page: Page) -> None:
     """The feed stands still and does not call it a pause."""
     page.until(lambda: (page.player.show(100.0), page.text("speed-reached"))[1] == "now 0×")
@@ -269,6 +271,7 @@ def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
     page.until(lambda: "event 1at (20, 25) m, since 0:00" in page.texts("#events-list > li"))
 
 
+@pytest.mark.slow
 def test_dark_and_light(page: Page) -> None:
     """As the machine has it; the page's own switch wins, and stays."""
     colour = "return getComputedStyle(document.body).backgroundColor"

@@ -8,6 +8,7 @@ from selenium.webdriver.common.keys import Keys
 
 from tests.support.station_feed import Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
+from tests.support.tiers import first_of
 
 pytestmark = NEEDS_BROWSER
 
@@ -28,9 +29,10 @@ def screen(page: Page, width: int, height: int, scale: float = 1.0) -> None:
     page.until(lambda: page.driver.execute_script("return innerWidth") == width)
 
 
-@pytest.mark.parametrize(("width", "height"), [(1366, 768), (683, 384), (768, 1024), (390, 844)])
-def test_every_answer_to_isa_is_within_the_window(page: Page, width: int, height: int) -> None:
+@pytest.mark.parametrize("size", first_of([(390, 844), (1366, 768), (683, 384), (768, 1024)]))
+def test_every_answer_to_isa_is_within_the_window(page: Page, size: tuple[int, int]) -> None:
     """Also at 200 % of a usual screen, and on a telephone."""
+    width, height = size
     screen(page, width, height)
     page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
     page.player.show(101.0)
@@ -286,7 +288,7 @@ def test_activity_is_the_number_of_agents_heard_in_a_place(page: Page) -> None:
     page.until(lambda: page.drawn() != before and page.at("activity-legend").is_displayed())
 
 
-@pytest.mark.parametrize("kind", ["live", "replay", "researcher"])
+@pytest.mark.parametrize("kind", first_of(["live", "replay", "researcher"]))
 def test_agents_at_one_place_are_told_apart(open_page: Callable[..., Page], kind: str) -> None:
     """On the map: four at one event, up to a pixel apart, look like four, and each can be selected by a click."""
     page = open_page(Swarm(kind))

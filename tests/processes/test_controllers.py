@@ -10,6 +10,7 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from tests.support.swarms import is_running, running, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -138,7 +139,9 @@ def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
     assert json.loads((module / "one" / "summary.json").read_text())["digest"] == found["digest"]
 
 
-@pytest.mark.parametrize("overrides", [["control.mode=adaptive"], ["control.mode=central", "radio.range_m=150"]])
+@pytest.mark.parametrize(
+    "overrides", first_of([["control.mode=central", "radio.range_m=150"], ["control.mode=adaptive"]])
+)
 def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tmp_path: Path) -> None:
     """While events occur often enough that trees form and agents are sent about."""
     given = [*overrides, "events.rate_hz=0.3", "run.duration_s=300"]
@@ -154,8 +157,8 @@ def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tm
     ("name", "said"),
     [
         ("Raises", "RuntimeError: no such thing at all"),
-        ("NotANumber", "velocity must"),
-        ("TooLong", "at most 8192"),
+        pytest.param("NotANumber", "velocity must", marks=pytest.mark.slow),
+        pytest.param("TooLong", "at most 8192", marks=pytest.mark.slow),
         ("Quits", "SystemExit: 0"),
     ],
 )

@@ -216,7 +216,7 @@ def swarm_of(line: str, folder: Path) -> Iterator[tuple[launch.Swarm, subprocess
         yield swarm, process
 
 
-@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("stopped", first_of([True, False]))
 def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Path) -> None:
     """Held up on a file that it reads after the last step, and signalled twice, it still writes what is true."""
     length = () if stopped else ("--set", "run.duration_s=50")
@@ -347,7 +347,7 @@ def is_full(text: str) -> bool:
     return os.strerror(errno.ENOSPC) in text or "bytes are free" in text
 
 
-@pytest.mark.parametrize("size", ["8k", "60k", "300k", *nightly("12k", "52k", "72k", "90k", "110k")])
+@pytest.mark.parametrize("size", ["8k", "60k", *nightly("12k", "52k", "72k", "90k", "110k", "300k")])
 def test_a_full_disk_ends_it_with_a_line(size: str, small: Path) -> None:
     """Whatever cannot be written first: it names the file and the cause, and the folder says the same."""
     errors, kept = fill(small, size)

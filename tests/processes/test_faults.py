@@ -12,6 +12,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_world.__main__ import main
 from tests.support.swarms import BOUND_S, UNHURRIED, is_running, run, running, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -41,7 +42,7 @@ def outside_and_inside(folder: Path, *faults: str) -> tuple[dict[str, Any], dict
     return outside, run(folder / "inside", "--in-process", *options), errors
 
 
-@pytest.mark.parametrize("name", TIMELINES)
+@pytest.mark.parametrize("name", first_of(TIMELINES))
 def test_a_fault_is_the_same_with_and_without_processes(tmp_path: Path, name: str) -> None:
     """The same targets, the same digest; a planned end is no accident and has no obituary."""
     outside, inside, errors = outside_and_inside(tmp_path, TIMELINES[name])

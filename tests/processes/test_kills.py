@@ -90,6 +90,7 @@ CASES: dict[str, tuple[tuple[str, ...], Stage]] = {
     "station, start": (("station", "{live}"), processes(1)),
 }
 SLOW = {name for name in CASES if name.split(",")[0] in ("study", "export", "bench", "sweep --processes")}
+SLOW |= {"run, end", "run --station, start", "run --station, end", "sweep, start", "sweep, end", "top, start"}
 
 
 @pytest.fixture(scope="module")

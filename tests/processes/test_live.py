@@ -76,7 +76,7 @@ def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("duration_s", "options"),
-    [(DURATION_S, UNHURRIED), (60, ("--in-process", *UNHURRIED))],
+    [(DURATION_S, UNHURRIED), pytest.param(60, ("--in-process", *UNHURRIED), marks=pytest.mark.slow)],
     ids=["processes", "in-process"],
 )
 def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, duration_s: int, options: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ import tomli_w
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire import checked
 from tests.support.swarms import PATIENCE_S, running, told
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -43,7 +44,7 @@ def own_shared_memory() -> Iterator[tuple[tuple[str, ...], Path]]:
 
 
 @pytest.mark.skipif(not is_allowed(*OWN_SHARED_MEMORY), reason="no mounts of one's own here")
-@pytest.mark.parametrize("is_interrupted", [False, True], ids=["whole", "Ctrl-C"])
+@pytest.mark.parametrize("is_interrupted", first_of([True, False]), ids=["Ctrl-C", "whole"])
 def test_a_run_leaves_no_shared_memory(tmp_path: Path, is_interrupted: bool) -> None:
     """Not a byte in /dev/shm."""
     duration_s = 1e6 if is_interrupted else 10

@@ -23,6 +23,7 @@ from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
 from tests.support.pages import ROOT
 from tests.support.swarms import BOUND_S, PATIENCE_S, UNHURRIED, RunningSwarm, run, running, told, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -91,7 +92,7 @@ def pid_of_agent(cluster: Cluster, agent: int) -> int:
     return pid
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGINT]))
 def test_agents_on_workers_end_with_the_command(number: signal.Signals, cluster: Cluster, tmp_path: Path) -> None:
     """However it ends; the workers stay."""
     with on(cluster, tmp_path / "run", *LONG, "--record", "off") as swarm:
@@ -107,6 +108,7 @@ def test_agents_on_workers_end_with_the_command(number: signal.Signals, cluster:
         assert "exits after step" in swarm.log("agent", 5)
 
 
+@pytest.mark.slow
 def test_a_command_that_is_killed_while_agents_start_leaves_none(cluster: Cluster, tmp_path: Path) -> None:
     """Neither processes nor their keys: before the first step, too."""
     with on(cluster, tmp_path / "run", *LONG) as swarm:
@@ -115,6 +117,7 @@ def test_a_command_that_is_killed_while_agents_start_leaves_none(cluster: Cluste
         nothing_is_left(cluster, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_busy_worker_can_be_given_up(cluster: Cluster, tmp_path: Path) -> None:
     """By Ctrl-C, while its agents wait to be started; those of the other worker end, and nothing is left of them."""
     with Client(cluster.address) as client:
@@ -192,6 +195,7 @@ def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) 
     assert "no answer" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port))
 
 
+@pytest.mark.slow
 def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:
     """The lines name the worker, what it has, and what this machine has."""
     shadow = tmp_path / "shadow" / "deltaswarm_wire"

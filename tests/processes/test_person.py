@@ -19,6 +19,7 @@ from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload
 from tests.support.swarms import UNHURRIED, run, running, wait_until
+from tests.support.tiers import first_of
 
 READER = ("operator.person.policy=none",)
 COMMANDER = (
@@ -82,7 +83,7 @@ def test_a_controller_must_accept_what_the_policy_commands() -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("overrides", [READER, COMMANDER, SYSTEM], ids=["none", "threshold", "system"])
+@pytest.mark.parametrize("overrides", first_of([SYSTEM, READER, COMMANDER]), ids=["system", "none", "threshold"])
 def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> None:
     """Digest, figures and tables of the person, byte for byte; they have a row per act."""
     options = ("--record", "off", *flags((*overrides, *ASKING)))

@@ -153,6 +153,7 @@ def test_a_run_that_ended_too_early_in_order_goes_on(how: str, tmp_path: Path) -
     same_as_undisturbed(swarm)
 
 
+@pytest.mark.slow
 def test_a_controller_that_cannot_be_saved_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the reason; without checkpoints it may hold what it likes."""
     (tmp_path / "holder.py").write_text(

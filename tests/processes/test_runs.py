@@ -9,17 +9,17 @@ from pathlib import Path
 import pytest
 
 from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, run, running, wait_until
+from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
 BUSY = "while True: pass"
 
 
-def test_three_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> None:
+def test_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> None:
     """Scheduling does not matter: not under load, and not at all in one process."""
     short = ("--set", "run.duration_s=150")
     quiet = run(tmp_path / "quiet", *short, "--record", "off")
-    again = run(tmp_path / "again", *short)
     burners = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(3)]
     try:
         loaded = run(tmp_path / "loaded", *short)
@@ -28,11 +28,11 @@ def test_three_runs_with_processes_and_one_without_have_one_digest(tmp_path: Pat
             burner.kill()
             burner.wait()
     inside = run(tmp_path / "inside", *short, "--in-process")
-    assert len({summary["digest"] for summary in (quiet, again, loaded, inside)}) == 1
+    assert len({summary["digest"] for summary in (quiet, loaded, inside)}) == 1
     assert {summary["waiting_time_s"]["mean"] for summary in (quiet, inside)} == {quiet["waiting_time_s"]["mean"]}
 
 
-@pytest.mark.parametrize("mode", ["decentralised", "hierarchical"])
+@pytest.mark.parametrize("mode", first_of(["hierarchical", "decentralised"]))
 def test_every_mode_has_the_same_digest_with_and_without_processes(tmp_path: Path, mode: str) -> None:
     """Also with loss on the air, which draws from the radio's own generator."""
     options = ["--set", f"control.mode={mode}", "--set", "radio.loss=0.2", "--set", "run.duration_s=200"]
@@ -109,9 +109,12 @@ def test_real_time_is_never_faster_than_its_factor(tmp_path: Path, factor: int, 
     assert (f"{overruns} steps" in errors) == (overruns > 0)
 
 
+ENVIRONMENTS = [{"RUST_LOG": "trace"}, {"PYTHONIOENCODING": "ascii"}, {"PYTHONUTF8": "0", "LC_ALL": "C"}]
+
+
 @pytest.mark.parametrize(
     "environment",
-    [{"RUST_LOG": "trace"}, {"PYTHONIOENCODING": "ascii"}, {"PYTHONUTF8": "0", "LC_ALL": "C"}],
+    first_of([{name: value for each in ENVIRONMENTS for name, value in each.items()}, *ENVIRONMENTS]),
     ids=lambda environment: " ".join(environment),
 )
 def test_the_users_environment_changes_nothing(
@@ -126,10 +129,11 @@ def test_the_users_environment_changes_nothing(
     assert outside["digest"] == inside["digest"]
 
 
+SHELL = ["ulimit -Sn 64", "umask 077", "trap '' CHLD", "exec >&- 2>&- <&-"]
 BLOCK = "import os, signal; signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())"
 
 
-@pytest.mark.parametrize("before", ["exec >&- 2>&- <&-", "ulimit -Sn 64", "umask 077", "trap '' CHLD", "blocked"])
+@pytest.mark.parametrize("before", first_of(["; ".join(SHELL), *SHELL, "blocked"]))
 def test_what_a_shell_passes_on_changes_nothing(before: str, tmp_path: Path) -> None:
     """Closed streams, a low soft limit, files that others cannot read, signals that are ignored or blocked."""
     shorter = ["smoke", "--set", "run.duration_s=20", "--record", "off"]

@@ -154,6 +154,7 @@ def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path)
     assert len(commands_of(swarm.out)) == 46
 
 
+@pytest.mark.slow
 def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> None:
     """The pause holds, consent is not asked for again, what was known is known, and the next command is the next."""
     with at_the_station(tmp_path / "run", *sets(CONSENT, "run.duration_s=200")) as (swarm, person):
@@ -180,6 +181,7 @@ def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> N
     assert again["digest"] == swarm.summary()["digest"]
 
 
+@pytest.mark.slow
 def test_a_station_that_is_killed_in_a_pause_comes_back_at_its_address(tmp_path: Path) -> None:
     """The pause lasts until the person, whose page connects again, ends it; the run ends valid."""
     with at_the_station(tmp_path / "run", "--speed", "0", *sets(CONSENT), *UNHURRIED) as (swarm, person):

@@ -11,6 +11,7 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from tests.support.swarms import run
+from tests.support.tiers import first_of
 
 OWN = ("agents.count=8", "run.duration_s=200", "events.rate_hz=0.3", "control.delta=2")
 BASE = ("uplink.base_m=[5, 5]", "uplink.range_m=20.0")
@@ -39,7 +40,7 @@ def check_books(step_records: list[StepRecord]) -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("record", ["views", "wire"])
+@pytest.mark.parametrize("record", first_of(["wire", "views"]))
 def test_processes_and_one_process_have_the_same_uplink(tmp_path: Path, record: str) -> None:
     """Digest, rows, the operator's own figures, the recording's inbox; nothing is lost on the fabric."""
     outside = run(tmp_path / "run", *(text for one in (*OWN, *UPLINK, f"record={record}") for text in ("--set", one)))

@@ -58,7 +58,7 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", ["local", "dask"])
-@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("workers", first_of([3, 1]))
 def test_a_terminals_ctrl_c_while_workers_start(tmp_path: Path, engine: str, workers: int) -> None:
     """It reaches all processes at once, also those that have just begun: one line, no traceback of any."""
     file = written(tmp_path, duration_s=1e7)
@@ -81,6 +81,7 @@ def test_a_signal_ends_a_sweep_in_order_before_its_first_run_too(tmp_path: Path,
             assert (code, len(errors.splitlines())) == (130, 1), errors
 
 
+@pytest.mark.slow
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     """On one machine at once, each gives what it gives alone; on one folder, the second is refused."""
     file = written(tmp_path, repeats=3)
@@ -98,6 +99,7 @@ def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "a" / "manifest.json").read_text())["digest"] == alone["digest"]
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_killed_again_and_again_has_the_same_table_in_the_end(tmp_path: Path) -> None:
     """Killed with -9 at random moments, at first while it starts, and resumed: bit for bit; no process is left."""
     moments = random.Random(4711)
