@@ -8,6 +8,7 @@ import pytest
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.support.airs import EVERYTHING
+from tests.support.tiers import nightly
 
 BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off")
 STEPS = 400
@@ -47,22 +48,24 @@ def decisions(sets: Sequence[str], steps: int, seed: int) -> Iterator[tuple[tupl
 @pytest.mark.parametrize(
     "sets",
     [
-        ["control.mode=decentralised"],
-        ["control.mode=hierarchical"],
-        ["control.mode=hybrid"],
         ["control.mode=hybrid", "control.recruitment_interval_s=20", "run.step_s=0.5"],
-        ["control.mode=hybrid", "radio.loss=0.3"],
-        ["control.mode=hybrid", "radio.latency_s=2", "radio.jitter_s=3"],
         ["control.mode=hybrid", *EVERYTHING],
-        ["control.mode=adaptive"],
         ["control.mode=adaptive", "run.step_s=0.5", FAULTS, "radio.loss=0.2", OBSTACLES],
-        ["control.mode=decentralised", "control.return_to_finds=true"],
         ["control.mode=hierarchical", "control.patience_finds=0.3", "control.root_succession=true", FAULTS],
         ["control.mode=hybrid", "control.recruitment_places=any", "control.idle_root=leaves"],
-        ["control.mode=decentralised", FAULTS],
-        ["control.mode=hybrid", FAULTS],
-        ["control.mode=hybrid", FAULTS, "radio.latency_s=1.5", OBSTACLES],
-        ["control.mode=hierarchical", OBSTACLES],
+        *nightly(
+            ["control.mode=decentralised"],
+            ["control.mode=hierarchical"],
+            ["control.mode=hybrid"],
+            ["control.mode=hybrid", "radio.loss=0.3"],
+            ["control.mode=hybrid", "radio.latency_s=2", "radio.jitter_s=3"],
+            ["control.mode=adaptive"],
+            ["control.mode=decentralised", "control.return_to_finds=true"],
+            ["control.mode=decentralised", FAULTS],
+            ["control.mode=hybrid", FAULTS],
+            ["control.mode=hybrid", FAULTS, "radio.latency_s=1.5", OBSTACLES],
+            ["control.mode=hierarchical", OBSTACLES],
+        ),
     ],
     ids=lambda sets: " ".join(sets)[:60],
 )

@@ -13,6 +13,7 @@ from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_world.core.air.channel.chance import Loss
 from tests.support.cores import controllers_of, swarm
+from tests.support.tiers import first_of, nightly
 from tests.support.trees import Spans, check_agreement, cycle_of, true_descendants
 
 STEPS, KILL_EVERY_STEPS = 600, 60
@@ -85,10 +86,14 @@ class Trees:
             self.advance()
 
 
-CASES = [(loss, kills, seed) for loss in (0.0, 0.3) for kills in (False, True) for seed in (1, 2)]
+CASES = [(loss, kills, seed) for seed in (1, 2) for loss in (0.0, 0.3) for kills in (False, True)]
 
 
-@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"loss {case[0]}, kills {case[1]}, seed {case[2]}")
+@pytest.fixture(
+    scope="module",
+    params=[*CASES[:4], *nightly(*CASES[4:])],
+    ids=lambda case: f"loss {case[0]}, kills {case[1]}, seed {case[2]}",
+)
 def watched(request: pytest.FixtureRequest) -> tuple[Trees, float, bool]:
     """A swarm that has been watched through a run, its loss, and whether roots were killed."""
     loss, kills, seed = request.param
@@ -134,7 +139,7 @@ def test_a_root_soon_knows_who_is_below_it(watched: tuple[Trees, float, bool]) -
     assert trees.missing.longest <= 16
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", first_of([1, 2, 3]))
 def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     """After loss and killed members: each path is the parent's, each table is true, no orphan is left.
 
@@ -157,7 +162,7 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     check_agreement(trees.members, seed)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", first_of([1, 2]))
 def test_trees_grow_with_a_slow_radio_too(seed: int) -> None:
     """With 5 s of latency most of the swarm has been in a tree within 400 s: an agent looks back that much farther."""
     trees = Trees(seed, "radio.latency_s=5")

@@ -58,7 +58,8 @@ def test_the_last_judgement_counts() -> None:
     def act(time_s: float, event: int, name: str) -> Mapping[str, Any]:
         return {"kind": "judge", "time_s": str(time_s), "event": str(event), "name": name}
 
-    acts = [act(3, 1, DECOY), {"kind": "read"}, act(4, 1, TARGET), act(5, 1, TARGET), act(6, 2, TARGET)]
+    acts = [act(3, 1, DECOY), {"kind": "read"}, act(4, 1, TARGET), act(5, 1, TARGET), act(5, 1, TARGET)]
+    acts.append(act(6, 2, TARGET))
     made = list(judgement_rows([(1, 77), (2, 78), (3, 79)], {77, 79}, acts))
     assert made == [
         JudgementRow(1, 77, TARGET, TARGET, 5.0, 1),

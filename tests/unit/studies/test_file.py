@@ -71,6 +71,7 @@ def test_with_a_pilot_the_plan_says_which_effect_it_could_show(tmp_path: Path, m
     assert 1 < effect(0.02, 40) < effect(0.02, 20) < effect(0.2, 20)
 
 
+SWARM = '[[figure]]\nname = "f"\nkind = "swarm"\nat_s = 1500.0\n'
 DRAWN = '[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\n'
 TIMED = OWN.replace("window_s", "from_s = 500.0\nwindow_s").replace('"waiting_all"', '"trees"')
 CONTRAST = '[[contrast]]\nid = "a"\nfactor = "loss"\nreference = "loss=0.0"\n'
@@ -121,6 +122,10 @@ def test_sound_tables_are_taken() -> None:
         (OWN.replace("window_s = 100.0", "window_s = 150.0") + DRAWN, "study.window_s"),
         (TIMED.replace("500.0", "550.0"), "study.from_s"),
         (TIMED.replace("500.0", "1000.0"), "study.from_s"),
+        (TIMED.replace("window_s", "until_s = 500.0\nwindow_s"), "study.until_s"),
+        (OWN + '[[figure]]\nname = "f"\nx = "mode"\nmetric = "w"\n', "figure[0].metric"),
+        (OWN + '[[figure]]\nname = "f"\nx = "mode"\nmetric = "person_load"\n', "metric 'person_load'"),
+        (SWARM.replace("1500", "1000"), "figure[0].at_s"),
         (TIMED.replace("window_s", "until_s = 300.0\nwindow_s"), "study.until_s"),
         (TIMED.replace('"trees"', '"waiting"'), "study.from_s"),
         (OWN + '[[metric]]\nname = "w"\nkind = "window"\nof = "trees"\nfrom_s = 130.0\n', "metric[0].from_s"),
@@ -180,23 +185,66 @@ STEPS = SWEEP.replace("[sweep.axes]\nradio.loss = [0.0, 0.5, 0.9]", "[sweep.axes
 BY_STEP = OWN.replace("loss =", "step =").replace('"messages"', '"waiting"')
 
 
-@pytest.mark.parametrize(
-    ("metric", "reference", "is_refused"),
-    [("waiting_all", "step_s=0.5", False), ("frames_sent", "step_s=0.5", True), ("messages", "step_s=0.5", True)],
+@in_one_test(
+    ("metric", "steps_s", "is_refused"),
+    [
+        ("waiting_all", "0.5, 1.0, 2.0", False),
+        ("frames_sent", "0.5, 1.0, 2.0", True),
+        ("frames_sent", "0.5, 1.0", True),
+        ("messages", "0.5, 1.0, 2.0", True),
+        ("messages", "0.5, 1.0", False),
+    ],
 )
 def test_numbers_that_depend_on_the_step_are_not_compared_between_steps(
-    metric: str, reference: str, is_refused: bool
+    metric: str, steps_s: str, is_refused: bool
 ) -> None:
     """Frames go out once a step; reports every second, unless a step is longer."""
-    contrast = f'[[contrast]]\nid = "a"\nfactor = "step"\nreference = "{reference}"\nmetrics = ["{metric}"]\n'
+    contrast = f'[[contrast]]\nid = "a"\nfactor = "step"\nreference = "step_s=0.5"\nmetrics = ["{metric}"]\n'
+    sweep = STEPS.replace("0.5, 1.0, 2.0", steps_s)
     if not is_refused:
-        assert made(BY_STEP + contrast, STEPS)
+        assert made(BY_STEP + contrast, sweep)
         return
-    with pytest.raises(SettingsError, match="step_s"):
-        made(BY_STEP + contrast, STEPS)
-    if metric == "messages":
-        fits = STEPS.replace("0.5, 1.0, 2.0", "0.5, 1.0")
-        assert made(BY_STEP + contrast, fits)
+    with pytest.raises(SettingsError) as caught:
+        made(BY_STEP + contrast, sweep)
+    assert {problem.path for problem in caught.value.problems} == {"contrast[0].metrics"}
+    assert "run.step_s" in str(caught.value)
+
+
+def test_a_name_that_is_none_is_told_with_those_that_are() -> None:
+    """And with the one that may be meant; where there is none, that is said."""
+    for own, said in (
+        (
+            CONTRAST.replace('"loss"', '"los"'),
+            "contrast[0].factor must be one of 'loss', 'mode' (got 'los'; did you mean 'loss'?)",
+        ),
+        (CONTRAST.replace('"loss"', '"x"'), "contrast[0].factor must be one of 'loss', 'mode' (got 'x')"),
+        (
+            '[[finding]]\ntext = "t"\nbecause = [{ claim = "x", is = "holds" }]\n',
+            "finding[0].because[0].claim must be one of none that is declared (got 'x')",
+        ),
+    ):
+        with pytest.raises(SettingsError) as caught:
+            made(OWN + own)
+        assert said in str(caught.value).splitlines()
+
+
+def test_times_end_with_the_shortest_run() -> None:
+    """Of all variants; a metric over windows begins early enough for its events."""
+    sweep = SWEEP.replace("radio.loss = [0.0, 0.5, 0.9]", "run.duration_s = [1000.0, 2000.0]")
+    sweep = sweep.replace("run.duration_s = 1000.0\n", "")
+    with pytest.raises(SettingsError, match=r"figure\[0\]\.at_s must be before the end of the runs, 1000 s"):
+        made(OWN.replace("loss =", "duration_s =") + SWARM, sweep)
+    late = '[[metric]]\nname = "w"\nkind = "window"\nof = "waiting_all"\nfrom_s = 900.0\n'
+    with pytest.raises(SettingsError, match="must be less than 100 for 'w'"):
+        made(OWN.replace('"waiting_all"', '"w"') + late)
+
+
+def test_a_metric_over_windows_needs_a_series() -> None:
+    """One of whole runs does not."""
+    sweep = SWEEP.replace("series_every_s = 100.0", "series_every_s = 0.0")
+    assert made(OWN, sweep)
+    with pytest.raises(SettingsError, match=r"sweep\.series_every_s must be above 0 for w"):
+        made(OWN.replace('"waiting_all"', '"w"') + '[[metric]]\nname = "w"\nkind = "window"\nof = "trees"\n', sweep)
 
 
 @pytest.mark.parametrize(
