@@ -75,6 +75,7 @@ class EventState(NamedTuple):
     y_m: float
     arrived_s: float
     sensed_s: float | None
+    worked_s: float | None
     completed_s: float | None
     work_agent_s: float
 
@@ -212,15 +213,16 @@ def _time(value: Any, field: str) -> float | None:
 
 
 def _event_state(row: Any) -> EventState:
-    array(row, 7, "truth.events")
+    array(row, 8, "truth.events")
     return EventState(
         integer(row[0], 0, MAX_ID, "truth.events.event"),
         number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.events.x_m"),
         number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.events.y_m"),
         number(row[3], 0.0, MAX_TIME_S, "truth.events.arrived_s"),
         _time(row[4], "truth.events.sensed_s"),
-        _time(row[5], "truth.events.completed_s"),
-        number(row[6], 0.0, MAX_TIME_S, "truth.events.work_agent_s"),
+        _time(row[5], "truth.events.worked_s"),
+        _time(row[6], "truth.events.completed_s"),
+        number(row[7], 0.0, MAX_TIME_S, "truth.events.work_agent_s"),
     )
 
 

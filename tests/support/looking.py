@@ -22,7 +22,7 @@ BODIES = (
     Body(3, 50.0, 50.0, "free", 0, NOBODY, NOBODY),
     Body(4, 50.0, 95.0, "dead", 0, NOBODY, NOBODY),
 )
-EVENTS = (EventState(5, 92.0, 70.0, 3.0, None, None, 0.0), EventState(6, 1.0, 1.0, 0.0, 1.0, 7.0, 200.0))
+EVENTS = (EventState(5, 92.0, 70.0, 3.0, None, None, None, 0.0), EventState(6, 1.0, 1.0, 0.0, 1.0, 1.0, 7.0, 200.0))
 
 
 def a_truth(step: int = 7) -> Truth:

@@ -122,9 +122,7 @@ paper_frames = st.one_of(
 bodies = st.builds(
     truth.Body, agents, metres, metres, roles | st.just(truth.DEAD), agents, agents | nobody, agents | nobody, deltas
 )
-event_states = st.builds(
-    truth.EventState, ids, metres, metres, times_s, st.none() | times_s, st.none() | times_s, times_s
-)
+event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.none() | times_s] * 3, times_s)
 step_records = st.builds(
     truth.StepRecord,
     **{name: ids for name, hint in truth.StepRecord.__annotations__.items() if hint is int},

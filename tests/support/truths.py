@@ -37,7 +37,7 @@ def steps(
         while len(active) < 12:
             arrived += 1
             shown[arrived] = active[arrived] = EventState(
-                arrived, rng.uniform(0, width_m), rng.uniform(0, height_m), time_s, None, None, 0.0
+                arrived, rng.uniform(0, width_m), rng.uniform(0, height_m), time_s, None, None, None, 0.0
             )
         for event in rng.sample(sorted(active), 6):
             shown[event] = active[event] = _worked_on(rng, active[event], time_s)
@@ -63,7 +63,10 @@ def _worked_on(rng: random.Random, event: EventState, time_s: float) -> EventSta
     sensed_s = time_s if event.sensed_s is None else event.sensed_s
     work_agent_s = event.work_agent_s + rng.uniform(0, 20)
     return event._replace(
-        sensed_s=sensed_s, work_agent_s=work_agent_s, completed_s=time_s if work_agent_s >= 200 else None
+        sensed_s=sensed_s,
+        worked_s=time_s if event.worked_s is None else event.worked_s,
+        completed_s=time_s if work_agent_s >= 200 else None,
+        work_agent_s=work_agent_s,
     )
 
 

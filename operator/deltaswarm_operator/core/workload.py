@@ -20,6 +20,9 @@ SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 FORWARDER = -1
 """The world's number among senders; it forwards the agents' reports."""
 
+MAX_TOLD = 100_000
+"""Maximum number of events whose first report is remembered: in open air a sender may invent events."""
+
 _Held = tuple[int, int, Report, bytes]
 """Agent, sequence, the report, its bytes."""
 
@@ -58,6 +61,8 @@ class WorkloadMeter(Saved):
         """Whether it was the run's last step."""
         self.reports_of_closed_step: tuple[Report, ...] = ()
         """In agent order."""
+        self.told_s: dict[int, float] = {}
+        """By event, the time of the step in which the first report that names it arrived [s]."""
 
         self._threshold_hz = settings.threshold_hz
         self._step_s = step_s
@@ -131,6 +136,10 @@ class WorkloadMeter(Saved):
         self._digest.end_step()
         self.step, self.is_over = clock.step, clock.last
         self.reports_of_closed_step = tuple([report for _, _, report, _ in held])
+        if len(self.told_s) < MAX_TOLD:
+            for report in self.reports_of_closed_step:
+                for event, _, _ in report.events:
+                    self.told_s.setdefault(event, clock.time_s)
         self._skip(missed)
         rate_1s_hz, rate_60s_hz = (rate.add(len(held)) for rate in self._rates)
         self._steps += 1

@@ -204,8 +204,8 @@ class WorldSource(Source):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The meter's totals and the digest of the reports."""
-        return {"digest": self.meter.digest_hex, **self.meter.totals}
+        """The meter's totals, the digest of the reports, and when the operator was told of each event."""
+        return {"digest": self.meter.digest_hex, **self.meter.totals, "told_s": self.meter.told_s}
 
     def _warn(self, reason: str) -> None:
         if not self._has_warned:

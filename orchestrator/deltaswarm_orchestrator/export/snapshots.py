@@ -15,6 +15,7 @@ from deltaswarm_orchestrator.recording.reader import (
     values_of,
 )
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
+from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.truth import Body, EventState
 from deltaswarm_wire.messages import NOBODY
@@ -120,5 +121,6 @@ def write(film: Film, out: Path) -> None:
         for body in view.bodies
     )
     write_csv(out / "poses.csv", ("step", "time_s", *Body._fields), poses)
-    write_csv(out / "events.csv", EventState._fields, film.recording.events)
+    outcome = Outcome(events=film.recording.events, told_s=film.recording.told_s)
+    write_csv(out / "events.csv", EventLife._fields, outcome.lives)
     write_csv(out / "workload.csv", Workload._fields, film.recording.workloads)

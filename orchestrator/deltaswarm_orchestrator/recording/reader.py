@@ -34,6 +34,9 @@ DAMAGED = "damaged"
 FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/inbox", "/operator/workload"})
 """The topics with the numbers of a run."""
 
+NEWER = ("worked_s",)
+"""Fields that recordings of earlier versions may lack: None."""
+
 
 @dataclass(frozen=True)
 class Damage:
@@ -65,6 +68,15 @@ class Recording:
     """The manifest; empty if the recording was never closed."""
     complete: bool = False
     """Whether the recording was closed with its manifest and nothing is missing."""
+
+    @property
+    def told_s(self) -> dict[int, float]:
+        """By event, when the first report that names it had arrived at the operator [s]."""
+        told_s: dict[int, float] = {}
+        for record in self.step_records:
+            for report in self.reports.get(record.step, ()):
+                told_s |= {event: record.time_s for event, _, _ in report.events if event not in told_s}
+        return told_s
 
 
 def recording_in(path: Path) -> Path:
@@ -197,8 +209,8 @@ def values_of(message: Any) -> dict[str, Any]:
 
 
 def row_of(kind: Any, values: Mapping[str, Any]) -> Any:
-    """Make a named tuple of the wire from the values of its fields."""
-    return kind(*[values[name] for name in kind._fields])
+    """Make a named tuple of the wire from the values of its fields; recordings of before may lack `NEWER`."""
+    return kind(*[values[name] if name in values or name not in NEWER else None for name in kind._fields])
 
 
 def _report(message: Any) -> Report:

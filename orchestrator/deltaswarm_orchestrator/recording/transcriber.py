@@ -5,6 +5,7 @@ This module writes nothing: each message is a topic and its bytes, and the calle
 
 import math
 from collections.abc import Iterator, Sequence
+from operator import attrgetter
 from typing import Any
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -20,6 +21,8 @@ VIEW_RATE_HZ = 10.0
 
 TopicMessage = tuple[str, bytes]
 """A topic, and one message for it, encoded."""
+
+_times = attrgetter("sensed_s", "worked_s", "completed_s")
 
 
 class Transcriber:
@@ -47,10 +50,10 @@ class Transcriber:
         yield "/operator/inbox", inbox.SerializeToString()
 
     def events(self, events: Sequence[EventState]) -> Iterator[TopicMessage]:
-        """Yield the events that arrived, were first sensed or were completed in this step."""
+        """Yield the events that arrived, were first sensed, were first worked on or were completed in this step."""
         for event in events:
             before = self._open_events.get(event.event)
-            if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
+            if before is None or _times(before) != _times(event):
                 yield _event(event)
             self.note(event)
 

@@ -14,12 +14,15 @@ from typing import Any
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
     SENSED,
+    TOLD,
+    WORKED,
     Moment,
     RunData,
     arrival_digests,
     known,
     mean_of,
     median_of,
+    percentile_95,
     waits,
 )
 from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS
@@ -67,6 +70,8 @@ class Metric:
     """False: only the table of a session's runs has it, since it is known only after the run."""
     is_whole: bool = False
     """Whether it is a whole number."""
+    is_restricted: bool = False
+    """Whether the horizon is its ceiling: as large as that, it says nothing but that it is no less."""
 
 
 # Computations
@@ -109,9 +114,56 @@ def newest(column: str) -> Compute:
     return lambda run: getattr(run.steps[-1], column) if run.steps else 0
 
 
-def restricted_mean(moment: Moment) -> Compute:
-    """Average the time until a moment over the followed events."""
-    return lambda run: mean_of(run.times_s(moment))
+def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
+    """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
+    return lambda run: None if moment is TOLD and run.outcome.told_s is None else statistic(run.times_s(moment))
+
+
+def share_beyond_horizon(moment: Moment) -> Compute:
+    """Return the share of the followed events whose moment did not come within the horizon."""
+    return lambda run: time_to(
+        moment, lambda times_s: mean_of([time_s >= run.scenario.metrics.horizon_s for time_s in times_s])
+    )(run)
+
+
+def until(moment: Moment, state: str, mean: str, median: str, study: str, column: str, session: str) -> list[Metric]:
+    """Return the metrics of the time from an event's arrival until a moment, which the horizon bounds.
+
+    `mean` and `median` are their names in the summary, `study` that of the mean, `column` that of its time series.
+    """
+    above, short = mean.partition(".")[0], study.partition("_")[0]
+    return [
+        Metric(
+            mean,
+            f"time from an event's arrival until it is {state}, mean over the events that could be followed for the "
+            "horizon; a longer time counts as the horizon",
+            "s",
+            time_to(moment, mean_of),
+            title=f"Mean time until an event is {state}",
+            label=f"mean time until {state}",
+            study=study,
+            over=OverTime(column, PER_EVENT, moment),
+            session=session,
+            is_restricted=True,
+        ),
+        Metric(median, "the same, median", "s", time_to(moment, median_of), is_restricted=True),
+        Metric(
+            f"{above}.p95",
+            "the same, 95th percentile",
+            "s",
+            time_to(moment, percentile_95),
+            title=f"Time until an event is {state}, 95th percentile",
+            study=f"{short}_p95",
+            is_restricted=True,
+        ),
+        Metric(
+            f"{above}.beyond_horizon",
+            "share of these events for which it took longer than the horizon",
+            compute=share_beyond_horizon(moment),
+            title=f"Share of events not {state} within the horizon",
+            study=f"{short}_beyond",
+        ),
+    ]
 
 
 # Metrics, in the order of the summary
@@ -119,13 +171,50 @@ def restricted_mean(moment: Moment) -> Compute:
 _WORKLOADS = attrgetter("workloads")
 
 METRICS = (
+    *until(
+        SENSED,
+        "sensed",
+        "waiting_time_s.restricted_mean",
+        "waiting_time_s.restricted_median",
+        study="waiting_all",
+        column="waiting_time_s",
+        session="waiting_time_s",
+    ),
+    *until(
+        TOLD,
+        "told to the operator",
+        "told_s.mean",
+        "told_s.median",
+        study="told_s",
+        column="told_time_s",
+        session="told_s",
+    ),
+    *until(
+        WORKED,
+        "worked on",
+        "worked_s.mean",
+        "worked_s.median",
+        study="worked_s",
+        column="worked_time_s",
+        session="worked_s",
+    ),
+    *until(
+        COMPLETED,
+        "complete",
+        "completion_s.mean",
+        "completion_s.median",
+        study="completion_s",
+        column="completion_time_s",
+        session="completion_s",
+    ),
+    Metric("horizon_s", "time for which events are followed", "s", lambda run: run.scenario.metrics.horizon_s),
     Metric(
         "waiting_time_s.mean",
         "from arrival until an agent first senses the event, over the events that were sensed",
         "s",
         lambda run: mean_of(waits(run)),
         title="Mean waiting time of sensed events",
-        label="mean waiting time",
+        label="mean waiting time of sensed events",
         study="waiting",
     ),
     Metric(
@@ -133,7 +222,6 @@ METRICS = (
         "the same, median",
         "s",
         lambda run: median_of(waits(run)),
-        label="median waiting time",
     ),
     Metric(
         "waiting_time_s.n",
@@ -150,28 +238,6 @@ METRICS = (
         study="never_sensed",
         over=OverTime("never_sensed", COUNT, lambda event: event.arrived_s if event.sensed_s is None else None),
     ),
-    Metric(
-        "waiting_time_s.restricted_mean",
-        "mean waiting time, restricted to the horizon",
-        "s",
-        restricted_mean(SENSED),
-        title="Mean waiting time of all events",
-        study="waiting_all",
-        over=OverTime("waiting_time_s", PER_EVENT, SENSED),
-        session="waiting_time_s",
-    ),
-    Metric(
-        "completion_s.mean",
-        "mean time to complete an event, restricted",
-        "s",
-        restricted_mean(COMPLETED),
-        title="Mean time to complete an event",
-        label="mean time to complete an event",
-        study="completion_s",
-        over=OverTime("completion_time_s", PER_EVENT, COMPLETED),
-        session="completion_s",
-    ),
-    Metric("completion_s.median", "the same, median", "s", lambda run: median_of(run.times_s(COMPLETED))),
     Metric(
         "completed",
         "completed events",

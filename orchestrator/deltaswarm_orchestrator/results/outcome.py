@@ -1,22 +1,41 @@
 """What one run recorded, and what metrics are computed from."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
 from statistics import fmean, median
-from typing import Any
+from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire import digest
 from deltaswarm_wire.operator_messages import Workload
 
-Moment = Callable[[EventState], float | None]
+
+class EventLife(NamedTuple):
+    """A row of `events.csv`: one event, as the world and the operator saw it. Times in s; None: not yet."""
+
+    event: int
+    x_m: float
+    y_m: float
+    arrived_s: float
+    sensed_s: float | None
+    told_s: float | None
+    """The operator's own count: when the first report that names the event arrived."""
+    worked_s: float | None
+    completed_s: float | None
+    work_agent_s: float
+
+
+Moment = Callable[[EventLife], float | None]
 """A moment in the life of an event [s]; None: it has not come."""
 
 SENSED: Moment = attrgetter("sensed_s")
+TOLD: Moment = attrgetter("told_s")
+WORKED: Moment = attrgetter("worked_s")
 COMPLETED: Moment = attrgetter("completed_s")
 
 
@@ -29,6 +48,8 @@ class Outcome:
     workloads: list[Workload] = field(default_factory=list)
     world: dict[str, Any] = field(default_factory=dict)
     operator: dict[str, Any] = field(default_factory=dict)
+    told_s: Mapping[int, float] | None = None
+    """By event, when the operator was first told of it [s]; None: the operator did not get to say so."""
     messages: list[str] = field(default_factory=list)
     """Messages for the user: agents that failed, and why."""
 
@@ -36,6 +57,12 @@ class Outcome:
     def is_complete(self) -> bool:
         """Whether world and operator both reached the last step."""
         return bool(self.world.get("complete") and self.operator.get("complete"))
+
+    @property
+    def lives(self) -> list[EventLife]:
+        """All events, with what the operator knew of each."""
+        told_s = self.told_s or {}
+        return [EventLife(**event._asdict(), told_s=told_s.get(event.event)) for event in self.events]
 
     @property
     def digest(self) -> str | None:
@@ -62,10 +89,10 @@ class RunData:
         return self.outcome.workloads
 
     @cached_property
-    def followed(self) -> list[EventState]:
+    def followed(self) -> list[EventLife]:
         """The events that could be followed for the horizon."""
         run = self.scenario.run
-        return followed(self.outcome.events, len(self.steps) * run.step_s, self.scenario.metrics.horizon_s)
+        return followed(self.outcome.lives, len(self.steps) * run.step_s, self.scenario.metrics.horizon_s)
 
     def times_s(self, moment: Moment) -> list[float]:
         """Return the time from each followed event's arrival to a moment, at most the horizon [s]."""
@@ -75,6 +102,11 @@ class RunData:
 def median_of(values: Sequence[float]) -> float | None:
     """Return the median; None of nothing."""
     return float(median(values)) if values else None
+
+
+def percentile_95(values: Sequence[float]) -> float | None:
+    """Return the smallest value that 95 % of the values do not exceed; None of nothing."""
+    return sorted(values)[math.ceil(0.95 * len(values)) - 1] if values else None
 
 
 def mean_of(values: Sequence[float]) -> float | None:
@@ -92,7 +124,7 @@ def waits(run: RunData) -> list[float]:
     return [event.sensed_s - event.arrived_s for event in run.outcome.events if event.sensed_s is not None]
 
 
-def followed(events: Iterable[EventState], end_s: float, horizon_s: float) -> list[EventState]:
+def followed(events: Iterable[EventLife], end_s: float, horizon_s: float) -> list[EventLife]:
     """Return the events that arrived early enough before the end of the run [s] to be followed for the horizon.
 
     So neither late arrivals nor the length of a run bend the means over events.
@@ -100,7 +132,7 @@ def followed(events: Iterable[EventState], end_s: float, horizon_s: float) -> li
     return [event for event in events if event.arrived_s + horizon_s <= end_s]
 
 
-def time_until(event: EventState, moment: Moment, horizon_s: float) -> float:
+def time_until(event: EventLife, moment: Moment, horizon_s: float) -> float:
     """Return the time from an event's arrival to a moment; at most the horizon, also if the moment has not come [s]."""
     then_s = moment(event)
     return horizon_s if then_s is None else min(then_s - event.arrived_s, horizon_s)

@@ -12,7 +12,7 @@ import tomli_w
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import COMMANDS
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Recorded, ScoredTable
@@ -84,7 +84,12 @@ def read_outcome(folder: Path) -> Outcome:
     if not events:
         events = list({row["event"]: row for row in _table(folder / EVENTS_SO_FAR)}.values())  # the newest of each
     world, operator = (_json(folder / name) for name in ("world.json", "operator.json"))
-    return Outcome(step_records, [_row(EventState, row) for row in events], workloads, world, operator)
+    told = operator.get("told_s")
+    if told is None and events and "told_s" in events[0]:
+        told = {row["event"]: row["told_s"] for row in events if row["told_s"]}
+    told_s = None if told is None else {int(event): float(time_s) for event, time_s in told.items()}
+    states = [_row(EventState, {"worked_s": "", **row}) for row in events]  # runs of earlier versions lack it
+    return Outcome(step_records, states, workloads, world, operator, told_s)
 
 
 def _json(file: Path) -> dict[str, Any]:
@@ -131,7 +136,9 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
     header = [*columns, *OPERATOR_COLUMNS.values()]
     write_csv(folder / "series.csv", header, rows())
-    write_csv(folder / "events.csv", EventState._fields, outcome.events)
+    lives = [life._asdict() for life in outcome.lives]
+    known = [name for name in EventLife._fields if name != "told_s" or outcome.told_s is not None]
+    write_csv(folder / "events.csv", known, ([life[name] for name in known] for life in lives))
     if commands := outcome.world.get("commands"):
         write_whole(folder / COMMANDS, tomli_w.dumps({"command": commands}).encode())
     if not keep_unmerged:

@@ -231,10 +231,16 @@ def value_at(summary: Mapping[str, Any], key: str) -> Any:
 
 
 def main_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
-    """Yield the summary's main metrics: label, value, unit; each reason of drops as well."""
+    """Yield the summary's main metrics: label, value, unit; each reason of drops as well.
+
+    A mean as large as the horizon is shown as no less than that.
+    """
+    horizon_s = summary.get("horizon_s")
     for metric in EVERY_KEY:
         if metric.label:
-            yield metric.label, value_at(summary, metric.key), metric.unit
+            value = value_at(summary, metric.key)
+            is_at_ceiling = metric.is_restricted and value is not None and value == horizon_s
+            yield metric.label, f"> {value:g}" if is_at_ceiling else value, metric.unit
         if metric.key == "reports_dropped":
             reasons: dict[str, int] = summary[metric.key]
             yield from ((f"reports dropped: {reason}", count, "") for reason, count in reasons.items() if count)

@@ -198,4 +198,5 @@ def run_in_process(
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
     outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.finish()}
+    outcome.told_s = swarm.operator.told_s
     return outcome

@@ -24,14 +24,14 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.metrics import COUNT, METRICS, PER_EVENT
-from deltaswarm_orchestrator.results.outcome import Outcome, RunData, time_until
+from deltaswarm_orchestrator.results.outcome import EventLife, Outcome, RunData, time_until
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import COLUMNS, EventState
+from deltaswarm_scenario.truth import COLUMNS
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
@@ -178,10 +178,10 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
 
     over_time = [metric.over for metric in METRICS if metric.over]
     for over in sorted((over for over in over_time if over.kind == COUNT), key=attrgetter("column")):
-        moments_s = [time_s for event in outcome.events if (time_s := over.moment(event)) is not None]
+        moments_s = [time_s for event in outcome.lives if (time_s := over.moment(event)) is not None]
         counts = Counter(map(window_of, moments_s))
         columns[over.column] = [float(counts[index]) for index in range(len(starts))]
-    windows: list[list[EventState]] = [[] for _ in starts]
+    windows: list[list[EventLife]] = [[] for _ in starts]
     for event in RunData(outcome, scenario).followed:
         windows[window_of(event.arrived_s)].append(event)
     columns["events_followed"] = [float(len(window)) for window in windows]

@@ -59,6 +59,20 @@ def test_a_report_is_counted_in_the_step_closed_next() -> None:
     assert close(meter, 1).messages == 0
 
 
+def test_the_operator_is_told_when_the_first_report_has_arrived() -> None:
+    """Whenever it was sent, and whoever sent it; a later report of the same event changes nothing."""
+    meter = a_meter(step_s=0.5)
+    sighted = [
+        report(agent, 0, 0)._replace(events=(Event(event, 1.0, 2.0),)) for agent, event in ((3, 7), (4, 7), (4, 8))
+    ]
+    feed(meter, sighted[0])
+    for step, arriving in ((4, []), (6, sighted[1:]), (9, sighted)):
+        meter.close_step(Clock(step, step * 0.5, False), 0)
+        feed(meter, *arriving)
+    meter.close_step(Clock(12, 6.0, True), 0)
+    assert meter.told_s == {7: 2.0, 8: 4.5}
+
+
 def test_the_recorder_gets_a_closed_steps_reports_in_agent_order() -> None:
     """Whatever their order of arrival; those of one agent by sequence."""
     meter = a_meter()

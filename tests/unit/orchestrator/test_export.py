@@ -157,7 +157,7 @@ def test_a_video_names_events_by_their_arrival() -> None:
     picture = _Picture(Film(Path(), Recording(), 100.0, 100.0, []))
 
     def names(*events: int) -> list[str]:
-        states = tuple(EventState(event, 1.0, 1.0, float(event), None, None, 0.0) for event in events)
+        states = tuple(EventState(event, 1.0, 1.0, float(event), None, None, None, 0.0) for event in events)
         picture.show(Snapshot(1, 1.0, (), states))
         return [name.get_text() for name in picture._names]
 

@@ -10,22 +10,26 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
     SENSED,
+    EventLife,
     Outcome,
     RunData,
     arrival_digests,
     followed,
+    percentile_95,
     time_until,
 )
 from deltaswarm_orchestrator.results.summary import computed
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DROP_REASONS, EventState
+from deltaswarm_scenario.truth import DROP_REASONS
 from deltaswarm_wire.checked import load
 from tests.support.swarms import run
 from tests.unit.orchestrator.test_results import STEP_S, event, whole, workload
@@ -49,6 +53,9 @@ def test_waiting_times_are_until_first_sensed() -> None:
         "n": 3,
         "never_sensed": 1,
         "restricted_mean": (0.0 + 0.5 + 1.5 + 2.0) / 4,
+        "restricted_median": 1.0,
+        "p95": 2.0,
+        "beyond_horizon": 0.25,
     }
 
 
@@ -57,10 +64,45 @@ def test_restricted_means_follow_each_event_for_the_horizon() -> None:
     outcome = whole(events_open=[1, 2, 2, 3, 1, 0])
     outcome.events = [event(1, 0.0, 0.2, 0.5), event(2, 1.0, 1.5, 2.9), event(3, 2.0, None), event(4, 2.1, 2.2, 2.3)]
     found = metrics(outcome, a_scenario(1.0))
-    assert found["completion_s"] == {"mean": pytest.approx((0.5 + 1.0 + 1.0) / 3), "median": 1.0}
+    assert found["completion_s"] == {
+        "mean": pytest.approx((0.5 + 1.0 + 1.0) / 3),
+        "median": 1.0,
+        "p95": 1.0,
+        "beyond_horizon": pytest.approx(2 / 3),
+    }
     assert found["waiting_time_s"]["restricted_mean"] == pytest.approx((0.2 + 0.5 + 1.0) / 3)
     assert (found["completed"], found["open_events"]) == (3, {"mean": 1.5})
     assert (found["arrivals"]["n"], found["arrivals"]["followed"]) == (4, 3)
+
+
+def test_four_times_of_an_event_are_told_apart() -> None:
+    """Who is told late, or never, waits on: what anybody senses the operator need not know."""
+    outcome = whole()
+    outcome.events = [
+        event(1, 0.0, 0.1, 0.9)._replace(worked_s=0.3),
+        event(2, 0.5, 0.5)._replace(worked_s=1.1),
+        event(3, 1.0, 1.0),
+        event(4, 9.0, 9.0),  # nobody can follow it for the horizon
+    ]
+    outcome.told_s = {1: 0.2, 2: 1.3, 99: 0.0}  # of 99 a phantom was told
+    found = metrics(outcome, a_scenario(1.5))
+    assert found["waiting_time_s"]["restricted_mean"] == pytest.approx((0.1 + 0.0 + 0.0) / 3)
+    assert found["told_s"] == {
+        "mean": pytest.approx((0.2 + 0.8 + 1.5) / 3),
+        "median": pytest.approx(0.8),
+        "p95": 1.5,
+        "beyond_horizon": pytest.approx(1 / 3),
+    }
+    assert found["worked_s"]["mean"] == pytest.approx((0.3 + 0.6 + 1.5) / 3)
+    assert found["completion_s"]["mean"] == pytest.approx((0.9 + 1.5 + 1.5) / 3)
+    outcome.told_s = None  # the operator's process was lost
+    assert set(metrics(outcome, a_scenario(1.5))["told_s"].values()) == {None}
+
+
+@pytest.mark.parametrize(("count", "rank"), [(1, 1), (19, 19), (20, 19), (21, 20), (100, 95), (101, 96)])
+def test_the_95th_percentile_is_a_value_that_95_of_100_do_not_exceed(count: int, rank: int) -> None:
+    """The smallest such value: no number that nobody measured."""
+    assert percentile_95([float(value) for value in range(count, 0, -1)]) == rank
 
 
 TIMES = st.lists(st.tuples(st.floats(0, 100), st.none() | st.floats(0, 50), st.none() | st.floats(0, 50)), max_size=20)
@@ -72,13 +114,13 @@ def test_neither_late_arrivals_nor_a_longer_run_bend_the_means(
 ) -> None:
     """What a run of 100 s says of an event, a longer one says too; events that both follow have equal times."""
 
-    def seen_until(end_s: float) -> list[EventState]:
+    def seen_until(end_s: float) -> list[EventLife]:
         made = []
         for number, (arrived_s, waits_s, works_s) in enumerate(events):
             sensed_s = None if waits_s is None else arrived_s + waits_s
             completed_s = None if sensed_s is None or works_s is None else sensed_s + works_s
             times = [None if time_s is None or time_s > end_s else time_s for time_s in (sensed_s, completed_s)]
-            made.append(event(number, arrived_s, *times))
+            made.append(EventLife(**event(number, arrived_s, *times)._asdict(), told_s=None))
         return made
 
     short = followed(seen_until(100.0), 100.0, horizon_s)
@@ -89,7 +131,7 @@ def test_neither_late_arrivals_nor_a_longer_run_bend_the_means(
     assert all(0 <= waiting_s <= completion_s <= horizon_s for waiting_s, completion_s in known.values())
 
 
-def times_s(event: EventState, horizon_s: float) -> tuple[float, float]:
+def times_s(event: EventLife, horizon_s: float) -> tuple[float, float]:
     """Until it was sensed and until it was complete."""
     return time_until(event, SENSED, horizon_s), time_until(event, COMPLETED, horizon_s)
 
@@ -150,8 +192,10 @@ def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
 def test_nothing_is_no_number() -> None:
     """A run without events, steps or trees has None for what it cannot know, never a zero or NaN."""
     found = metrics(Outcome(), a_scenario())
-    assert found["waiting_time_s"] == {"mean": None, "median": None, "n": 0, "never_sensed": 0, "restricted_mean": None}
-    assert found["completion_s"] == {"mean": None, "median": None}
+    waiting = found["waiting_time_s"]
+    assert (waiting.pop("n"), waiting.pop("never_sensed")) == (0, 0)
+    for times in (waiting, *(found[name] for name in ("told_s", "worked_s", "completion_s"))):
+        assert set(times.values()) == {None}
     assert (found["completed"], found["open_events"]) == (0, {"mean": None})
     assert found["operator_messages_per_s"] == {"mean": None}
     assert found["covered_area_m2"] == {"mean": None, "mean_while_trees": None}
@@ -195,6 +239,8 @@ def test_a_series_says_what_its_numbers_are() -> None:
         "never_sensed": "count",
         "completed": "count",
         "waiting_time_s": "per event",
+        "told_time_s": "per event",
+        "worked_time_s": "per event",
         "completion_time_s": "per event",
     }
 
@@ -212,13 +258,17 @@ def recomputed(folder: Path) -> dict[str, Any]:
             {name: float(text) if text else math.inf for name, text in row.items()} for row in csv.DictReader(stream)
         ]
     old = [row for row in rows if end_s - row["arrived_s"] >= horizon_s]
-    waits, works = (
-        [min(horizon_s, row[then] - row["arrived_s"]) for row in old] for then in ("sensed_s", "completed_s")
+    waits, told, begun, works = (
+        [min(horizon_s, row[then] - row["arrived_s"]) for row in old]
+        for then in ("sensed_s", "told_s", "worked_s", "completed_s")
     )
     ends_s = [step * step_s for step in range(round(end_s / step_s))]
     still_open = [sum(row["arrived_s"] <= now_s < row["completed_s"] for row in rows) for now_s in ends_s]
     return {
         "waiting_time_s.restricted_mean": fmean(waits),
+        "told_s.mean": fmean(told),
+        "told_s.beyond_horizon": fmean([time_s == horizon_s for time_s in told]),
+        "worked_s.median": median(begun),
         "completion_s.mean": fmean(works),
         "completion_s.median": median(works),
         "completed": sum(row["completed_s"] < math.inf for row in rows),
@@ -227,18 +277,34 @@ def recomputed(folder: Path) -> dict[str, Any]:
     }
 
 
+def told_by_the_recording(file: Path) -> dict[int, float]:
+    """When a report first named each event, from what the recording says arrived at the operator, by its own schema."""
+    told: dict[int, float] = {}
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, _, _, inbox in reader.iter_decoded_messages(topics=["/operator/inbox"]):
+            for sighting in (sighting for report in inbox.reports for sighting in report.events):
+                told.setdefault(sighting.event, inbox.time_s)
+    return told
+
+
 @pytest.mark.processes
 @pytest.mark.parametrize("step_s", [0.5, 1.0, 2.0])
 def test_the_outcome_is_that_of_the_events_table(tmp_path: Path, step_s: float) -> None:
     """By real processes and in one process, whatever the step: equal to the last bit, and to the script's."""
     own = ["run.duration_s=200", f"run.step_s={step_s}", "metrics.horizon_s=80", "events.work_agent_s=30"]
-    own += ["events.rate_hz=0.2", "seed=5", "record=off"]
+    own += ["events.rate_hz=0.2", "seed=5", "uplink.loss=0.5", "uplink.latency_s=3", "uplink.jitter_s=8"]
     summary = run(tmp_path / "run", *(text for one in own for text in ("--set", one)))
     ours = metrics(run_in_process(load_scenario("smoke", own)), load_scenario("smoke", own))
     assert {name: summary[name] for name in ours} == ours
     for name, value in recomputed(tmp_path / "run").items():
         top, _, part = name.partition(".")
         assert (summary[top][part] if part else summary[top]) == pytest.approx(value, rel=1e-12)
+    told = told_by_the_recording(tmp_path / "run" / "recording.mcap")
+    with (tmp_path / "run" / "events.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["told_s"] for row in rows] == [str(told.get(int(row["event"]), "")) for row in rows]
+    assert sum(row["told_s"] > "" for row in rows) > 5
     assert summary["completed"] > 3
     assert summary["arrivals"]["followed"] > 10
 

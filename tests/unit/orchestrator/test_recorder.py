@@ -69,11 +69,11 @@ def test_log_time_is_simulated_time_since_2000(tmp_path: Path) -> None:
 
 def test_an_event_is_told_when_it_changes(tmp_path: Path) -> None:
     """When it arrives, when it is first sensed, when it is complete; at the end once more if it is not."""
-    arrived = EventState(1, 1.0, 2.0, 0.0, None, None, 0.0)
+    arrived = EventState(1, 1.0, 2.0, 0.0, None, None, None, 0.0)
     sensed = arrived._replace(sensed_s=1.0, work_agent_s=1.0)
     later = sensed._replace(work_agent_s=90.5)
     done = later._replace(completed_s=3.0, work_agent_s=200.0)
-    other = EventState(2, 3.0, 4.0, 1.0, None, None, 0.0)
+    other = EventState(2, 3.0, 4.0, 1.0, None, None, None, 0.0)
     lives = [(arrived,), (sensed, other), (later, other), (done, other), (other,)]
     told = on("/swarm/event", shown(tmp_path, *(truth(events=events) for events in lives)))
     assert [(message.event, message.work_agent_s) for message in told] == [

@@ -49,7 +49,7 @@ reports = st.builds(
     st.lists(st.builds(Answer, counts, st.integers(HEARD, REFUSED)), max_size=3).map(tuple),
     deltas,
 )
-events = st.builds(EventState, st.integers(0, 5), places, places, times, times | not_yet, times | not_yet, times)
+events = st.builds(EventState, st.integers(0, 5), places, places, times, *[times | not_yet] * 3, times)
 
 
 @st.composite
@@ -105,7 +105,7 @@ def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
     """None is absent from a message, and is None again; -1 is a number like others."""
     zeros: dict[str, Any] = dict.fromkeys(COLUMNS, 0)
     record = StepRecord.of({**zeros, "time_s": 0.0, "covered_area_m2": None})
-    event = EventState(1, -1.0, -1.0, 0.0, None, None, 0.0)
+    event = EventState(1, -1.0, -1.0, 0.0, None, None, None, 0.0)
     write(tmp_path, [(Truth(0, 0.0, (), (event,), (), record), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
     found = read_recording(tmp_path)
     assert found.step_records[0].covered_area_m2 is None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.results.outcome import Outcome, RunData
+from deltaswarm_orchestrator.results.outcome import EventLife, Outcome, RunData
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS, read_outcome, write_json, write_tables
 from deltaswarm_orchestrator.results.summary import computed, summarise
 from deltaswarm_orchestrator.run.lifecycle import run
@@ -42,7 +42,7 @@ def workload(step: int, messages: int = 0, **more: Any) -> Workload:
 
 
 def event(number: int, arrived_s: float, sensed_s: float | None, completed_s: float | None = None) -> EventState:
-    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, completed_s, 0.0)
+    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, None, completed_s, 0.0)
 
 
 def a_scenario(**run: Any) -> Scenario:
@@ -59,8 +59,12 @@ def whole(**more: Any) -> Outcome:
 
 
 KEYS = {
-    "waiting_time_s": {"mean", "median", "n", "never_sensed", "restricted_mean"},
-    "completion_s": {"mean", "median"},
+    "waiting_time_s": {
+        *("mean", "median", "n", "never_sensed", "restricted_mean", "restricted_median", "p95", "beyond_horizon")
+    },
+    "told_s": {"mean", "median", "p95", "beyond_horizon"},
+    "worked_s": {"mean", "median", "p95", "beyond_horizon"},
+    "completion_s": {"mean", "median", "p95", "beyond_horizon"},
     "completed": None,
     "open_events": {"mean"},
     "arrivals": {"n", "followed", "times", "places"},
@@ -178,10 +182,10 @@ def test_late_answers_are_summed_over_the_run() -> None:
 
 
 def same(found: Outcome, outcome: Outcome) -> bool:
-    return (found.step_records, found.workloads, found.events) == (
+    return (found.step_records, found.workloads, found.lives) == (
         outcome.step_records,
         outcome.workloads,
-        outcome.events,
+        outcome.lives,
     )
 
 
@@ -215,7 +219,9 @@ def test_the_columns_are_named(tmp_path: Path) -> None:
     rows = list(csv.DictReader((tmp_path / "series.csv").open(newline="")))
     assert list(rows[0]) == [*COLUMNS, *OPERATOR_COLUMNS.values()]
     assert [row["step"] for row in rows] == list("012345")
-    assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(EventState._fields)
+    assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(
+        name for name in EventLife._fields if name != "told_s"
+    )
 
 
 def put(file: Path, fields: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
@@ -260,10 +266,12 @@ def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) ->
     assert recorded.complete
     again = load(Scenario, tomllib.loads(recorded.scenario))
     assert again == scenario
-    found = computed(RunData(Outcome(recorded.step_records, recorded.events, recorded.workloads), again))
+    outcome = Outcome(recorded.step_records, recorded.events, recorded.workloads, told_s=recorded.told_s)
+    found = computed(RunData(outcome, again))
     told = json.loads((result.folder / "summary.json").read_text())
     assert found == {name: told[name] for name in found}
     assert found["waiting_time_s"]["n"] > 10
     assert told["valid"]
     assert recorded.metadata["digest"] == told["digest"]
-    assert same(read_outcome(result.folder), Outcome(recorded.step_records, recorded.events, recorded.workloads))
+    assert same(read_outcome(result.folder), outcome)
+    assert found["told_s"]["median"] > found["waiting_time_s"]["restricted_median"]

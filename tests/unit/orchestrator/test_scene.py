@@ -80,9 +80,9 @@ def test_links_are_drawn_from_sender_to_receiver(tmp_path: Path) -> None:
 
 def test_events_shrink_and_go(tmp_path: Path) -> None:
     """A disc shrinks as work is done, is paler once sensed, and is gone when the event is complete."""
-    waiting = EventState(1, 10.0, 20.0, 0.0, None, None, 0.0)
-    worked_on = EventState(2, 30.0, 40.0, 0.0, 0.0, None, 150.0)
-    complete = EventState(3, 50.0, 60.0, 0.0, 0.0, 0.0, 200.0)
+    waiting = EventState(1, 10.0, 20.0, 0.0, None, None, None, 0.0)
+    worked_on = EventState(2, 30.0, 40.0, 0.0, 0.0, 0.0, None, 150.0)
+    complete = EventState(3, 50.0, 60.0, 0.0, 0.0, 0.0, 0.0, 200.0)
     first, second = shapes("/scene/events", shown(tmp_path, truth(events=(waiting, worked_on, complete)))).cylinders
     assert (first.pose.position.x, second.pose.position.x) == (10.0, 30.0)
     assert first.size.x > second.size.x > 0
@@ -110,7 +110,7 @@ def points(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[tuple[floa
 def test_agents_and_events_are_points(tmp_path: Path) -> None:
     """Agents in the colours of their roles, known or not; an event is none once it is complete."""
     bodies = [Body(0, 1.5, 2.0, "root", 0, -1), Body(1, 3.0, 4.0, "strange", 0, -1)]
-    waiting = EventState(1, 10.0, 20.0, 0.0, None, None, 0.0)
+    waiting = EventState(1, 10.0, 20.0, 0.0, None, None, None, 0.0)
     found = shown(tmp_path, truth(*bodies, events=(waiting, waiting._replace(event=2, completed_s=0.0))))
     assert points("/points/agents", found) == [(1.5, 2.0, ROLE_COLOURS["root"]), (3.0, 4.0, role_colour("strange"))]
     assert [(x, y) for x, y, _ in points("/points/events", found)] == [(10.0, 20.0)]
@@ -119,7 +119,7 @@ def test_agents_and_events_are_points(tmp_path: Path) -> None:
 def test_a_swarm_that_changes_is_drawn_as_it_is_now(tmp_path: Path) -> None:
     """Agents come and go, roles change, events come and go: nothing is left of the step before."""
     bodies = [Body(i, float(i), 1.0, "free", 0, -1) for i in range(4)]
-    events = tuple(EventState(i, float(i), 2.0, 0.0, None, None, 0.0) for i in range(3))
+    events = tuple(EventState(i, float(i), 2.0, 0.0, None, None, None, 0.0) for i in range(3))
     now = truth(Body(2, 7.0, 1.0, "root", 0, -1), Body(3, 8.0, 1.0, "member", 1, 2), events=events[2:])
     (tmp_path / "alone").mkdir()
     after = shown(tmp_path, truth(*bodies, events=events, links=((0, 1),)), truth(*bodies), now)

@@ -13,7 +13,7 @@ ARENA = {"width_m": 100.0, "height_m": 60.0}
 
 
 def event(number: int, x_m: float, y_m: float, arrived_s: float = 0.0, completed_s: float | None = None) -> EventState:
-    return EventState(number, x_m, y_m, arrived_s, None, completed_s, 0.0)
+    return EventState(number, x_m, y_m, arrived_s, None, None, completed_s, 0.0)
 
 
 def step(time_s: float, **truth: int) -> StepRecord:

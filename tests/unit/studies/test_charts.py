@@ -44,7 +44,7 @@ def test_a_box_for_each_level_and_hue() -> None:
     assert boxes_in(figure) == 6
     assert sum(len(points.get_offsets()) for points in axes.collections) == 60  # type: ignore[arg-type]
     assert words(axes) == [style.shown(mode) for mode in MODES]
-    assert re.fullmatch(r"\w.*waiting time.* \[s\]", axes.get_ylabel())
+    assert re.fullmatch(r"\w.*sensed.* \[s\]", axes.get_ylabel())
     assert axes.get_xlabel() == "control"
 
 

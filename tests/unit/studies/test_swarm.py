@@ -35,7 +35,7 @@ BODIES = (
     Body(9, 44, 56, "member", 1, 77),  # its parent is hearsay
     Body(10, 60, 10, "leaving", 0, NOBODY),
 )
-EVENTS = tuple(EventState(i, 10.0 * i, 5.0 * i + 30, 0.0, None, None, 0.0) for i in range(1, 8))
+EVENTS = tuple(EventState(i, 10.0 * i, 5.0 * i + 30, 0.0, None, None, None, 0.0) for i in range(1, 8))
 
 
 def shot(bodies: tuple[Body, ...] = BODIES, events: tuple[EventState, ...] = EVENTS) -> Snapshot:

@@ -125,6 +125,17 @@ def test_a_passing_free_agent_ends_an_events_waiting() -> None:
     assert all(e.work_agent_s == 0 and e.completed_s is None for e in found)
 
 
+def test_work_begins_with_the_first_observer() -> None:
+    """Sensing an event is not yet work on it, and a pause does not begin anew."""
+    made = with_event(50.0, 50.0)
+    event = made.arrived[0].event
+    for time_s, observers in ((2.0, 0), (3.0, 0), (5.0, 2), (6.0, 0), (7.0, 1)):
+        made.changed.clear()
+        made.work({event: observers} if observers else {}, time_s)
+        assert bool(made.changed) == (time_s == 5.0)
+    assert made.states()[0].worked_s == 5.0
+
+
 @given(st.lists(st.integers(0, 4), max_size=40), st.sampled_from([0.5, 1.0, 2.0]))
 def test_work_is_linear_in_the_number_of_observers(observers: list[int], step_s: float) -> None:
     """Observers x time until the work is done: complete in that step, never before, and then no more."""
@@ -143,7 +154,7 @@ def test_work_is_linear_in_the_number_of_observers(observers: list[int], step_s:
 
 
 def test_changes_are_told_once() -> None:
-    """Arrival, first sensing and completion; who begins a step forgets those of the one before."""
+    """Arrival, first sensing, the start of work and completion; who begins a step forgets those of the one before."""
     made = with_event(50.0, 50.0)
     made.positions_m[:] = 50.0
     made.changed.clear()
@@ -151,8 +162,10 @@ def test_changes_are_told_once() -> None:
     made.sense(1.0, [True] * 3)
     assert made.changed == made.arrived
     made.changed.clear()
-    made.work({made.arrived[0].event: 1}, 1.0)
-    assert made.changed == []
+    for time_s, changes in ((1.0, 1), (1.5, 0)):
+        made.work({made.arrived[0].event: 1}, time_s)
+        assert len(made.changed) == changes
+        made.changed.clear()
     made.work({made.arrived[0].event: 9}, 2.0)
     assert made.changed == made.arrived
 

@@ -30,6 +30,7 @@ class EventRecord(Saved):
     y_m: float
     arrived_s: float
     sensed_s: float | None = None
+    worked_s: float | None = None
     completed_s: float | None = None
     work_agent_s: float = 0.0
     as_sensed: Event = field(init=False)
@@ -39,7 +40,7 @@ class EventRecord(Saved):
 
     def state(self) -> EventState:
         """The event's state for the recorder and `events.csv`."""
-        times = (self.arrived_s, self.sensed_s, self.completed_s)
+        times = (self.arrived_s, self.sensed_s, self.worked_s, self.completed_s)
         return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
 
 
@@ -55,7 +56,7 @@ class Environment(Saved):
         self.arrived: list[EventRecord] = []
         self.active: list[EventRecord] = []
         self.changed: list[EventRecord] = []
-        """The events that arrived, were first sensed or completed in this step."""
+        """The events that arrived, were first sensed, were first worked on or were completed in this step."""
         self.completed = 0
         """Number of events completed so far."""
         self._size_m = size
@@ -140,6 +141,9 @@ class Environment(Saved):
         for record in self.active:
             count = observers.get(record.event, 0)
             if count:
+                if record.worked_s is None:
+                    record.worked_s = time_s
+                    self.changed.append(record)
                 record.work_agent_s += count * self._step_s
                 if record.work_agent_s >= self._work_agent_s - 1e-9:
                     record.completed_s = time_s

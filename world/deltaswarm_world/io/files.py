@@ -60,7 +60,7 @@ class WorldOutput:
             file.close()
 
     def write(self, record: StepRecord, changed: Iterable[EventRecord]) -> None:
-        """Write one closed step, and the events that arrived, were first sensed or completed in it."""
+        """Write one closed step, and the events that changed in it."""
         self._rows.writerow(record.columns().values())
         self._events.writerows(event.state() for event in changed)
         now = time.monotonic()
