@@ -107,6 +107,8 @@ FULL = {
     "seed": 7,
     "digest": "00ff",
     "waiting_time_s": {"restricted_mean": 12.5, "mean": 1.0},
+    "told_s": {"mean": 20.5},
+    "worked_s": {"mean": 31.5},
     "completion_s": {"mean": 30.25},
     "completed": 8,
     "operator_messages_per_s": {"mean": 0.5},
@@ -150,6 +152,8 @@ RUNS = {
     "digest": "00ff",
     "training_value": "6.0",
     "waiting_time_s": "12.5",
+    "told_s": "20.5",
+    "worked_s": "31.5",
     "completion_s": "30.25",
     "completed": "8",
     "messages_per_s": "0.5",
@@ -177,12 +181,23 @@ RUNS = {
     "tlx_weighted": "45.0",
 }
 NUMBERS = {
-    *("training_value", "waiting_time_s", "completion_s", "messages_per_s", "time_above_threshold_s", "missed_share"),
+    *(
+        "training_value",
+        "waiting_time_s",
+        "told_s",
+        "worked_s",
+        "completion_s",
+        "messages_per_s",
+        "time_above_threshold_s",
+        "missed_share",
+    ),
     *("acknowledge_s", "share_right", "d_prime", "criterion", "situation_right_share", "isa", "tlx_raw"),
     "tlx_weighted",
 }
 TEXTS = {"condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
-UNITS = dict.fromkeys(("waiting_time_s", "completion_s", "time_above_threshold_s", "acknowledge_s"), "s")
+UNITS = dict.fromkeys(
+    ("waiting_time_s", "told_s", "worked_s", "completion_s", "time_above_threshold_s", "acknowledge_s"), "s"
+)
 UNITS["messages_per_s"] = "1/s"
 
 
@@ -243,7 +258,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 46
+    assert len(rows) == 48
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row
