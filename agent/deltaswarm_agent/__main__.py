@@ -14,7 +14,7 @@ from deltaswarm_wire.arguments import Parser, add_link_arguments, link_of, progr
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.plugins import controller_settings
+from deltaswarm_wire.plugins import controller_settings, described
 from deltaswarm_wire.settings import AgentSettings
 
 
@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one agent. Exit code: 0 after a complete run, 2 for bad arguments, else 1."""
+    """Run one agent. Exit code: 0 after a complete run, 2 for bad arguments, else one of `deltaswarm_wire.child`."""
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
@@ -67,10 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_agent(config)
     except ControllerError as error:
-        logging.getLogger("deltaswarm.agent").error("agent %d fails: %s", config.agent, error)
+        logging.getLogger("deltaswarm.agent").critical("%s", error)
         return 1
     except Exception as error:
-        logging.getLogger("deltaswarm.agent").exception("agent %d fails: %s", config.agent, error)
+        logging.getLogger("deltaswarm.agent").critical("%s", described(error), exc_info=True)
         return 1
 
 

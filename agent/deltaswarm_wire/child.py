@@ -1,7 +1,7 @@
-"""What a part says to the process that started it: that it is ready, and by its exit code why it ended.
+"""What a part says to the process that started it: that it is ready, and by exit code and last words why it ended.
 
-It says that it is ready on a pipe of its own: libraries write to standard output, such as Zenoh with RUST_LOG in the
-environment.
+A part that fails logs the reason, and nothing else, at level CRITICAL. It says that it is ready on a pipe of its own:
+libraries write to standard output, such as Zenoh with RUST_LOG in the environment.
 """
 
 import errno
@@ -32,7 +32,15 @@ WORLD_LOST = 69
 LIMIT_REACHED = 71
 """The system allows no more processes, threads, open files or memory (`EX_OSERR` of sysexits.h)."""
 
+GAVE_UP = 75
+"""The world ended the run in order, since another part kept it waiting; its last words name that part."""
+
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EROFS}
+
+
+def ended_by(number: int) -> int:
+    """The exit code of a part that ends in order, before its work is done, because a signal asks it to."""
+    return 128 + number
 
 
 def exit_code_of(error: Exception) -> int:

@@ -8,7 +8,8 @@ import ipaddress
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
@@ -145,7 +146,27 @@ class ZenohConfig(Protocol):
         """Set one key."""
 
 
+class Session(Protocol):
+    """The part of `zenoh.Session` that this package uses."""
+
+    def close(self) -> None:
+        """Leave the network."""
+
+
 C = TypeVar("C", bound=ZenohConfig)
+S = TypeVar("S", bound=Session)
+
+
+@contextmanager
+def closing(session: S, note: Callable[[str], object]) -> Iterator[S]:
+    """Close a session at the end. If this fails, as with a peer that is stopped, `note` is told: the work is done."""
+    try:
+        yield session
+    finally:
+        try:
+            session.close()
+        except Exception as error:
+            note(f"the session could not be closed in order: {one_line(without_sources(str(error)))}")
 
 
 def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:

@@ -36,6 +36,7 @@ from deltaswarm_wire.arguments import (
 from deltaswarm_wire.child import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
+from deltaswarm_wire.plugins import described
 from deltaswarm_wire.session import RouterLink, air_pairs, protocol_of, tls_pairs
 
 NO_WORLD = "--no-world"
@@ -138,7 +139,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_operator(source)
     except Exception as error:
         code = exit_code_of(error)
-        logging.getLogger("deltaswarm.operator").error("the operator fails: %s", error, exc_info=code == FAILED)
+        logging.getLogger("deltaswarm.operator").critical("%s", described(error), exc_info=code == FAILED)
         return code
 
 

@@ -26,9 +26,12 @@ from deltaswarm_wire.child import FAILED, exit_code_of, say_ready
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
+from deltaswarm_wire.plugins import described
 from deltaswarm_wire.session import CERTIFIED, RouterLink, protocol_of
 from deltaswarm_world.io.process import run_world
 from deltaswarm_world.io.saving import WorldConfig, load
+
+log = logging.getLogger("deltaswarm.world")
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
@@ -84,7 +87,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the world. Exit code: 0 after a complete run, 2 for bad arguments, else 1.
+    """Run the world. Exit code: 0 after a complete run, 2 for bad arguments, else one of `deltaswarm_wire.child`.
 
     The first line of standard output has the endpoints on which it listens.
     """
@@ -126,11 +129,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_world(config, say_ready, saved)
     except ConnectionError as error:
-        logging.getLogger("deltaswarm.world").error("the world fails: %s", error)
-        return 1
+        log.critical("%s", error)
+        return FAILED
     except Exception as error:
         code = exit_code_of(error)
-        logging.getLogger("deltaswarm.world").error("the world fails: %s", error, exc_info=code == FAILED)
+        log.critical("%s", described(error), exc_info=code == FAILED)
         return code
 
 

@@ -12,12 +12,13 @@ from typing import cast
 from deltaswarm_agent.controller import ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_wire import checkpoint
+from deltaswarm_wire.child import WORLD_LOST
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Act, Frame, decode_frame
 from deltaswarm_wire.orders import decode_save, encode_taken
 from deltaswarm_wire.plugins import described
-from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, closing, configured, use_one_worker_thread
 from deltaswarm_wire.settings import AgentSettings
 
 use_one_worker_thread()
@@ -72,9 +73,9 @@ class WorldWatch:
             self.gone.clear()
 
     def _give_up(self) -> None:
-        log.error("no world for %g s: this agent exits", self._patience_s)
+        log.critical("no world for %g s", self._patience_s)
         logging.shutdown()
-        os._exit(1)  # the main thread is blocked in Zenoh
+        os._exit(WORLD_LOST)  # the main thread is blocked in Zenoh
 
     def goodbye(self) -> None:
         """Wait for the world's exit, which is expected from now on."""
@@ -169,9 +170,9 @@ def run_agent(
     try:
         opened = zenoh.open(settings)
     except zenoh.ZError as error:
-        log.error("agent %d cannot join the world at %s: %s", config.agent, config.link.endpoint, error)
+        log.critical("cannot join the world at %s: %s", config.link.endpoint, error)
         return 1
-    with opened as session:
+    with closing(opened, log.warning) as session:
         frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
         outbox = Outbox(session, keys, config.agent)
         watch = WorldWatch(session, keys, config.world_lost_s)

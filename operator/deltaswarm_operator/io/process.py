@@ -23,10 +23,10 @@ from deltaswarm_operator.io.inbox import BY, Inbox, ItemKind
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_operator.io.page import Page
 from deltaswarm_scenario.operator_settings import OperatorSettings
-from deltaswarm_wire.child import FAILED, WORLD_LOST
+from deltaswarm_wire.child import FAILED, WORLD_LOST, ended_by
 from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
-from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
+from deltaswarm_wire.session import Pairs, RouterLink, closing, configured, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -251,7 +251,7 @@ class OperatorProcess:
 
 
 def run_operator(source: Source) -> int:
-    """Run the operator. Exit code: 0 after a complete run, `WORLD_LOST` if the world went before its end, else 1.
+    """Run the operator. Exit code: 0 after a complete run, else one of `deltaswarm_wire.child`.
 
     Call it in the main thread: it stops on SIGTERM, SIGINT and SIGHUP unless they are ignored.
 
@@ -261,9 +261,15 @@ def run_operator(source: Source) -> int:
         OSError: the station does not start, or a table that the run needs cannot be written.
     """
     zenoh.init_log_from_env_or("error")
+    signals: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        signals.append(number)
+        source.inbox.stop()  # after what has already arrived
+
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: source.inbox.stop())  # after what has already arrived
+            signal.signal(number, stop)
     config = source.config
     settings = configured(zenoh.Config, source.pairs, config.link)
     with ExitStack() as stack:
@@ -273,20 +279,23 @@ def run_operator(source: Source) -> int:
             station = page.end
             print(page.url, flush=True)
         try:
-            session = stack.enter_context(zenoh.open(settings))
+            session = stack.enter_context(closing(zenoh.open(settings), log.warning))
         except zenoh.ZError as error:
-            log.error("%s: %s", source.REFUSED.format(endpoint=config.link.endpoint), error)
+            log.critical("%s: %s", source.REFUSED.format(endpoint=config.link.endpoint), error)
             return FAILED
         try:
-            return _run_session(source, session, station)
+            end = _run_session(source, session, station)
         except OSError as error:
             if source.NEEDS_TABLE:
                 raise
-            log.error("the table in %s is incomplete: %s", config.out, error)
+            log.critical("the table in %s is incomplete: %s", config.out, error)
             return FAILED
+    if end is source.COMPLETE_AT:
+        return 0
+    return {End.WORLD_GONE: WORLD_LOST, End.STOPPED: ended_by(signals[0] if signals else 0)}.get(end, FAILED)
 
 
-def _run_session(source: Source, session: zenoh.Session, station: socket.socket | None) -> int:
+def _run_session(source: Source, session: zenoh.Session, station: socket.socket | None) -> End:
     with Output(source.config.out, source.COLUMNS, go_on=source.config.go_on) as output:
         process = OperatorProcess(source, session, output, station)
         end = End.FAILED
@@ -296,7 +305,7 @@ def _run_session(source: Source, session: zenoh.Session, station: socket.socket 
                 process.answer_to_the_end()
         finally:
             process.finish(end)
-    totals, is_complete = source.totals, end is source.COMPLETE_AT
-    level = logging.INFO if is_complete else logging.ERROR
+    totals = source.totals
+    level = logging.INFO if end is source.COMPLETE_AT else logging.ERROR
     log.log(level, "%s: %d steps, %d messages, %d lost", end.value, *map(totals.get, ("steps", "messages", "lost")))
-    return 0 if is_complete else WORLD_LOST if end is End.WORLD_GONE else FAILED
+    return end

@@ -3,7 +3,7 @@
 import ctypes
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,10 +25,13 @@ def adopt_orphans(*, do_so: bool) -> None:
     _prctl(PR_SET_CHILD_SUBREAPER, do_so)
 
 
-def end_orphans(session: int) -> None:
-    """Kill and reap the processes that this process has adopted from a session, and those that these leave behind."""
-    adopted = os.getpid(), session
-    while orphans := [pid for pid, *of in _processes() if (*of,) == adopted and pid != session]:
+def end_orphans(session: int, spare: Collection[int] = ()) -> None:
+    """Kill and reap the processes that this process has adopted from a session, and those that these leave behind.
+
+    `spare` has those that may go on.
+    """
+    adopted, spared = (os.getpid(), session), {session, *spare}
+    while orphans := [pid for pid, *of in _processes() if (*of,) == adopted and pid not in spared]:
         for pid in orphans:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
@@ -36,15 +39,27 @@ def end_orphans(session: int) -> None:
                 os.waitpid(pid, 0)
 
 
+def is_stopped(pid: int) -> bool:
+    """Whether a process is stopped, as by SIGSTOP."""
+    try:
+        return _fields(Path(f"/proc/{pid}/stat"))[0] == "T"
+    except OSError:
+        return False
+
+
 def _processes() -> Iterator[tuple[int, int, int]]:
     """Yield pid, parent and session of every process."""
     for file in Path("/proc").glob("[0-9]*/stat"):
         try:
-            _, _, fields = file.read_text(encoding="utf-8", errors="replace").rpartition(")")
+            _, parent, _, session, *_ = _fields(file)
         except OSError:
             continue  # it has ended
-        _, parent, _, session, *_ = fields.split()
         yield int(file.parent.name), int(parent), int(session)
+
+
+def _fields(file: Path) -> list[str]:
+    """Return the fields of a process's `stat` from its state on."""
+    return file.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
 
 
 def _prctl(option: int, value: int) -> None:

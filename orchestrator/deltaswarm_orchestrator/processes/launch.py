@@ -235,11 +235,11 @@ class Swarm:
                 part.send(signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
 
     def ended(self) -> list[RunPart]:
-        """Return the parts that have ended, those on other machines too."""
+        """Return the parts that have ended, in the order in which they did; then those on other machines."""
         if self.remote:
             self.remote.look()
-        parts = [*self.parts, *(self.remote.parts if self.remote else ())]
-        return [part for part in parts if part.exit_code is not None]
+        elsewhere = self.remote.parts if self.remote else ()
+        return [*self._starter.ended(), *(part for part in elsewhere if part.exit_code is not None)]
 
     @property
     def agents(self) -> Sequence[RunPart]:

@@ -57,8 +57,8 @@ def serve_page(
         while wait_for([part], LOOK_EVERY_S):
             if was_stopped():
                 return
-        if (code := part.exit_code or 0) > 0:
-            raise LaunchError(f"the {feed} ended with exit code {code}:\n{part.log_tail()}")
+        if part.has_failed:
+            raise LaunchError(part.how_it_ended(), part.log_tail())
     finally:
         starter.end()
         station.close()

@@ -1,6 +1,7 @@
 """One started process, watched through its own pidfd, because the fork server may be stopped or killed."""
 
 import os
+import re
 import select
 import signal
 import time
@@ -10,9 +11,10 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from shutil import disk_usage
 
+from deltaswarm_orchestrator.base.kernel import is_stopped
 from deltaswarm_orchestrator.processes.fork_server import wake_fork_server
-from deltaswarm_wire.child import LIMIT_REACHED, NO_ROOM, WORLD_LOST
-from deltaswarm_wire.keys import AGENT, WORLD
+from deltaswarm_wire.child import GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST, ended_by
+from deltaswarm_wire.keys import AGENT
 
 LOG_TAIL_LINES = 12
 UNKNOWN = 255
@@ -25,25 +27,38 @@ HOW = {
 }
 """Meaning of some exit codes, to follow the part's name in a sentence."""
 
-ERROR = " ERROR "
-"""Marks log lines of this level; the message follows the first colon and space."""
+LAST_WORDS = re.compile(r"^\S+ \S+ CRITICAL deltaswarm\.(\w+): (.*)", re.MULTILINE)
+"""The log line in which a part, named by its role, says why it fails."""
+
+ENDED_BY = {ended_by(number): number.name for number in signal.Signals}
+"""The signals that parts heed, by the exit codes with which they then end."""
 
 POLL_S, SHORT_POLL_S = 0.2, 0.01
 EXIT_CODE_WITHIN_S = 3.0
 """Maximum wait for the fork server to tell a process's exit code [s]."""
 
 
+def _free(folder: Path) -> str:
+    try:
+        return f"{disk_usage(folder).free:,} bytes are free there"
+    except OSError as error:
+        return str(error.strerror)
+
+
 class RunPart:
     """A part of a run, on this machine or on another: how it ended, and its log here."""
 
-    def __init__(self, role: str, number: int, log_file: Path) -> None:
+    def __init__(self, role: str, number: int, log_file: Path, log_begins_at: int = 0) -> None:
         self.role = role
         self.number = number
         self.log_file = log_file
+        self._log_begins_at = log_begins_at
         self.name = f"{role} {number}" if role == AGENT or number else role
         self.ends_as_planned = False
         """Whether its end needs no line: it was killed by a fault of the scenario, at the end while stopped, or with
         its machine, whose own line says so."""
+        self.was_asked_to_end = False
+        """Whether the orchestrator has sent it SIGTERM."""
 
     @property
     def exit_code(self) -> int | None:
@@ -55,39 +70,51 @@ class RunPart:
         code, when = self.exit_code or 0, when and f" {when}"
         if code == NO_ROOM:
             folder = self.log_file.parents[1]
-            return f"{self.name} could not write into {folder}: {disk_usage(folder).free:,} bytes are free there"
+            return f"{self.name} could not write into {folder}: {_free(folder)}"
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
-        how = HOW.get(code, f"ended with exit code {code}")
-        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line]
-        # The world may have timed out waiting for a part, which its last error names.
-        cause = f": {errors[-1]}" if errors and self.role == WORLD else ""
-        return f"{self.name} {how}{when}{cause}"
+        if code in ENDED_BY:
+            return f"{self.name} was ended by {ENDED_BY[code]}{when}"
+        words = [words for role, words in LAST_WORDS.findall(self._log()) if role == self.role]
+        if code == GAVE_UP and words:  # what happened first is what the part waited for in vain
+            return f"{words[-1]}: {self.name} ended the run{when}"
+        cause = f": {words[-1]}" if words else ""
+        return f"{self.name} {HOW.get(code, f'ended with exit code {code}')}{when}{cause}"
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it has ended otherwise than it should and the orchestrator asked."""
+        if self.exit_code in (None, 0) or self.ends_as_planned:
+            return False
+        return not (self.was_asked_to_end and self.exit_code in (ended_by(signal.SIGTERM), -signal.SIGTERM))
 
     def log_tail(self) -> str:
-        """Return the last lines of the log, for an error message."""
-        return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
+        """Return the last lines of the log, for an error message; empty if it has none."""
+        return "\n".join(f"    {line}" for line in self._log().splitlines()[-LOG_TAIL_LINES:])
 
-    def _last_lines(self) -> list[str]:
+    def _log(self) -> str:
+        """Return the log of this process, to which an earlier process of the same part may have written, too."""
         try:
-            return self.log_file.read_text(errors="replace").splitlines()[-LOG_TAIL_LINES:]
+            return self.log_file.read_bytes()[self._log_begins_at :].decode(errors="replace")
         except OSError:
-            return []
+            return ""
 
 
 class Part(RunPart):
     """One started process of this machine."""
 
-    def __init__(self, role: str, number: int, process: ForkServerProcess, log_file: Path) -> None:
-        super().__init__(role, number, log_file)
+    def __init__(
+        self, role: str, number: int, process: ForkServerProcess, log_file: Path, log_begins_at: int = 0
+    ) -> None:
+        super().__init__(role, number, log_file, log_begins_at)
         self.is_stopped = False
         """Whether a fault of the scenario has stopped the process (SIGSTOP)."""
         self.pid = process.pid or 0
         self._process = process
         try:
-            self._pidfd: int | None = os.pidfd_open(self.pid)
+            self.pidfd: int | None = os.pidfd_open(self.pid)
         except ProcessLookupError:
-            self._pidfd = None
+            self.pidfd = None
         self._ended_at: float | None = None
         self._code: int | None = None
 
@@ -97,7 +124,7 @@ class Part(RunPart):
 
         It may stay None for EXIT_CODE_WITHIN_S after the end, until the fork server tells it.
         """
-        if self._pidfd is not None and not _is_over(self._pidfd):
+        if self.pidfd is not None and not _is_over(self.pidfd):
             return None
         self._ended_at = self._ended_at or time.monotonic()
         if self._code is None:
@@ -110,25 +137,31 @@ class Part(RunPart):
 
     def _code_of_orphan(self) -> int | None:
         """Return the exit code of a process whose fork server has ended too, once this process has adopted it."""
-        if self._pidfd is None:
+        if self.pidfd is None:
             return None
         try:
-            end = os.waitid(os.P_PIDFD, self._pidfd, os.WEXITED | os.WNOHANG)
+            end = os.waitid(os.P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG)
         except ChildProcessError:
             return None
         return end and (end.si_status if end.si_code == os.CLD_EXITED else -end.si_status)
 
+    @property
+    def was_stopped(self) -> bool:
+        """Whether a signal that is no fault of the scenario keeps the process stopped."""
+        return not self.is_stopped and is_stopped(self.pid)
+
     def send(self, number: signal.Signals) -> None:
         """Send a signal, unless the process has ended."""
-        if self._pidfd is not None:
+        self.was_asked_to_end |= number == signal.SIGTERM
+        if self.pidfd is not None:
             with suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._pidfd, number)
+                signal.pidfd_send_signal(self.pidfd, number)
 
     def close(self) -> None:
         """Close the pidfd of a process that has ended."""
-        if self._pidfd is not None:
-            os.close(self._pidfd)
-            self._pidfd = None
+        if self.pidfd is not None:
+            os.close(self.pidfd)
+            self.pidfd = None
 
 
 def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:
@@ -141,7 +174,7 @@ def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:
         there = [part for part in running if part._ended_at is None]
         poll = select.poll()
         for part in there:
-            poll.register(part._pidfd or -1, select.POLLIN)
+            poll.register(part.pidfd or -1, select.POLLIN)
         poll.poll(1000 * min(left_s, POLL_S if len(there) == len(running) else SHORT_POLL_S))
     return []
 

@@ -3,6 +3,7 @@
 import multiprocessing
 import multiprocessing.process
 import os
+import select
 import signal
 import socket
 import threading
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +58,13 @@ starts; parts are watched by `Part` and ended by `Swarm.end`, so they are taken 
 
 NO_CHANNELS: Mapping[str, socket.socket] = {}
 
+BEFORE_READY = "before it was ready"
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
 """Time that a process may take to import its modules, on top of its start timeout [s]."""
+
+FORK_SERVERS = 4
+"""Attempts to start a process, each after the first one with a new fork server."""
 
 HANDSHAKE_MS = 60_000
 """Time in which a client must have joined the router; Zenoh's 10 s are too short when a thousand do so at once."""
@@ -73,7 +79,14 @@ OTHER_SESSIONS = 64
 
 
 class LaunchError(Exception):
-    """A required part did not start, or ended too early."""
+    """A required part did not start, or ended too early; `log` has its last log lines, if it has any."""
+
+    def __init__(self, text: str, log: str = "") -> None:
+        super().__init__(text)
+        self.reason, self.log = text, log
+
+    def __str__(self) -> str:
+        return f"{self.reason}:\n{self.log}" if self.log else self.reason
 
 
 class StoppedError(Exception):
@@ -92,6 +105,9 @@ class Starter:
 
     def __init__(self, logs: Path, mode: str, timeout_s: float, was_stopped: Callable[[], object]) -> None:
         self.parts: list[Part] = []
+        self._ended: list[Part] = []
+        self._ends = select.epoll()
+        """Of the processes that have not been seen to end. The kernel tells ends in their order."""
         self._logs = logs
         self._controller, _, _ = CONTROLLERS.shipped.get(mode, "").partition(":")
         self._timeout_s = timeout_s
@@ -99,6 +115,12 @@ class Starter:
         self._context = multiprocessing.get_context("forkserver")
         shorten_socket_paths()
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
+
+    def ended(self) -> list[Part]:
+        """Return the parts that have ended, in the order in which they did."""
+        by_handle = {part.pidfd: part for part in self.parts}
+        self._ended += [by_handle[handle] for handle, _ in self._ends.poll(0, len(by_handle) + 1)]
+        return [part for part in self._ended if part.exit_code is not None]
 
     def end(self, *, at_once: bool = False) -> None:
         """End all parts that still run, by SIGTERM and then by SIGKILL, and what they started; leave nothing behind.
@@ -126,6 +148,7 @@ class Starter:
                 kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
             for part in self.parts:
                 part.close()
+            self._ends.close()
             self._kept_end.close()
             self._lifeline.close()
 
@@ -145,10 +168,14 @@ class Starter:
         Its output goes to the log; `ready` is the pipe on which it says that it is ready, if that is awaited. `lock`: a
         folder that it holds, too, until it ends.
 
+        A fork server that ends meanwhile is replaced.
+
         Raises:
-            LaunchError: the fork server was killed.
+            LaunchError: no fork server stayed.
+            StoppedError: the user asked to stop before a new one was there.
         """
         log_file = self._logs / f"{role}-{number}.log"
+        log_begins_at = log_file.stat().st_size if log_file.exists() else 0
         held = None if lock is None else lock.shared()
         environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
         process = self._context.Process(
@@ -157,19 +184,38 @@ class Starter:
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
-        with bare_main_module(), safe_path(), self._start_deadline(), spared_by_ctrl_c():
+        with bare_main_module(), safe_path(), spared_by_ctrl_c():
             self._context.set_forkserver_preload([*PRELOADED, *([self._controller] if self._controller else [])])
             try:
-                process.start()
-            except (OSError, EOFError, ValueError) as error:
-                why = limits.reached(error) or f"the fork server ended ({error!r})"
-                raise LaunchError(f"{role} {number} cannot be started: {why}") from None
+                self._start(process)
             finally:
                 if held is not None:
                     held.close()
         STARTED.discard(process)
-        self.parts.append(part := Part(role, number, process, log_file))
+        self.parts.append(part := Part(role, number, process, log_file, log_begins_at))
+        if part.pidfd is None:
+            self._ended.append(part)
+        else:
+            self._ends.register(part.pidfd, select.EPOLLIN | select.EPOLLONESHOT)
         return part
+
+    def _start(self, process: ForkServerProcess) -> None:
+        """Start a process. Raises LaunchError, StoppedError."""
+        for tries_left in reversed(range(FORK_SERVERS)):
+            try:
+                with self._start_deadline():
+                    process.start()
+                return
+            except (OSError, EOFError, ValueError) as error:
+                limit = limits.reached(error)
+                if limit or not tries_left:
+                    why = limit or f"the fork server ended ({error!r})"
+                    raise LaunchError(f"{process.name} cannot be started: {why}") from None
+            if self._was_stopped():
+                raise StoppedError
+            if server := FORK_SERVER._forkserver_pid:
+                kill_fork_server()
+                end_orphans(server, [part.pid for part in self.parts])  # a process that it could not tell of
 
     def start_and_read(
         self,
@@ -203,7 +249,7 @@ class Starter:
                     text += more
         if not text.strip():
             wait_for([part], END_WITHIN_S)
-            raise LaunchError(f"the {role} did not start:\n{part.log_tail()}")
+            raise LaunchError(part.how_it_ended(BEFORE_READY), part.log_tail())
         return text.decode().strip()
 
     @contextmanager

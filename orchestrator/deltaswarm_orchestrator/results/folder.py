@@ -81,6 +81,10 @@ class RunFolder:
         """Release the folder's lock."""
         self._lock.release()
 
+    def is_there(self) -> bool:
+        """Whether the folder is still where it was made."""
+        return self._lock.is_at(self.path)
+
     def prepare(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
         """Write scenario and manifest, and reserve disk space for the results at the end.
 

@@ -1,21 +1,32 @@
 """The steps of a run in real processes: launch all of them, watch them, and end them."""
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from deltaswarm_orchestrator.base import disk
 from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.live.views import ResearcherFeed
 from deltaswarm_orchestrator.processes.boards import commands
 from deltaswarm_orchestrator.processes.launch import Swarm
-from deltaswarm_orchestrator.processes.process import RunPart
+from deltaswarm_orchestrator.processes.process import RunPart, wait_for
+from deltaswarm_orchestrator.processes.starter import BEFORE_READY, LaunchError
 from deltaswarm_orchestrator.processes.station import Station, announce
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import RunContext
 from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_wire.session import closing
+
+END_KNOWN_WITHIN_S = 0.5
+"""Maximum wait for the exit code of a part whose end may be why another one did not start [s]."""
+
+
+def _last_lines(name: str, log: str) -> str:
+    return f"the last lines of the log of {name}:\n{log}"
 
 
 @dataclass
@@ -23,13 +34,23 @@ class Ending:
     """How the processes of a run ended."""
 
     why: list[str | RunPart] = field(default_factory=list)
-    """Reasons why the run ended too early, and what was lost, one line each; an agent stands for its own line."""
+    """Reasons why the run ended too early, and what was lost, one line each, in the order in which they happened; an
+    agent stands for its own line."""
+    cause: str | RunPart | None = None
+    """That of `why` for which the run ended; None if it did not end too early, or the user ended it."""
+    when: str = "before the first step"
+    """Where the run was when its steps ended."""
     agents: Sequence[RunPart] = ()
     """The processes of agents, which have ended when the run is concluded."""
     logs: list[str] = field(default_factory=list)
-    """The last lines of the logs of failed parts."""
+    """The last lines of the logs of failed parts, and tracebacks."""
     operator_restarts: int = 0
     disk_is_full: bool = False
+
+    def fail(self, reason: str) -> None:
+        """Note what went wrong; the run ends for it unless it ends for something earlier."""
+        self.why.append(reason)
+        self.cause = self.cause or reason
 
 
 @dataclass(eq=False)
@@ -38,6 +59,7 @@ class RunByProcesses:
 
     context: RunContext
     folder: Path
+    is_folder_there: Callable[[], bool]
     checkpoint_steps: int
     resumed: Resumed | None
     live_observers: list[LiveObserver]
@@ -48,7 +70,6 @@ class RunByProcesses:
         """Launch all processes, watch them, and end them.
 
         Raises:
-            LaunchError, ConnectionError: a part did not start.
             StoppedError: the user asked to stop before all parts were up.
             RoomError: the recording could not be written.
         """
@@ -57,47 +78,77 @@ class RunByProcesses:
         # With boards the name must not change, because a board's file is used for later runs too.
         # Without boards it is random; the router and its port serve this run alone.
         name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
-        with Swarm(
-            scenario,
-            name,
-            folder,
-            zenoh=options.zenoh,
-            boards=boards,
-            remote=context.placement.agents(scenario, folder / "logs") if context.placement else None,
-            was_stopped=lambda: context.stop.by,
-            checkpoint_steps=self.checkpoint_steps,
-            resumed=resumed,
-            station=options.station,
-        ) as swarm:
-            self._start_pages(swarm, has_truth=recorder is not None)
-            swarm.start_world(options.listen, record=recorder is not None)
-            if boards:
-                context.reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
-            with Observer(
+        with (
+            ExitStack() as links,
+            Swarm(
+                scenario,
                 name,
-                swarm.recorder_link(),
-                recorder,
-                wire=scenario.record == "wire",
-                first_step=resumed.step + 1 if resumed else 0,
+                folder,
+                zenoh=options.zenoh,
+                boards=boards,
+                remote=context.placement.agents(scenario, folder / "logs") if context.placement else None,
+                was_stopped=lambda: context.stop.by,
                 checkpoint_steps=self.checkpoint_steps,
-            ) as observer:
-                patience_s = scenario.run.step_timeout_s
-                watch = Watch(swarm, observer, context.reporter, context.stop, patience_s, self.live_observers)
-                try:
-                    swarm.start_operator(publish_all=recorder is not None)
-                    swarm.start_agents()
-                    swarm.write_pids()
-                    watch.watch_to_the_end()
-                finally:
-                    ending.why += watch.why
-                    ending.agents = swarm.agents
-                    ending.logs += [
-                        f"the last lines of the log of {part}:\n{tail}"
-                        for part, tail in watch.logs.items()
-                        if tail.strip()
-                    ]
-                    ending.operator_restarts = watch.operator_restarts
-                    ending.disk_is_full = watch.disk_is_full
+                resumed=resumed,
+                station=options.station,
+            ) as swarm,
+        ):
+            try:
+                self._start_pages(swarm, has_truth=recorder is not None)
+                swarm.start_world(options.listen, record=recorder is not None)
+                if boards:
+                    context.reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
+                # Its link is closed when the parts have ended: nothing can be sent to a world that is stopped.
+                observer = Observer(
+                    name,
+                    swarm.recorder_link(),
+                    recorder,
+                    wire=scenario.record == "wire",
+                    first_step=resumed.step + 1 if resumed else 0,
+                    checkpoint_steps=self.checkpoint_steps,
+                )
+                links.enter_context(closing(observer, ending.why.append))
+                swarm.start_operator(publish_all=recorder is not None)
+                swarm.start_agents()
+                swarm.write_pids()
+            except (LaunchError, ConnectionError) as error:
+                self._note_failed_start(swarm, error)
+                return
+            watch = Watch(
+                swarm,
+                observer,
+                context.reporter,
+                context.stop,
+                scenario.run.step_timeout_s,
+                self.live_observers,
+                self.is_folder_there,
+            )
+            try:
+                watch.watch_to_the_end()
+            except BaseException:
+                observer.leave()
+                raise
+            finally:
+                ending.why += watch.why
+                ending.cause, ending.when = watch.cause, watch.when
+                ending.agents = swarm.agents
+                ending.logs += [_last_lines(name, log) for name, log in watch.logs.items() if log]
+                ending.operator_restarts = watch.operator_restarts
+                ending.disk_is_full = watch.disk_is_full
+
+    def _note_failed_start(self, swarm: Swarm, error: LaunchError | ConnectionError) -> None:
+        """Note why a part did not start: first those that have ended, without which others could not."""
+        disk.check_spare(self.folder)  # a part cannot log that the disk is full
+        reason = str(error)
+        if isinstance(error, LaunchError):
+            reason = error.reason
+            self.ending.logs += [f"its log:\n{error.log}"] if error.log else []
+        wait_for(swarm.parts[:1], END_KNOWN_WITHIN_S)
+        for part in swarm.ended():
+            if part.has_failed and (line := part.how_it_ended(BEFORE_READY)) != reason:
+                self.ending.fail(line)
+                self.ending.logs += [_last_lines(part.name, log)] if (log := part.log_tail()) else []
+        self.ending.fail(reason)
 
     def _start_pages(self, swarm: Swarm, *, has_truth: bool) -> None:
         """Start the pages of the person and of the researcher, if the run has them, and say where they are.

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import traceback
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ from deltaswarm_orchestrator.live.observers import LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.views import LiveSocket
 from deltaswarm_orchestrator.processes.process import RunPart
-from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
+from deltaswarm_orchestrator.processes.starter import StoppedError
 from deltaswarm_orchestrator.recording.recorder import LAYOUT, Recorder, layout_json
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
@@ -30,7 +31,7 @@ from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptio
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
-from deltaswarm_wire.plugins import OBSERVERS, find
+from deltaswarm_wire.plugins import OBSERVERS, described, find
 
 AT_ONCE = "a second signal ended the run at once"
 
@@ -120,23 +121,49 @@ class _Run:
                     if isinstance(recorder, Recorder):
                         recorder.complete(self.manifest, run_tables.person_tables(folder))
                 self._write_tables()
-        except (RoomError, KeyboardInterrupt) as error:
+        except (Exception, KeyboardInterrupt) as error:  # whatever cannot be completed, what is known is written
             self.stop.conclude()
+            if isinstance(error, OSError):  # such as a folder that is gone
+                error = disk.no_room(error, folder)
+            if isinstance(error, RoomError):
+                reason = str(error)
+            elif isinstance(error, KeyboardInterrupt):
+                reason = AT_ONCE
+            else:
+                reason = self._note_error(error, "the run could not be concluded")
             if not (self.ending.disk_is_full and isinstance(error, RoomError)):
-                self.ending.why.append(str(error) or AT_ONCE)
+                self.ending.fail(reason)
             summary = self._conclude()
             if summary["complete"]:
-                summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
-        finally:
-            disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
-        self.folder.write_manifest(self.manifest)  # first: without it nobody knows how the run ended
-        run_tables.write_json(folder / "summary.json", summary)
-        path = self.folder.finish()
+                summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], reason]}
+        path = self._finish(summary)
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
         messages = (*summary["why"], *self.ending.logs, *hint)
         result = RunResult(path, summary, str(self.manifest["exit_reason"]), messages)
         decide(result.code, self.stop if result.code == OK else None)
         return result
+
+    def _finish(self, summary: dict[str, Any]) -> Path:
+        """Write manifest and summary, and give the folder its final name; return its path.
+
+        Raises:
+            FolderTakenError: the name was taken during the run.
+            RoomError: the folder is gone or cannot be written; the text says why the run had ended, too.
+        """
+        folder = self.folder.path
+        try:
+            disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
+            self.folder.write_manifest(self.manifest)  # first: without it nobody knows how the run ended
+            run_tables.write_json(folder / "summary.json", summary)
+        except OSError as error:
+            lost = disk.no_room(error, folder)
+            raise RoomError("; ".join([*summary["why"], str(lost)])) from None
+        return self.folder.finish()
+
+    def _note_error(self, error: BaseException, what: str) -> str:
+        """Keep the traceback of an error for the user; return the line for `why`."""
+        self.ending.logs.append("".join(traceback.format_exception(error)).rstrip())
+        return f"{what}: {described(error)}"
 
     def _prepare_folder(self) -> None:
         """Prepare the folder for the first step."""
@@ -196,19 +223,27 @@ class _Run:
                 self._run_in_process(Tap(recorder, self.live_observers))
                 return
             by_processes = RunByProcesses(
-                self.context, self.folder.path, self.checkpoint_steps, self.resumed, self.live_observers, self.ending
+                self.context,
+                self.folder.path,
+                self.folder.is_there,
+                self.checkpoint_steps,
+                self.resumed,
+                self.live_observers,
+                self.ending,
             )
             try:
                 by_processes.execute(recorder)
-            except (LaunchError, ConnectionError) as error:
-                disk.check_spare(self.folder.path)  # a part cannot log that the disk is full
-                self.ending.why.append(str(error))
             except StoppedError:
                 pass
+            except (RoomError, KeyboardInterrupt):
+                raise
             except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
-                if (limit := limits.reached(error)) is None:
+                if isinstance(error, OSError) and disk.is_refused(error):
                     raise
-                self.ending.why.append(f"the run cannot go on: {limit}")
+                if limit := limits.reached(error):
+                    self.ending.fail(f"the run cannot go on: {limit}")
+                else:
+                    self.ending.fail(self._note_error(error, f"the orchestrator failed {self.ending.when}"))
 
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
@@ -220,16 +255,23 @@ class _Run:
 
     def _conclude(self) -> dict[str, Any]:
         """Return the summary, and update the manifest to agree with it."""
-        if self.outcome is None:
-            self.outcome = run_tables.read_outcome(self.folder.path)
-        summary = summarise(self.outcome, self.scenario) | score_answers(self.folder.path, self.outcome, self.scenario)
-        by = self.stop.by
+        try:
+            if self.outcome is None:
+                self.outcome = run_tables.read_outcome(self.folder.path)
+            summary = summarise(self.outcome, self.scenario)
+            summary |= score_answers(self.folder.path, self.outcome, self.scenario)
+        except Exception as error:  # a table that is damaged or gone
+            self.ending.fail(self._note_error(error, "the tables cannot be summarised"))
+            self.outcome = Outcome()
+            summary = summarise(self.outcome, self.scenario)
+        by, why = self.stop.by, self._whys(self.outcome)
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
         if not summary["complete"]:
-            summary["invalid_because"][0] += f": {reason}"
+            cause = self.ending.cause
+            summary["invalid_because"][0] += f": {reason if cause is None else self._line(cause, self.outcome)}"
         ending = {
             "exit_reason": reason,
-            "why": self._whys(self.outcome),
+            "why": why,
             "operator_restarts": self.ending.operator_restarts,
             "resumed": self.manifest["resumed"],
         }
@@ -238,12 +280,19 @@ class _Run:
 
     def _whys(self, outcome: Outcome) -> list[str]:
         """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""
-        world = outcome.world
-        lost = dict(zip(world.get("agents_lost", ()), world.get("lost_in_step", ()), strict=True))
         told = {entry.number for entry in self.ending.why if isinstance(entry, RunPart)}
-        quiet = [part for part in self.ending.agents if part.exit_code == 0 and part.number in lost.keys() - told]
-        when = {agent: f"in step {step}" for agent, step in lost.items()}
-        return [
-            entry if isinstance(entry, str) else entry.how_it_ended(when.get(entry.number, ""))
-            for entry in [*self.ending.why, *quiet]
-        ]
+        untold = _steps_lost(outcome).keys() - told
+        quiet = [part for part in self.ending.agents if part.exit_code == 0 and part.number in untold]
+        return [self._line(entry, outcome) for entry in [*self.ending.why, *quiet]]
+
+    def _line(self, entry: str | RunPart, outcome: Outcome) -> str:
+        """Return an entry of `why` as a line; an agent's has the step in which the world lost it."""
+        if isinstance(entry, str):
+            return entry
+        step = _steps_lost(outcome).get(entry.number)
+        return entry.how_it_ended("" if step is None else f"in step {step}")
+
+
+def _steps_lost(outcome: Outcome) -> dict[int, int]:
+    """Return the agents that the world has lost, with the step of each."""
+    return dict(zip(outcome.world.get("agents_lost", ()), outcome.world.get("lost_in_step", ()), strict=True))

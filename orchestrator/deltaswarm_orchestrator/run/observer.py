@@ -25,7 +25,13 @@ from deltaswarm_wire.operator_messages import (
     decode_workload,
 )
 from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done, encode_taken
-from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread, without_sources
+from deltaswarm_wire.session import (
+    RouterLink,
+    client_pairs,
+    configured,
+    use_one_worker_thread,
+    without_sources,
+)
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -103,6 +109,10 @@ class Observer(Seen):
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the world."""
         self._session.close()
 
     def work(self, timeout_s: float) -> bool:
@@ -134,7 +144,12 @@ class Observer(Seen):
 
     def leave_when_done(self) -> None:
         """Tell the world that everything has been taken, once that is so, by withdrawing the liveliness token."""
-        if self.has_all and self._token is not None:
+        if self.has_all:
+            self.leave()
+
+    def leave(self) -> None:
+        """Tell the world that no more is taken."""
+        if self._token is not None:
             self._token.undeclare()
             self._token = None
 

@@ -46,8 +46,10 @@ def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_j
 
     with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
         result = run_scenario(scenario, options, display)
+    reasons = result.summary["invalid_because"] if as_json or result.summary["steps"] else []
     for message in result.messages:
-        complain(message)
+        if not any(message in reason for reason in reasons):  # which are printed last
+            complain(message)
     if as_json:
         print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
     elif not result.summary["steps"]:
@@ -61,6 +63,6 @@ def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_j
             notice(f"next: deltaswarm info {result.folder}{recording}")
     if overruns := result.summary["realtime_overruns"]:
         complain(f"{overruns} steps took longer than real time")
-    for reason in result.summary["invalid_because"]:
+    for reason in reasons:
         complain(f"not valid: {reason}")
     return result.code

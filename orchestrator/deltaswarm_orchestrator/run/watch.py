@@ -1,7 +1,7 @@
 """Watch a running swarm: take messages, carry out the world's orders, notice parts that end or hang."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.base.signals import Stop
@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_wire.child import LIMIT_REACHED, NO_ROOM, WORLD_LOST
+from deltaswarm_wire.child import GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 
 POLL_S = 0.1
@@ -25,9 +25,6 @@ STOOD_STILL_S = 2.0
 STATION_RESTARTS = 5
 ANSWER_WITHIN_S = 920.0
 """Maximum wait for the operator and its person's answers after the last step [s]."""
-
-WORLD_ENDS_WITHIN_S = 5.0
-"""Maximum wait for the world's exit once a part has reported that it lost the world [s]."""
 
 RESTARTS_WITHOUT_A_STEP = 3
 """After this many restarts in a row without a new step, the operator is not restarted again."""
@@ -44,6 +41,7 @@ class Watch:
         stop: Stop,
         patience_s: float,
         live_observers: Sequence[LiveObserver] = (),
+        is_folder_there: Callable[[], bool] = lambda: True,
     ) -> None:
         self.why: list[str | RunPart] = []
         """Reasons why a part or the run ended too early; an agent stands for its line: the world knows the step."""
@@ -52,16 +50,21 @@ class Watch:
         self.operator_restarts = 0
         self.disk_is_full = False
         """Whether `why` has the line of a part that found the disk full. More lines would say the same."""
+        self.cause: str | RunPart | None = None
+        """That of `why` for which the run ends; None while it has no need to end."""
         self._swarm = swarm
         self._observer = observer
         self._reporter = reporter
         self._stop = stop
         self._live_observers = live_observers
+        self._is_folder_there = is_folder_there
         self._patience_s = patience_s + SILENCE_S
         self._noted: set[RunPart] = set()
         self._deadline = float("inf")
         """When the orchestrator stops waiting for the world to end (monotonic wall time [s])."""
         self._silent_since = self._looked_at = time.monotonic()
+        self._world_lost_at: float | None = None
+        """Since when a part is known to have lost its world (monotonic wall time [s])."""
         self._awaits_status, self._status_at_end = False, observer.status
         self._station_restarts = 0
         self._step_at_restart = -1
@@ -84,10 +87,14 @@ class Watch:
             observer.leave_when_done()
             if swarm.part(WORLD).exit_code is not None or time.monotonic() > self._deadline:
                 break
-            self._look_after_parts(is_stopping)
-            if self._is_silent():
-                self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
+            if silent_s := self._silent_too_long_s():
+                state = "is stopped by a signal" if WORLD in self._stopped() else "hangs"
+                self._give_up(f"the world said nothing for {silent_s:g} s {self.when}: it {state}")
                 break
+            if not self._is_folder_there():
+                self._give_up(f"the run's folder was removed or moved {self.when}")
+                break
+            self._look_after_parts(is_stopping)
         while observer.work(POLL_S) and swarm.part(WORLD).exit_code is not None:
             pass  # take what is left; a world that still runs could go on sending forever
         if swarm.station is not None and swarm.part(WORLD).exit_code == 0:
@@ -95,13 +102,22 @@ class Watch:
         if not is_stopping:
             self._note_ends(self._failed())
 
-    def _is_silent(self) -> bool:
-        """Whether the world has been silent for too long while the orchestrator itself kept watching."""
+    def _give_up(self, reason: str) -> None:
+        self.why.append(reason)
+        self.cause = self.cause or reason
+
+    def _silent_too_long_s(self) -> float:
+        """Return for how long the world has been silent, if that is too long; else 0.
+
+        It is not while the orchestrator itself did not watch, and is sooner if another part has lost the world, too.
+        """
         now = time.monotonic()
         if now - self._looked_at > STOOD_STILL_S:
             self._silent_since = now
         self._looked_at, self._silent_since = now, max(self._silent_since, self._observer.heard_at)
-        return now - self._silent_since > self._patience_s
+        is_lost = any(part.exit_code == WORLD_LOST for part in self._swarm.ended())
+        patience_s = min(self._patience_s, SILENCE_S) if is_lost else self._patience_s
+        return patience_s if now - self._silent_since > patience_s else 0.0
 
     def _let_person_answer(self) -> None:
         """Wait for the operator, which may still ask its person questions after the last step, to end by itself."""
@@ -124,24 +140,28 @@ class Watch:
         self._swarm.stop_world()
 
     def _look_after_parts(self, is_stopping: bool) -> None:
-        if self._must_await_status() or not (failed := self._failed()):
+        if self._must_await_status() or self._must_await_world() or not (failed := self._failed()):
             return
-        if not self._has_begun and any(part.role != STATION for part in failed):
+        lacking = [] if self._has_begun else [part for part in failed if part.role != STATION]
+        if lacking:
             self._swarm.stop_world()  # it would wait for them in vain
         if is_stopping:
             return
         self._note_ends(failed)
+        if lacking:
+            self._blame(lacking[0])
         for part in failed:
             if part.role == OPERATOR:
                 if self._restart_operator(part):
-                    del self.logs[part.name]
+                    self.logs.pop(part.name, None)
                 else:
+                    self._blame(part)
                     self._end_soon()
             elif part.role == STATION and part.number == 0:
                 self._restart_station(part)
             elif part.role == SCHEDULER:
+                self._blame(part)
                 self._end_soon()  # its workers end, too
-                self._swarm.part(WORLD).ends_as_planned = True
 
     def _must_await_status(self) -> bool:
         """Whether a part has ended and only the world's next status can tell if the run had begun by then.
@@ -155,6 +175,14 @@ class Watch:
             self._status_at_end = status
         self._awaits_status = status is self._status_at_end
         return self._awaits_status
+
+    def _must_await_world(self) -> bool:
+        """Whether a part has lost its world, and nothing was heard of it since: its end or silence is told first."""
+        if not any(part.exit_code == WORLD_LOST for part in self._newly_ended()):
+            self._world_lost_at = None
+            return False
+        self._world_lost_at = self._world_lost_at or time.monotonic()
+        return self._observer.heard_at <= self._world_lost_at
 
     def _restart_station(self, station: RunPart) -> None:
         """Restart the operator's station after it died; if that fails, the run continues without a station."""
@@ -195,16 +223,10 @@ class Watch:
         return status is not None and status.phase != "waiting"
 
     def _failed(self) -> list[RunPart]:
-        """Return the parts that have newly ended with an error and not as planned.
-
-        If a part lost its world, wait for the world's own end, so that the world is listed before that part.
-        """
+        """Return the parts that have newly failed, in the order in which they ended; last those that lost the world."""
         ended = self._newly_ended()
-        if any(part.exit_code == WORLD_LOST for part in ended):
-            wait_for([self._swarm.part(WORLD)], WORLD_ENDS_WITHIN_S)
-            ended = self._newly_ended()
         self._noted.update(ended)
-        return [part for part in ended if part.exit_code != 0 and not part.ends_as_planned]
+        return sorted((part for part in ended if part.has_failed), key=lambda part: part.exit_code == WORLD_LOST)
 
     def _newly_ended(self) -> list[RunPart]:
         return [part for part in self._swarm.ended() if part not in self._noted]
@@ -214,10 +236,29 @@ class Watch:
             if part.exit_code == NO_ROOM and self.disk_is_full:
                 continue
             self.disk_is_full |= part.exit_code == NO_ROOM
-            if part.exit_code not in (NO_ROOM, LIMIT_REACHED):  # whose cause the line tells
+            if part.exit_code not in (NO_ROOM, LIMIT_REACHED, WORLD_LOST):  # whose cause the line tells
                 self.logs[part.name] = part.log_tail()
-            after = f"after step {self._step}" if self._has_begun else ""
-            self.why.append(part if part.role == AGENT and self._has_begun else part.how_it_ended(after))
+            self.why.append(self._line(part))
+            if part.role == WORLD:
+                self._blame(part)
+
+    def _blame(self, part: RunPart) -> None:
+        self.cause = self.cause or self._line(part)
+
+    def _line(self, part: RunPart) -> str | RunPart:
+        if part.role == AGENT and self._has_begun:
+            return part
+        stopped = self._stopped() if part.exit_code == GAVE_UP else []
+        return "; ".join([part.how_it_ended(self.when), *(f"{name} is stopped by a signal" for name in stopped)])
+
+    def _stopped(self) -> list[str]:
+        """Return the parts of this machine that somebody has stopped."""
+        return [part.name for part in self._swarm.parts if part.was_stopped]
+
+    @property
+    def when(self) -> str:
+        """Where the run is, to follow what happened in a sentence."""
+        return f"after step {self._step}" if self._has_begun else "before the first step"
 
     @property
     def _step(self) -> int:

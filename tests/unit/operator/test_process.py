@@ -199,7 +199,7 @@ def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals)
     world.close_step(0)
     seen.get(timeout=PATIENCE_S)
     process.send_signal(number)
-    assert process.wait(PATIENCE_S) == 1
+    assert process.wait(PATIENCE_S) == 128 + number
     assert [row.messages for row in world.rows()] == [1]
     totals = world.totals()
     assert totals["complete"] is False

@@ -75,7 +75,9 @@ def an_observer(**more: Any) -> SimpleNamespace:
 
 def a_swarm(**more: Any) -> SimpleNamespace:
     """One without a station."""
-    return SimpleNamespace(**{"station": None, "write_pids": lambda: None, "stop_world": lambda: None, **more})
+    return SimpleNamespace(
+        **{"station": None, "parts": [], "write_pids": lambda: None, "stop_world": lambda: None, **more}
+    )
 
 
 @pytest.mark.parametrize("told_after", range(6))
@@ -274,10 +276,10 @@ def test_an_agent_that_failed_is_named_once(
     assert watched.did == []
 
 
-def test_an_agent_that_failed_before_the_first_step_has_a_line_without_one(tmp_path: Path) -> None:
+def test_an_agent_that_failed_before_the_first_step_has_a_line_that_says_so(tmp_path: Path) -> None:
     """And the world need not wait for it."""
     watched = Watched(tmp_path, [(-1, [(AGENT, 3, 1)]), (-1, [])], phase="waiting")
-    assert (watched.why, watched.did) == (["agent 3 ended with exit code 1"], ["stop the world"])
+    assert (watched.why, watched.did) == (["agent 3 ended with exit code 1 before the first step"], ["stop the world"])
 
 
 OPERATOR_DIES = [(OPERATOR, 0, 1)]

@@ -7,9 +7,11 @@ from collections.abc import Callable
 
 from deltaswarm_scenario.truth import StepRecord, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.child import GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
+from deltaswarm_wire.session import closing
 from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep
 from deltaswarm_world.io import saving
@@ -304,7 +306,7 @@ class WorldProcess:
 
 
 def run_world(config: WorldConfig, announce: Callable[[str], None], saved: SavedWorld | None = None) -> int:
-    """Run the router and the world of one run; return the exit code.
+    """Run the router and the world of one run; return the exit code: 0 if complete, or one of `deltaswarm_wire.child`.
 
     `announce` gets the endpoints, separated by spaces, once the router listens on them. With `saved` the world resumes.
     """
@@ -318,7 +320,7 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     asked = config.listen or (config.link.endpoint,)
     with WorldOutput(config.out, saved.core.columns, saved.table_bytes, saved.wall_s) as output:
         session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
-        with session:
+        with closing(session, log.warning):
             wakeup, transport = Wakeup(session, keys), Transport(session, keys, len(agents))
             slow_links = SlowLinks(session, trusted, transport.waits_for)
             announce(" ".join(endpoints))  # from here on they come
@@ -329,11 +331,13 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
                 world.wait_for_all()
                 complete = world.run(output)
                 world.goodbye()
-            except (TimeoutError, InterruptedError) as error:
-                log.error("the run ends: %s", error)
+            except InterruptedError:
                 complete = False
+            except TimeoutError as error:
+                log.critical("%s", error)
+                return GAVE_UP
             finally:
                 transport.close()
                 wakeup.close()
                 slow_links.close()
-    return 0 if complete else 1
+    return 0 if complete else ended_by(wakeup.stopped_by)

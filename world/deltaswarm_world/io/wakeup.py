@@ -103,7 +103,8 @@ class Wakeup:
     def __init__(self, session: zenoh.Session, keys: Keys) -> None:
         self.deadline = float("inf")
         """Wall time (monotonic) of the next wake-up; set by `wake_at`."""
-        self.stop_requested = False
+        self.stopped_by = 0
+        """The number of the signal that asks the run to end; 0: none."""
         self.control = ControlQueue()
         self.done: deque[int] = deque()
         """Numbers of completed orders."""
@@ -126,6 +127,11 @@ class Wakeup:
         self._watcher = threading.Thread(target=self._watch, daemon=True)
         self._watcher.start()
         self._await_signal()
+
+    @property
+    def stop_requested(self) -> bool:
+        """Whether a signal has asked the run to end."""
+        return self.stopped_by != 0
 
     def wake_at(self, deadline_s: float) -> None:
         """Wake at a wall time (monotonic) [s], or soon after a signal."""
@@ -175,8 +181,7 @@ class Wakeup:
         threading.Thread(target=self._stop_on, args=(reader,), daemon=True).start()
 
     def _stop_on(self, reader: socket.socket) -> None:
-        reader.recv(1)
-        self.stop_requested = True
+        (self.stopped_by,) = reader.recv(1)
         self.deadline = min(self.deadline, time.monotonic() + STOP_WITHIN_S)
         self._nudge.set()
 
