@@ -59,6 +59,8 @@ class RunPart:
         its machine, whose own line says so."""
         self.was_asked_to_end = False
         """Whether the orchestrator has sent it SIGTERM."""
+        self.seen = ""
+        """Where the run was when its end was seen; the world may know the step."""
 
     @property
     def exit_code(self) -> int | None:

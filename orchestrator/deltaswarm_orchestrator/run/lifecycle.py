@@ -157,7 +157,7 @@ class _Run:
             run_tables.write_json(folder / "summary.json", summary)
         except OSError as error:
             lost = disk.no_room(error, folder)
-            raise RoomError("; ".join([*summary["why"], str(lost)])) from None
+            raise RoomError("; ".join([*summary["why"][:1], str(lost)])) from None
         return self.folder.finish()
 
     def _note_error(self, error: BaseException, what: str) -> str:
@@ -213,8 +213,25 @@ class _Run:
             yield recorder
 
     def _do_steps(self, recorder: Sink | None) -> None:
-        """Do the steps, in real processes or in one, and let observers connect."""
-        if self.options.in_process and recorder is None:  # observers would see nothing
+        """Do the steps, in real processes or in one, and note why they ended too early."""
+        try:
+            self._step_to_the_end(recorder)
+        except StoppedError:
+            pass
+        except (RoomError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
+            if isinstance(error, OSError) and disk.is_refused(error):
+                raise
+            if limit := limits.reached(error):
+                self.ending.fail(f"the run cannot go on: {limit}")
+            else:
+                where = "the run failed" if self.options.in_process else f"the orchestrator failed {self.ending.when}"
+                self.ending.fail(self._note_error(error, where))
+
+    def _step_to_the_end(self, recorder: Sink | None) -> None:
+        """Do the steps, and let observers connect, who would see nothing of a run in one process without recorder."""
+        if self.options.in_process and recorder is None:
             self._run_in_process(None)
             return
         with LiveSocket(self.folder.path, self.folder.target.name, self.scenario) as live:
@@ -222,7 +239,7 @@ class _Run:
             if self.options.in_process and recorder is not None:
                 self._run_in_process(Tap(recorder, self.live_observers))
                 return
-            by_processes = RunByProcesses(
+            RunByProcesses(
                 self.context,
                 self.folder.path,
                 self.folder.is_there,
@@ -230,20 +247,7 @@ class _Run:
                 self.resumed,
                 self.live_observers,
                 self.ending,
-            )
-            try:
-                by_processes.execute(recorder)
-            except StoppedError:
-                pass
-            except (RoomError, KeyboardInterrupt):
-                raise
-            except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
-                if isinstance(error, OSError) and disk.is_refused(error):
-                    raise
-                if limit := limits.reached(error):
-                    self.ending.fail(f"the run cannot go on: {limit}")
-                else:
-                    self.ending.fail(self._note_error(error, f"the orchestrator failed {self.ending.when}"))
+            ).execute(recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
@@ -290,7 +294,7 @@ class _Run:
         if isinstance(entry, str):
             return entry
         step = _steps_lost(outcome).get(entry.number)
-        return entry.how_it_ended("" if step is None else f"in step {step}")
+        return entry.how_it_ended(entry.seen if step is None else f"in step {step}")
 
 
 def _steps_lost(outcome: Outcome) -> dict[int, int]:

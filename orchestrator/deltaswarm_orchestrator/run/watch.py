@@ -238,6 +238,7 @@ class Watch:
             self.disk_is_full |= part.exit_code == NO_ROOM
             if part.exit_code not in (NO_ROOM, LIMIT_REACHED, WORLD_LOST):  # whose cause the line tells
                 self.logs[part.name] = part.log_tail()
+            part.seen = self.when
             self.why.append(self._line(part))
             if part.role == WORLD:
                 self._blame(part)
@@ -249,7 +250,7 @@ class Watch:
         if part.role == AGENT and self._has_begun:
             return part
         stopped = self._stopped() if part.exit_code == GAVE_UP else []
-        return "; ".join([part.how_it_ended(self.when), *(f"{name} is stopped by a signal" for name in stopped)])
+        return "; ".join([*(f"{name} was stopped by a signal" for name in stopped), part.how_it_ended(self.when)])
 
     def _stopped(self) -> list[str]:
         """Return the parts of this machine that somebody has stopped."""
