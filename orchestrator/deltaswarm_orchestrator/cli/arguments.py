@@ -41,7 +41,10 @@ def add_dry_run(command: Group, prints: str) -> None:
 def add_engine(command: Group, scheduler: str) -> None:
     """Add `--engine` and `--scheduler`, whose help says what the scheduler is for."""
     command.add_argument(
-        "--engine", metavar="local|dask", default=LOCAL, help="this machine (default), or a Dask cluster"
+        "--engine",
+        metavar="NAME",
+        default=LOCAL,
+        help="local: this machine (default); dask: a Dask cluster; or an engine of an installed package",
     )
     command.add_argument("--scheduler", metavar="ADDRESS", help=f"with --engine dask: {scheduler}")
 
