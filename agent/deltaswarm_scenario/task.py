@@ -113,7 +113,7 @@ def _judged(run: Recorded) -> list[JudgementRow] | None:
     return list(judgement_rows(pairs, run.targets, run.rows("actions") or ()))
 
 
-class Task(Technique):
+class JudgementTask(Technique):
     """The task. It is on the page during the whole run, and each judgement is an act, so it asks no question."""
 
     name, kind = "task", JUDGE

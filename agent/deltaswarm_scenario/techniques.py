@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from deltaswarm_scenario.isa import Isa, IsaSettings
 from deltaswarm_scenario.questions import Form, FormsSettings, Sheet, SheetSettings
 from deltaswarm_scenario.situation import Sagat, SagatSettings, Spam, SpamSettings
-from deltaswarm_scenario.task import Task
+from deltaswarm_scenario.task import JudgementTask
 from deltaswarm_scenario.technique import AFTER, Measure, ScoredTable, Technique
 from deltaswarm_scenario.tlx import Tlx, TlxSettings
 from deltaswarm_wire.checked import Problem
 
-TECHNIQUES: tuple[type[Technique], ...] = (Task, Sheet, Sagat, Spam, Isa, Tlx, Form)
+TECHNIQUES: tuple[type[Technique], ...] = (JudgementTask, Sheet, Sagat, Spam, Isa, Tlx, Form)
 """All techniques; of several that are due in one step, the first is asked first."""
 
 NAMED = tuple(technique.name for technique in TECHNIQUES if technique.title)

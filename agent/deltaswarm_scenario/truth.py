@@ -54,7 +54,7 @@ UPLINK_REASONS = {
 """Why a report did not reach the operator: the first cause that applied."""
 
 
-class Body(NamedTuple):
+class AgentState(NamedTuple):
     """One agent: its position [m; world frame] and its own `TreeStatus`."""
 
     agent: int
@@ -157,7 +157,7 @@ class Truth(NamedTuple):
 
     step: int
     time_s: float
-    bodies: tuple[Body, ...]
+    bodies: tuple[AgentState, ...]
     events: tuple[EventState, ...]
     links: tuple[tuple[int, int], ...]
     step_record: StepRecord
@@ -194,9 +194,9 @@ def decode_truth(data: bytes) -> Truth:
     )
 
 
-def _body(row: Any) -> Body:
+def _body(row: Any) -> AgentState:
     array(row, 8, "truth.bodies")
-    return Body(
+    return AgentState(
         integer(row[0], 0, MAX_AGENT_ID, "truth.bodies.agent"),
         number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.x_m"),
         number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.y_m"),

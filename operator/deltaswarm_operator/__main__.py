@@ -14,8 +14,8 @@ from pathlib import Path
 from deltaswarm_operator.io.command_options import add_arguments, command_options_of
 from deltaswarm_operator.io.files import TABLE
 from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
-from deltaswarm_operator.io.process import Source, run_operator
-from deltaswarm_operator.io.world_source import WorldConfig, WorldSource
+from deltaswarm_operator.io.process import StepSource, run_operator
+from deltaswarm_operator.io.world_source import WorldSource, WorldSourceConfig
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_scenario.scenario import RunSettings
 from deltaswarm_wire import checked
@@ -126,7 +126,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     without_world = NO_WORLD in argv
     arguments = (open_air_parser() if without_world else parser()).parse_args(argv)
     try:
-        source: Source = _open_air(arguments) if without_world else _world(arguments)
+        source: StepSource = _open_air(arguments) if without_world else _world(arguments)
         config = source.config
         if (config.out / TABLE).exists() and not config.go_on:
             raise FileExistsError(
@@ -147,7 +147,7 @@ def _world(arguments: argparse.Namespace) -> WorldSource:
     briefing = arguments.briefing and checked.load(
         Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8"))
     )
-    config = WorldConfig(
+    config = WorldSourceConfig(
         briefing=briefing,
         station=_end(arguments.channel_fd),
         conductor=_end(arguments.conductor_fd),

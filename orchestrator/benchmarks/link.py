@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.delaying_proxy import delaying_proxy
 from deltaswarm_cluster.actor import AgentsJob, SupervisorActor, Update
-from deltaswarm_cluster.agents import Credentials, Placement, RemoteAgents, Supervisor
+from deltaswarm_cluster.agents import Credentials, DaskPlacement, RemoteAgents, Supervisor
 from deltaswarm_cluster.plan import Worker
 from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
@@ -92,7 +92,7 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
         run, supervisor, remote = f"bench-{secrets.token_hex(4)}", _Here(), None
         if rtt_ms is not None:
             blocks: dict[Supervisor, range] = {supervisor: range(scenario.agents.count)}
-            placement = Placement(supervisor, blocks, f"tls/{LOOPBACK}:0", Credentials.create(LOOPBACK))
+            placement = DaskPlacement(supervisor, blocks, f"tls/{LOOPBACK}:0", Credentials.create(LOOPBACK))
             remote = RemoteAgents(scenario, placement, folder / "logs")
         with ExitStack() as stack:
             swarm = stack.enter_context(Swarm(scenario, run, folder, remote=remote))

@@ -119,7 +119,7 @@ class Cluster(Protocol):
 
 
 @dataclass(frozen=True)
-class Placement:
+class DaskPlacement:
     """The supervisors of a run's agents."""
 
     cluster: Cluster
@@ -178,7 +178,7 @@ class Machine(RunPart):
 class RemoteAgents:
     """All agents of a run at their places; their logs come into the folder `logs`."""
 
-    def __init__(self, scenario: Scenario, placement: Placement, logs: Path) -> None:
+    def __init__(self, scenario: Scenario, placement: DaskPlacement, logs: Path) -> None:
         self.placement = placement
         self._scenario, self._logs = scenario, logs
         self._scheduler = Machine(SCHEDULER, 0, "the Dask scheduler")

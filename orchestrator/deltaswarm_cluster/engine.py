@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING
 
-from deltaswarm_cluster.agents import Credentials, Placement, Supervisor
+from deltaswarm_cluster.agents import Credentials, DaskPlacement, Supervisor
 from deltaswarm_cluster.plan import ClusterError, Remote, divide, spans
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_scenario.scenario import Scenario
@@ -33,7 +33,7 @@ class Dask:
         """
         self._remote.check(scenario)
 
-    def placed(self, agents: int, say: Callable[[str], object]) -> AbstractContextManager[Placement]:
+    def placed(self, agents: int, say: Callable[[str], object]) -> AbstractContextManager[DaskPlacement]:
         """Yield the places of a run's agents, as `_placed`."""
         return _placed(self._remote, agents, say)
 
@@ -45,7 +45,7 @@ class Dask:
 
 
 @contextmanager
-def _placed(remote: Remote, agents: int, say: Callable[[str], object]) -> Iterator[Placement]:
+def _placed(remote: Remote, agents: int, say: Callable[[str], object]) -> Iterator[DaskPlacement]:
     """Yield the places of a run's agents on the workers of a scheduler, all checked.
 
     `say` tells the user where they are.
@@ -69,4 +69,4 @@ def _placed(remote: Remote, agents: int, say: Callable[[str], object]) -> Iterat
         supervisors: dict[Supervisor, Sequence[int]] = {
             supervisor: blocks[supervisor.worker] for supervisor in cluster.supervisors() if supervisor.worker in blocks
         }
-        yield Placement(cluster, supervisors, listen, credentials)
+        yield DaskPlacement(cluster, supervisors, listen, credentials)

@@ -31,7 +31,7 @@ def is_of_studies(error: ModuleNotFoundError) -> bool:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class CheckResult:
     """The result of one check; `advice` says what to do if it is not well."""
 
     name: str
@@ -40,7 +40,7 @@ class Diagnosis:
     advice: str = ""
 
 
-def examine(agents: int) -> list[Diagnosis]:
+def examine(agents: int) -> list[CheckResult]:
     """Check this machine, for runs with this many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
     lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
@@ -51,13 +51,13 @@ def examine(agents: int) -> list[Diagnosis]:
     has_fork_server = "forkserver" in multiprocessing.get_all_start_methods()
     fork_server = "available" if has_fork_server else "missing"
     return [
-        Diagnosis("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
+        CheckResult("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
         *packages,
-        Diagnosis("sweeps and studies", studies, True),
-        Diagnosis("build", provenance.build(), True),
-        Diagnosis("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
+        CheckResult("sweeps and studies", studies, True),
+        CheckResult("build", provenance.build(), True),
+        CheckResult("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
         *(
-            Diagnosis(
+            CheckResult(
                 limit.name,
                 f"{limit.shown} allowed, {limit.needed} needed for {agents} agents",
                 limit.is_enough,
@@ -65,19 +65,19 @@ def examine(agents: int) -> list[Diagnosis]:
             )
             for limit in limits.limits(agents)
         ),
-        Diagnosis("loopback", loopback, problem is None, "ip link set lo up (as root)"),
-        Diagnosis("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
+        CheckResult("loopback", loopback, problem is None, "ip link set lo up (as root)"),
+        CheckResult("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
     ]
 
 
-def _package(name: str, least: str) -> Diagnosis:
+def _package(name: str, least: str) -> CheckResult:
     advice = f"python -m pip install '{name}>={least}'"
     try:
         installed = version(name)
     except PackageNotFoundError:
-        return Diagnosis(name, "not installed", False, advice)
+        return CheckResult(name, "not installed", False, advice)
     numbers, wanted = ([int(part) for part in text.split(".")[:3] if part.isdecimal()] for text in (installed, least))
-    return Diagnosis(name, installed, numbers >= wanted, advice)
+    return CheckResult(name, installed, numbers >= wanted, advice)
 
 
 def loopback_problem() -> str | None:

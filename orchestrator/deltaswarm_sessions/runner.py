@@ -9,7 +9,7 @@ from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli.arguments import free_folder
 from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
-from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, announce, free_address, write_briefing
+from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run import report
@@ -107,7 +107,7 @@ class Runner:
         write_json(self.folder / RECORD, self.session.record)
 
     def _options(self, run: PlannedRun) -> RunOptions:
-        station = Station(self.speed, self.listen, self._token, self.markers, self._opens_browser)
+        station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
         return RunOptions(out=free_folder(self.folder / run.folder), station=station, researcher=self.researcher)
 
     def _do_run(self, run: PlannedRun) -> int:
@@ -133,7 +133,7 @@ class Runner:
             notice(f"the page: {url}")
             announce(out, {"url": url}, opens_browser=False)
 
-        page = Station(self.speed, self.listen, self._token)
+        page = StationChannel(self.speed, self.listen, self._token)
         try:
             serve_page(QUESTIONS, {"--briefing": briefing, "--out": out}, out / "logs", page, say_url, lock=self._lock)
         except LaunchError as error:

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.results.summary import summarise, value_at
 from deltaswarm_orchestrator.scenarios.load import read_toml
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.task import Task
+from deltaswarm_scenario.task import JudgementTask
 from deltaswarm_scenario.technique import Technique
 from deltaswarm_scenario.techniques import measures
 from deltaswarm_sessions.variables import MEASURES
@@ -56,7 +56,7 @@ class CriterionSettings:
             known = f"must be a number in summary.json by its dotted name, or one of {', '.join(MEASURES)}"
             return [Problem("metric", repr(self.metric), known)]
         asked: list[Technique | type[Technique]] = [*scenario.operator.probes.techniques]
-        asked += [Task] if scenario.operator.task.is_on else []
+        asked += [JudgementTask] if scenario.operator.task.is_on else []
         if self._path in {measure.key for technique in asked for measure in technique.measures}:
             return []
         return [

@@ -27,7 +27,7 @@ from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats, describe
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
-from deltaswarm_studies.swarm import Snapshot, phi, swarm
+from deltaswarm_studies.swarm import DrawnSwarm, phi, swarm
 
 COLUMNS = 3
 """Most panels side by side."""
@@ -263,7 +263,7 @@ def swarms(settings: FigureSettings, study: Study) -> Figure:
     return swarm({name: snapshot(scenario, settings.at_s) for name, scenario in runs.items()})
 
 
-def snapshot(scenario: Scenario, time_s: float) -> Snapshot:
+def snapshot(scenario: Scenario, time_s: float) -> DrawnSwarm:
     """Run a scenario with its own seed; return the swarm and its incomplete events after the step at `time_s`.
 
     Raises:
@@ -276,7 +276,7 @@ def snapshot(scenario: Scenario, time_s: float) -> Snapshot:
     for step in range(last):
         run.step(step, False)
     truth = run.world.truth(run.step(last, True))
-    return Snapshot(
+    return DrawnSwarm(
         time_s=truth.time_s,
         width_m=scenario.arena.width_m,
         height_m=scenario.arena.height_m,

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
+from deltaswarm_studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, StudyMetric
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.checked import Problem, did_you_mean
@@ -217,7 +217,7 @@ def _columns(study: Study) -> Iterator[Problem]:
                 break
 
 
-def _has_column(metric: Metric, scenario: Scenario, swept: Sequence[str]) -> bool:
+def _has_column(metric: StudyMetric, scenario: Scenario, swept: Sequence[str]) -> bool:
     if metric.column.startswith("person."):
         return scenario.operator.person.is_on
     return metric.column in swept or metric.column in dict(flattened(summarise(Outcome(), scenario)))

@@ -19,7 +19,7 @@ ID = ["variant", "replicate", "seed"]
 
 
 @dataclass(frozen=True)
-class Metric:
+class StudyMetric:
     """How a run's number is computed, and its name for people."""
 
     title: str
@@ -36,7 +36,7 @@ class Metric:
     share: float = 0.9
     smooth_s: float = 600.0
 
-    def within(self, name: str, from_s: float, until_s: float | None) -> "Metric":
+    def within(self, name: str, from_s: float, until_s: float | None) -> "StudyMetric":
         """Return the metric `name` taken over a stretch of time; unchanged if it has no series."""
         if not self.series or (from_s == 0 and until_s is None):
             return self
@@ -73,13 +73,13 @@ class MetricSettings:
             over_time = ", ".join(name for name, metric in BUILT_IN.items() if metric.series)
             yield Problem("of", repr(self.of), f"must be one of {over_time}")
 
-    def metric(self) -> Metric:
+    def metric(self) -> StudyMetric:
         """Return the metric that the table describes."""
         source = BUILT_IN.get(self.of)
         unit = self.unit or (source.unit if source and self.kind == WINDOW else "s" if source else "")
         title = self.title or (source.title if source else self.column)
         until_s = math.inf if self.until_s is None else self.until_s
-        return Metric(
+        return StudyMetric(
             *(title, unit, self.column, source.series if source else "", self.kind, self.of),
             *(self.from_s, until_s, self.share, self.smooth_s),
         )
@@ -91,8 +91,8 @@ WAITING = "waiting"
 WAITING_ALL, COMPLETION = "waiting_all", "completion_s"
 """Means over all events that could be followed for the horizon, which bounds each of them."""
 
-BUILT_IN: Mapping[str, Metric] = {
-    metric.study: Metric(metric.title, metric.unit, metric.key, metric.over.column if metric.over else "")
+BUILT_IN: Mapping[str, StudyMetric] = {
+    metric.study: StudyMetric(metric.title, metric.unit, metric.key, metric.over.column if metric.over else "")
     for metric in EVERY_KEY
     if metric.study
 }

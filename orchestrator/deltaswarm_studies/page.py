@@ -13,7 +13,7 @@ from deltaswarm_studies import charts, style
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
 from deltaswarm_studies.origin import PROVENANCE, since_the_runs
-from deltaswarm_studies.rendering import Picture, Table, number, p_value, render, table, with_interval
+from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
 from deltaswarm_studies.settings import VERDICTS, FigureSettings
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
@@ -25,13 +25,13 @@ CHARTS: Mapping[str, Callable[[FigureSettings, Study, pd.DataFrame], Figure]] = 
 """The drawing function of each kind of figure in a study file; `time` takes courses, the others take runs."""
 
 
-def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[Picture]]:
+def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[CaptionedFigure]]:
     """Make the page as HTML and as Markdown, and its pictures."""
     pictures, missing = [], []
     for figure in study.file.figure:
         try:
             if drawing := _drawn(study, evidence, figure):
-                pictures.append(Picture(figure.name, drawing, " ".join(figure.caption.split())))
+                pictures.append(CaptionedFigure(figure.name, drawing, " ".join(figure.caption.split())))
         except ValueError as error:  # a page without a figure is better than none
             missing.append(f"The figure {figure.name!r} is missing: {error}.")
     supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
@@ -71,7 +71,7 @@ def _lines(figure: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:
 
 
 def _sections(
-    study: Study, evidence: Evidence, pictures: list[Picture], provenance: pd.DataFrame
+    study: Study, evidence: Evidence, pictures: list[CaptionedFigure], provenance: pd.DataFrame
 ) -> Iterator[dict[str, Any]]:
     parts: tuple[tuple[str, pd.DataFrame, Callable[..., Iterator[Table]]], ...] = (
         ("Contrasts", evidence.contrasts, _contrasts),

@@ -26,7 +26,7 @@ MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "alike": "goo
 
 
 @dataclass(frozen=True)
-class Picture:
+class CaptionedFigure:
     """A figure with its caption."""
 
     name: str

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep, flattened
-from deltaswarm_studies.metrics import Metric, Timing
+from deltaswarm_studies.metrics import StudyMetric, Timing
 from deltaswarm_studies.settings import ContrastSettings, StudyFile
 from deltaswarm_wire import checked
 
@@ -37,7 +37,7 @@ class Study:
     sweep: Sweep
     factors: Mapping[str, Sequence[str]]
     """The levels of each factor, in order."""
-    metrics: Mapping[str, Metric]
+    metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
 
     @property

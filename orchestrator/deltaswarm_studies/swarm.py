@@ -18,7 +18,7 @@ from scipy import stats
 
 from deltaswarm_scenario.density import Component
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_scenario.truth import AgentState, EventState
 from deltaswarm_studies import style
 from deltaswarm_studies.stats import Floats
 
@@ -29,7 +29,7 @@ _SHADES = ListedColormap(matplotlib.colormaps["Greys"](np.linspace(0.0, 0.5, 256
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class DrawnSwarm:
     """A swarm at one time. Positions are in m, world frame; `phi` (rows, columns) is the event density [1/m2].
 
     For a density that moves, `phi` is the mean over the run.
@@ -39,7 +39,7 @@ class Snapshot:
     width_m: float
     height_m: float
     sensing_range_m: float
-    bodies: tuple[Body, ...]
+    bodies: tuple[AgentState, ...]
     events: tuple[EventState, ...]
     phi: Floats
 
@@ -72,7 +72,7 @@ _DEAD = _Kind("dead", "x", style.BLACK, 3.2)
 KINDS = (_FREE, _ATTENDING, _ROOT, *_MEMBERS, _RELOCATING, _DEAD)
 
 
-def swarm(snapshots: Mapping[str, Snapshot], *, width_in: float = style.TEXT_IN) -> Figure:
+def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_IN) -> Figure:
     """Draw one panel per snapshot, side by side (the paper's three panels: decentralised, hierarchical, hybrid).
 
     The shade is the event density, with a dotted line around 95 % of the events; black dots are incomplete events.
@@ -114,7 +114,7 @@ def swarm(snapshots: Mapping[str, Snapshot], *, width_in: float = style.TEXT_IN)
     return figure
 
 
-def kind_of(body: Body) -> _Kind:
+def kind_of(body: AgentState) -> _Kind:
     """Return how an agent is drawn, by its role and level."""
     if body.role in ("member", "orphan"):
         return _MEMBERS[min(max(body.level, 1), _LAST) - 1]
@@ -122,7 +122,7 @@ def kind_of(body: Body) -> _Kind:
     return special.get(body.role, _FREE)
 
 
-def edges(bodies: Sequence[Body]) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+def edges(bodies: Sequence[AgentState]) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
     """Yield a line from each child to its parent [m]; an orphan has lost its parent and gets no line."""
     places = {body.agent: (body.x_m, body.y_m) for body in bodies}
     for body in bodies:
@@ -130,7 +130,7 @@ def edges(bodies: Sequence[Body]) -> Iterator[tuple[tuple[float, float], tuple[f
             yield (body.x_m, body.y_m), places[body.parent]
 
 
-def _panel(axes: Axes, shot: Snapshot) -> None:
+def _panel(axes: Axes, shot: DrawnSwarm) -> None:
     extent = (0.0, shot.width_m, 0.0, shot.height_m)
     axes.imshow(shot.phi, origin="lower", extent=extent, cmap=_SHADES, vmin=0.0, interpolation="nearest", zorder=0)
     level = level_holding(shot.phi, HELD)

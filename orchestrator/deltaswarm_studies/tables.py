@@ -12,7 +12,7 @@ from scipy.stats import t
 
 from deltaswarm_studies import metrics
 from deltaswarm_studies.checks import used_metrics
-from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL, Metric, Timing
+from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL, StudyMetric, Timing
 from deltaswarm_studies.stats import ALPHA, describe
 from deltaswarm_studies.study import Study
 
@@ -55,7 +55,7 @@ def metrics_by_run(study: Study) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _values(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
+def _values(metric: StudyMetric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
     """Compute the metric for each row of the table.
 
     Raises:
@@ -76,7 +76,7 @@ def _values(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, timing: T
     return pd.Series([values.get(run, math.nan) for run in zip(table["variant"], table["replicate"], strict=True)])
 
 
-def _mean_within(metric: Metric, rows: pd.DataFrame, timing: Timing) -> float:
+def _mean_within(metric: StudyMetric, rows: pd.DataFrame, timing: Timing) -> float:
     """Average from `from_s` until `until_s`: means over events by event, others over time; count events."""
     inside = rows["window"] >= timing.windows(metric.from_s)
     if math.isfinite(metric.until_s):
@@ -89,7 +89,7 @@ def _mean_within(metric: Metric, rows: pd.DataFrame, timing: Timing) -> float:
     return float((values * events).sum()) / float(events.sum()) if events.sum() else math.nan
 
 
-def _time_to_converge(metric: Metric, rows: pd.DataFrame, timing: Timing) -> float:
+def _time_to_converge(metric: StudyMetric, rows: pd.DataFrame, timing: Timing) -> float:
     """Return when the running mean first reaches a share of the mean of the last third [s]; NaN if never."""
     ordered = rows.sort_values("window")
     times_s, values = ordered["time_s"].to_numpy(float), ordered["value"].to_numpy(float)

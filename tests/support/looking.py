@@ -8,7 +8,7 @@ import orjson
 
 from deltaswarm_orchestrator.live.observers import Paced
 from deltaswarm_orchestrator.live.views import picture
-from deltaswarm_scenario.truth import Body, EventState, Truth
+from deltaswarm_scenario.truth import AgentState, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Status, Workload
 from tests.support.truths import truth
@@ -16,11 +16,11 @@ from tests.support.truths import truth
 WORKLOAD = Workload(7, 7.0, 3, 2, 3.0, 0.5, 12.0, 0, 0, 0)
 STATUS = Status(7, 300, 7.0, 25, 11, 24.5, 3, 1, "running")
 BODIES = (
-    Body(0, 10.00049, 20.0, "root", 0, NOBODY, 0),
-    Body(1, 11.0, 20.0, "member", 1, 0, 0),
-    Body(2, 90.0, 79.0, "attending", 0, NOBODY, NOBODY),
-    Body(3, 50.0, 50.0, "free", 0, NOBODY, NOBODY),
-    Body(4, 50.0, 95.0, "dead", 0, NOBODY, NOBODY),
+    AgentState(0, 10.00049, 20.0, "root", 0, NOBODY, 0),
+    AgentState(1, 11.0, 20.0, "member", 1, 0, 0),
+    AgentState(2, 90.0, 79.0, "attending", 0, NOBODY, NOBODY),
+    AgentState(3, 50.0, 50.0, "free", 0, NOBODY, NOBODY),
+    AgentState(4, 50.0, 95.0, "dead", 0, NOBODY, NOBODY),
 )
 EVENTS = (EventState(5, 92.0, 70.0, 3.0, None, None, None, 0.0), EventState(6, 1.0, 1.0, 0.0, 1.0, 1.0, 7.0, 200.0))
 

@@ -120,7 +120,15 @@ paper_frames = st.one_of(
 )
 
 bodies = st.builds(
-    truth.Body, agents, metres, metres, roles | st.just(truth.DEAD), agents, agents | nobody, agents | nobody, deltas
+    truth.AgentState,
+    agents,
+    metres,
+    metres,
+    roles | st.just(truth.DEAD),
+    agents,
+    agents | nobody,
+    agents | nobody,
+    deltas,
 )
 event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.none() | times_s] * 3, times_s)
 step_records = st.builds(

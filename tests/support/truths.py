@@ -11,7 +11,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from deltaswarm_orchestrator.recording import RECORDING
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import COLUMNS, DEAD, Body, EventState, StepRecord, Truth
+from deltaswarm_scenario.truth import COLUMNS, DEAD, AgentState, EventState, StepRecord, Truth
 from deltaswarm_wire.messages import NOBODY, Event
 from deltaswarm_wire.operator_messages import Report, Workload
 
@@ -70,11 +70,11 @@ def _worked_on(rng: random.Random, event: EventState, time_s: float) -> EventSta
     )
 
 
-def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
+def _body(agent: int, place: tuple[float, float], roles: list[str]) -> AgentState:
     role = roles[agent]
     in_tree = role in IN_TREE and role != "root"
     root = roles.index("root") if role in IN_TREE and "root" in roles else NOBODY
-    return Body(agent, *place, role, int(in_tree), root if in_tree else NOBODY, root)
+    return AgentState(agent, *place, role, int(in_tree), root if in_tree else NOBODY, root)
 
 
 def _step_record(rng: random.Random, step: int, time_s: float, events_open: int) -> StepRecord:
@@ -117,7 +117,7 @@ def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:
     return [message for one, _, message in found if one == topic]
 
 
-def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
+def truth(*bodies: AgentState, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
     zeros: dict[str, Any] = dict.fromkeys(COLUMNS, 0)
     return Truth(0, 0.0, bodies, events, links, StepRecord.of({**zeros, "time_s": 0.0, "covered_area_m2": None}))
 

@@ -35,7 +35,7 @@ class Stride(NamedTuple):
     dy_m: float
 
 
-class Obstacles(Saved):
+class ObstacleMap(Saved):
     """The obstacles of an agent's map, and the edge of the arena around them."""
 
     def __init__(self, settings: AgentSettings) -> None:

@@ -27,7 +27,7 @@ MAX_REFUSERS = 8
 
 
 @dataclass
-class Sent:
+class SentCommand:
     """A command, and the state that each answering agent reported."""
 
     command: Command
@@ -55,7 +55,7 @@ class Sent:
         return EXPIRED if now_s > self.sent_s + self.command.life_s else SENT
 
 
-def _number(sent: Sent) -> int:
+def _number(sent: SentCommand) -> int:
     return sent.command.number
 
 
@@ -75,7 +75,7 @@ class CommandLog:
         sign: Callable[[bytes], bytes] | None = None,
         first: int | None = None,
     ) -> None:
-        self.sent: list[Sent] = []
+        self.sent: list[SentCommand] = []
         self._forms = forms
         self._sign = sign
         self._first = first
@@ -114,7 +114,7 @@ class CommandLog:
         command = Command(self._next_number(now_s), name, target, dict(arguments), life_s)
         encode_command(command)
         self._queue.append(command)
-        self.sent.append(Sent(command, now_s, by))
+        self.sent.append(SentCommand(command, now_s, by))
         return command
 
     def _next_number(self, now_s: float) -> int:

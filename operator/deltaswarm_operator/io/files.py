@@ -19,7 +19,7 @@ FLUSH_EVERY_S = 1.0
 TABLE, TOTALS, STATE = "operator.csv", "operator.json", "operator-state.json"
 
 
-class Output:
+class OperatorFiles:
     """Writes `operator.csv`, a row per step, and at the end `operator.json`. Never overwrites.
 
     With `go_on` it continues the table of an operator that ended early after the last confirmed row.

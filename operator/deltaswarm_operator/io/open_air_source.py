@@ -12,9 +12,9 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.presence import OpenAirMeter
 from deltaswarm_operator.io.command_options import CommandOptions
 from deltaswarm_operator.io.console_server import ConsoleServer
-from deltaswarm_operator.io.files import Output
+from deltaswarm_operator.io.files import OperatorFiles
 from deltaswarm_operator.io.inbox import BoundedInbox, ItemKind, sender_of, whose_key
-from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, Source
+from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, StepSource
 from deltaswarm_wire.commands import BASE_ID, Turn
 from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.keys import AGENT, RADIO, Keys, parse_token
@@ -45,7 +45,7 @@ class OpenAirConfig(OperatorConfig):
     """A console with commands, a station or both."""
 
 
-class OpenAirSource(Source):
+class OpenAirSource(StepSource):
     """Boards in open air, until a signal. Times count from the operator's start [s]."""
 
     COLUMNS = (*Workload._fields, "agents_alive", "agents_ill")
@@ -65,7 +65,7 @@ class OpenAirSource(Source):
         self._reports: dict[int, deque[Report]] = {}
         """The newest reports of each agent since the last step, for the console."""
 
-    def join(self, session: zenoh.Session, output: Output) -> Console | None:
+    def join(self, session: zenoh.Session, output: OperatorFiles) -> Console | None:
         """Subscribe to what boards report, and whether they are there; declare the radio of the base."""
         keys = Keys(self.config.run)
         self._start_s = time.monotonic()

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, Channel, ConsoleServer, SavedConsole
-from deltaswarm_operator.io.files import Output
+from deltaswarm_operator.io.files import OperatorFiles
 from deltaswarm_operator.io.inbox import BY, Inbox, ItemKind
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_operator.io.page import Page
@@ -75,7 +75,7 @@ class ClosedStep(NamedTuple):
     """Its row of the operator's table."""
 
 
-class Source(ABC):
+class StepSource(ABC):
     """Where reports and time come from, and where turns go. Its methods run in the main thread."""
 
     COLUMNS: ClassVar[Sequence[str]]
@@ -103,7 +103,7 @@ class Source(ABC):
         return zenoh.handlers.Callback(lambda sample: put(arrival, sample), indirect=False)
 
     @abstractmethod
-    def join(self, session: zenoh.Session, output: Output) -> Console | SavedConsole | None:
+    def join(self, session: zenoh.Session, output: OperatorFiles) -> Console | SavedConsole | None:
         """Subscribe and declare publishers; return the console, if the operator has one."""
 
     @abstractmethod
@@ -149,7 +149,7 @@ class OperatorProcess:
     """One run of the operator over an open session."""
 
     def __init__(
-        self, source: Source, session: zenoh.Session, output: Output, station: socket.socket | None = None
+        self, source: StepSource, session: zenoh.Session, output: OperatorFiles, station: socket.socket | None = None
     ) -> None:
         self._source = source
         self._output = output
@@ -250,7 +250,7 @@ class OperatorProcess:
         self._output.finish(self._totals_at(end))
 
 
-def run_operator(source: Source) -> int:
+def run_operator(source: StepSource) -> int:
     """Run the operator. Exit code: 0 after a complete run, else one of `deltaswarm_wire.child`.
 
     Call it in the main thread: it stops on SIGTERM, SIGINT and SIGHUP unless they are ignored.
@@ -295,8 +295,8 @@ def run_operator(source: Source) -> int:
     return {End.WORLD_GONE: WORLD_LOST, End.STOPPED: ended_by(signals[0] if signals else 0)}.get(end, FAILED)
 
 
-def _run_session(source: Source, session: zenoh.Session, station: socket.socket | None) -> End:
-    with Output(source.config.out, source.COLUMNS, go_on=source.config.go_on) as output:
+def _run_session(source: StepSource, session: zenoh.Session, station: socket.socket | None) -> End:
+    with OperatorFiles(source.config.out, source.COLUMNS, go_on=source.config.go_on) as output:
         process = OperatorProcess(source, session, output, station)
         end = End.FAILED
         try:

@@ -9,9 +9,9 @@ from typing import Any, cast
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.console_server import ConsoleServer, SavedConsole
-from deltaswarm_operator.io.files import Output
+from deltaswarm_operator.io.files import OperatorFiles
 from deltaswarm_operator.io.inbox import Inbox, ItemKind
-from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, Source
+from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, StepSource
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
@@ -34,7 +34,7 @@ PUBLISH_EVERY_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorldConfig(OperatorConfig):
+class WorldSourceConfig(OperatorConfig):
     """Configuration of an operator in a world."""
 
     publish_all: bool = False
@@ -45,15 +45,15 @@ class WorldConfig(OperatorConfig):
     """Run details for an operator with a station or script."""
 
 
-class WorldSource(Source):
+class WorldSource(StepSource):
     """The world of one run. It ends after the last clock, or when the world has gone."""
 
     COLUMNS = Workload._fields
     COMPLETE_AT = End.LAST_CLOCK
     REFUSED = "cannot join the world at {endpoint} (is it running, is the password right?)"
 
-    def __init__(self, config: WorldConfig) -> None:
-        self.config: WorldConfig = config
+    def __init__(self, config: WorldSourceConfig) -> None:
+        self.config: WorldSourceConfig = config
         self.inbox = Inbox()
         self.pairs = client_pairs(config.link)
         self.is_awaited = config.briefing is not None and config.briefing.is_awaited
@@ -63,7 +63,7 @@ class WorldSource(Source):
         self._keys = Keys(config.run)
         self._token: zenoh.LivelinessToken | None = None
 
-    def join(self, session: zenoh.Session, output: Output) -> Console | SavedConsole | None:
+    def join(self, session: zenoh.Session, output: OperatorFiles) -> Console | SavedConsole | None:
         """Subscribe to reports and clock; resume from what a killed operator has saved."""
         config, keys = self.config, self._keys
         meter, console = (None, None) if output.state is None else output.state

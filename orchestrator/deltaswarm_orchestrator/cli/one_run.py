@@ -102,7 +102,7 @@ def replay(arguments: argparse.Namespace) -> int:
     """Serve the station's page from a recording, until Ctrl-C."""
     from deltaswarm_orchestrator.processes.pages import serve_page
     from deltaswarm_orchestrator.processes.starter import REPLAY, LaunchError, StoppedError
-    from deltaswarm_orchestrator.processes.station import Station
+    from deltaswarm_orchestrator.processes.station import StationChannel
     from deltaswarm_orchestrator.recording.reader import RecordingError
     from deltaswarm_orchestrator.recording.replay import write_steps
 
@@ -116,7 +116,7 @@ def replay(arguments: argparse.Namespace) -> int:
             write_steps(arguments.run, steps)
         except (RecordingError, OSError) as error:
             raise CommandError(f"{arguments.run}: {error}") from None
-        page = Station(listen=arguments.listen)
+        page = StationChannel(listen=arguments.listen)
         options = {"--steps": steps, "--run": arguments.run.name}
         with stoppable() as stop, suppress(StoppedError):
             try:

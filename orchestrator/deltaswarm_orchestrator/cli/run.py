@@ -228,7 +228,7 @@ def _default_folder(scenario: Scenario) -> Path:
 
 def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
     from deltaswarm_orchestrator.processes.boards import Boards
-    from deltaswarm_orchestrator.processes.station import LOOPBACK, Station
+    from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel
     from deltaswarm_orchestrator.run.options import RunOptions
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
@@ -240,7 +240,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         boards, listen = Boards(tuple(arguments.boards), listen, folder), ANYWHERE
     if arguments.station:
         speed = 1.0 if arguments.speed is None else arguments.speed  # 0 is a speed
-        station = Station(speed, arguments.station_listen or LOOPBACK, markers=arguments.markers or "")
+        station = StationChannel(speed, arguments.station_listen or LOOPBACK, markers=arguments.markers or "")
     if arguments.live == FOXGLOVE:
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(

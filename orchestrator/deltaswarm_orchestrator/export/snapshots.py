@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.recording.reader import (
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
 from deltaswarm_orchestrator.results.run_tables import write_csv
-from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_scenario.truth import AgentState, EventState
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Workload
 
@@ -29,7 +29,7 @@ class Snapshot(NamedTuple):
 
     step: int
     time_s: float
-    bodies: tuple[Body, ...]
+    bodies: tuple[AgentState, ...]
     events: tuple[EventState, ...]
 
     @property
@@ -74,7 +74,9 @@ class Film:
                     if view is not None:
                         yield _with_statuses(view, statuses)
                     _, *frames = message.transforms
-                    places = tuple(Body(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames)
+                    places = tuple(
+                        AgentState(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames
+                    )
                     view = Snapshot(step, time_s, places, tuple(events.values()))
         if view is not None:
             yield _with_statuses(view, statuses)
@@ -120,7 +122,7 @@ def write(film: Film, out: Path) -> None:
         for view in film.snapshots()
         for body in view.bodies
     )
-    write_csv(out / "poses.csv", ("step", "time_s", *Body._fields), poses)
+    write_csv(out / "poses.csv", ("step", "time_s", *AgentState._fields), poses)
     outcome = Outcome(events=film.recording.events, told_s=film.recording.told_s)
     write_csv(out / "events.csv", EventLife._fields, outcome.lives)
     write_csv(out / "workload.csv", Workload._fields, film.recording.workloads)

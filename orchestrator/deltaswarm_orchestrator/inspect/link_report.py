@@ -19,7 +19,7 @@ from deltaswarm_wire.operator_messages import Clock
 
 
 @dataclass(frozen=True)
-class Answer:
+class LinkFindings:
     """The world's findings on one directed link in one step."""
 
     sender: int
@@ -39,7 +39,7 @@ class Answer:
     """Number of steps of the run in the folder."""
 
 
-def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
+def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> LinkFindings:
     """Repeat a run up to a time [s], and examine the link there.
 
     Raises:
@@ -66,7 +66,7 @@ def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) ->
         raise SettingsError(problems)
 
 
-def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[StepRecord]) -> Answer:
+def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[StepRecord]) -> LinkFindings:
     """Do a scenario's run up to a step, examine the link there, and compare the run with `rows`, as far as they go."""
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
@@ -81,7 +81,7 @@ def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, 
     findings = [diagnosis._asdict() for diagnosis in diagnoses]
     reason = next((finding["reason"] for finding in findings if finding["cuts"]), None)
     time_s = at_step * scenario.run.step_s
-    return Answer(sender, receiver, at_step, time_s, reason, tuple(findings), tuple(outcomes), differs, len(rows))
+    return LinkFindings(sender, receiver, at_step, time_s, reason, tuple(findings), tuple(outcomes), differs, len(rows))
 
 
 def _outcomes_at_once(swarm: InProcess, sender: int, step: int) -> list[str]:
@@ -96,7 +96,7 @@ def _air_of(record: StepRecord) -> tuple[Any, ...]:
     return tuple(value for name, value in record.columns().items() if name != "covered_area_m2")
 
 
-def text(answer: Answer) -> str:
+def text(answer: LinkFindings) -> str:
     """Format an answer as text."""
     receiver = "the operator" if answer.receiver == OPERATOR else f"agent {answer.receiver}"
     verdict = "could hear" if answer.reason is None else "could not hear"

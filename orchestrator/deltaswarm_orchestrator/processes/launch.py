@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.processes.elsewhere import AgentsElsewhere
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import Part, RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LEASE, LaunchError, Starter, room_for
-from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
+from deltaswarm_orchestrator.processes.station import STATION, StationChannel, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_scenario.fault import FREEZE
@@ -50,9 +50,9 @@ class Swarm:
     """Returns something true once the user has asked to stop."""
     checkpoint_steps: int = 0
     resumed: Resumed | None = None
-    station: Station | None = None
+    station: StationChannel | None = None
     """The page of the person who watches and commands."""
-    conductor: Station | None = None
+    conductor: StationChannel | None = None
     """The page of the experiment's conductor, to which the operator mirrors the person's."""
 
     def __post_init__(self) -> None:
@@ -64,7 +64,7 @@ class Swarm:
         if any(fault.kind == FREEZE for fault in scenario.fault):
             self.zenoh = [(LEASE, str(FROZEN_LEASE_MS)), *self.zenoh]
         self.zenoh = [*room_for(scenario.agents.count), *self.zenoh]
-        self._pages: set[Station] = set()
+        self._pages: set[StationChannel] = set()
         self._restarts = Counter(self.resumed.restarts if self.resumed else {})
         self._starter = Starter(logs, scenario.control.mode, scenario.run.start_timeout_s, self.was_stopped)
         self.parts = self._starter.parts
@@ -141,7 +141,7 @@ class Swarm:
         channels = {option: page.operators_end for option, page in ends.items() if page is not None}
         self._starter.start(OPERATOR, 0, options, password=self.password(OPERATOR), channels=channels)
 
-    def start_station(self, station: Station | None = None, number: int = 0) -> str:
+    def start_station(self, station: StationChannel | None = None, number: int = 0) -> str:
         """Start or restart the process of a page; return the page's URL.
 
         Args:

@@ -8,7 +8,7 @@ from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.processes.starter import LaunchError, Options, Starter
-from deltaswarm_orchestrator.processes.station import STATION, Station
+from deltaswarm_orchestrator.processes.station import STATION, StationChannel
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 
 START_WITHIN_S = 60.0
@@ -19,7 +19,7 @@ def serve_page(
     feed: str,
     options: Options,
     logs: Path,
-    station: Station,
+    station: StationChannel,
     say_url: Callable[[str], None],
     *,
     lock: FolderLock | None = None,

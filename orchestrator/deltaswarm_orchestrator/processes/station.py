@@ -26,7 +26,7 @@ LOOPBACK = "127.0.0.1:0"
 
 
 @dataclass(eq=False)
-class Station:
+class StationChannel:
     """The station's settings, and the two ends of its channel to the operator.
 
     The operator's end stays open here, so that the operator can be restarted. `speed`: simulated per wall second; 0: as
@@ -65,7 +65,7 @@ def free_address(listen: str) -> str:
         return listen
 
 
-def write_briefing(folder: Path, scenario: Scenario, station: Station | None) -> Path:
+def write_briefing(folder: Path, scenario: Scenario, station: StationChannel | None) -> Path:
     """Write what the operator may know of a scenario into the run folder; return the file."""
     forms = forms_of(find_controller(scenario.control.mode))
     briefing = scenario.for_operator(forms, station.speed if station else 0.0)

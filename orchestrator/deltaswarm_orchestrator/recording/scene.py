@@ -25,7 +25,7 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, ARENA_FRAME, OURS, ROOT_FRAME
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, Body, EventState, Truth
+from deltaswarm_scenario.truth import DEAD, AgentState, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
 
 EPOCH_S = 946_684_800
@@ -219,7 +219,7 @@ def role_rgba(role: str) -> bytes:
     return bytes.fromhex(role_colour(role)[1:]) + OPAQUE
 
 
-def _rounded(things: Iterable[Body | EventState]) -> list[Place]:
+def _rounded(things: Iterable[AgentState | EventState]) -> list[Place]:
     steps = PLACE_STEPS_PER_M
     return [(round(thing.x_m * steps) / steps, round(thing.y_m * steps) / steps) for thing in things]
 

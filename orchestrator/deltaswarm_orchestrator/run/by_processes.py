@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.processes.boards import commands
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import BEFORE_READY, LaunchError
-from deltaswarm_orchestrator.processes.station import Station, announce
+from deltaswarm_orchestrator.processes.station import StationChannel, announce
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
@@ -163,7 +163,7 @@ class RunByProcesses:
             say(f"station: {urls['url']}")
             say(f"only to watch it: {station.watch_url}")
         if options.researcher and has_truth:
-            page, scenario = Station(), self.context.scenario
+            page, scenario = StationChannel(), self.context.scenario
             feed = ResearcherFeed(page.operators_end, swarm.run, scenario, is_beside_operator=station is not None)
             self.live_observers.append(feed)
             urls["researcher_url"] = swarm.start_station(page, 1)

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, LiveErr
 from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.boards import Boards
 from deltaswarm_orchestrator.processes.elsewhere import Placement, RunEngine
-from deltaswarm_orchestrator.processes.station import Station
+from deltaswarm_orchestrator.processes.station import StationChannel
 from deltaswarm_orchestrator.results.folder import check_target
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -33,7 +33,7 @@ class RunOptions:
     """Where the agents are started; None: on this machine."""
     checkpoint_steps: int = 0
     """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
-    station: Station | None = None
+    station: StationChannel | None = None
     """The page of the person who watches and commands; None: no station."""
     researcher: bool = False
     """Whether to serve another page, which shows the truth."""

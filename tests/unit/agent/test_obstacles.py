@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
-from deltaswarm_agent.core.obstacles import Obstacles
+from deltaswarm_agent.core.obstacles import ObstacleMap
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.settings import AgentSettings
@@ -42,7 +42,7 @@ def on_map(*obstacles: ObstacleSettings, **more: Any) -> AgentSettings:
 def test_the_first_crossing_is_that_of_the_edge_ahead(way: Place, crossing: tuple[float, Place] | None) -> None:
     """From (5, 15): its share of the way, and the normal that points back; whichever way round the corners go."""
     for obstacle in (SQUARE, ObstacleSettings(SQUARE.corners_m[::-1])):
-        found = Obstacles(on_map(obstacle)).first_crossing(5.0, 15.0, *way)
+        found = ObstacleMap(on_map(obstacle)).first_crossing(5.0, 15.0, *way)
         if crossing is None:
             assert found is None
         else:
@@ -53,14 +53,14 @@ def test_the_first_crossing_is_that_of_the_edge_ahead(way: Place, crossing: tupl
 
 def test_who_is_inside_by_mistake_walks_out() -> None:
     """No edge is in the way from within."""
-    assert Obstacles(on_map(SQUARE)).first_crossing(15.0, 15.0, 10.0, 3.0) is None
+    assert ObstacleMap(on_map(SQUARE)).first_crossing(15.0, 15.0, 10.0, 3.0) is None
 
 
 @given(polygons(), places, places)
 def test_a_way_without_a_crossing_is_free_in_the_world_too(obstacle: ObstacleSettings, a: Place, b: Place) -> None:
     """It does not touch the obstacle, and no body is stopped on it; a way with a crossing is free up to there."""
     assume(depth_m(obstacle, a) < -NEAR_M)
-    found = Obstacles(on_map(obstacle)).first_crossing(*a, b[0] - a[0], b[1] - a[1])
+    found = ObstacleMap(on_map(obstacle)).first_crossing(*a, b[0] - a[0], b[1] - a[1])
     if found is None:
         assert deepest_m(obstacle, a, b) < NEAR_M
         assert np.array_equal(WorldObstacles([obstacle]).stop(np.array([a]), np.array([b])), [b])
@@ -77,7 +77,7 @@ def test_free_strides_are_free_one_by_one_and_the_next_is_not(
     """Straight on, as many whole strides as fit before the obstacle or the arena's edge."""
     assume(depth_m(obstacle, start) < -NEAR_M)
     assume(min(start) > NEAR_M and max(start) < SIDE_M - NEAR_M)
-    obstacles = Obstacles(on_map(obstacle))
+    obstacles = ObstacleMap(on_map(obstacle))
     dx, dy = stride_m * math.cos(heading), stride_m * math.sin(heading)
     free = obstacles.free_strides(*start, dx, dy, most)
     assert 0 <= free <= most

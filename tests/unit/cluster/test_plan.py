@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_cluster import agents as remote_agents
 from deltaswarm_cluster.actor import AgentFiles, AgentsJob, Update, WorkerLostError
-from deltaswarm_cluster.agents import Credentials, Placement, RemoteAgents
+from deltaswarm_cluster.agents import Credentials, DaskPlacement, RemoteAgents
 from deltaswarm_cluster.plan import (
     ClusterError,
     Installed,
@@ -173,7 +173,7 @@ def supervisors() -> list[Said]:
 def to_start(supervisors: list[Said], tmp_path: Path) -> RemoteAgents:
     """Six agents on two supervisors."""
     blocks = {supervisors[0]: (0, 1, 2), supervisors[1]: (3, 4, 5)}
-    placement = Placement(Well(), blocks, "tls/127.0.0.1:0", Credentials.create("127.0.0.1"))
+    placement = DaskPlacement(Well(), blocks, "tls/127.0.0.1:0", Credentials.create("127.0.0.1"))
     return RemoteAgents(load_scenario("smoke", ["run.start_timeout_s=1"]), placement, tmp_path)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_operator.core.workload import WorkloadMeter
-from deltaswarm_operator.io.files import Output
+from deltaswarm_operator.io.files import OperatorFiles
 from deltaswarm_operator.io.process import End
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.child import WORLD_LOST
@@ -162,7 +162,7 @@ def test_who_is_killed_after_the_last_step_leaves_a_whole_run(world: World, is_t
     world.close_step(0)
     world.wait_until_taken(0)
     world.kill(process)
-    with Output(world.out, Workload._fields, go_on=True) as kept:
+    with OperatorFiles(world.out, Workload._fields, go_on=True) as kept:
         meter, _ = kept.state
         meter.is_over = True
         kept.save((meter, None))

@@ -29,7 +29,7 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import Body, EventState, Truth
+from deltaswarm_scenario.truth import AgentState, EventState, Truth
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import NOBODY
 from tests.support.complaints import Printed
@@ -243,7 +243,7 @@ def test_a_recording_without_a_scenario_is_refused(run: Path, capsys: Printed) -
 def test_roles_of_any_name_are_exported(tmp_path: Path) -> None:
     """ROS allows letters, digits and _ in a topic; a role may be any printable text."""
     (tmp_path / "run").mkdir()
-    odd = [Body(0, 1.0, 2.0, "9 lives/day", 0, NOBODY), Body(1, 3.0, 4.0, "~", 0, NOBODY)]
+    odd = [AgentState(0, 1.0, 2.0, "9 lives/day", 0, NOBODY), AgentState(1, 3.0, 4.0, "~", 0, NOBODY)]
     told: list[Truth] = [truth(*odd), truth(odd[0])]
     with Recorder(tmp_path / "run", SCENARIO) as recorder:
         for one in told:

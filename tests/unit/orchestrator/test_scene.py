@@ -8,7 +8,7 @@ from typing import Any
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS, colour, role_colour
 from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_scenario.truth import AgentState, EventState
 from deltaswarm_wire.checked import load
 from tests.support.truths import ROLES, messages, on, recorded, shown, truth
 
@@ -33,7 +33,7 @@ def test_frames_of_every_step(tmp_path: Path) -> None:
 
 def test_the_arenas_centre_is_the_origin(tmp_path: Path) -> None:
     """Where a viewer's camera looks first."""
-    arena, agent = on("/tf", shown(tmp_path, truth(Body(0, 50.0, 50.0, "free", 0, -1))))[0].transforms
+    arena, agent = on("/tf", shown(tmp_path, truth(AgentState(0, 50.0, 50.0, "free", 0, -1))))[0].transforms
     assert arena.translation.x + agent.translation.x == 0
     assert arena.translation.y + agent.translation.y == 0
 
@@ -52,7 +52,7 @@ def test_roles_have_colours_of_their_own(tmp_path: Path) -> None:
     """Each role is drawn in its own colour, and none in the events' black."""
     assert set(ROLE_COLOURS) == set(ROLES)
     assert len(set(ROLE_COLOURS.values()) | {"#000000"}) == len(ROLES) + 1
-    bodies = [Body(i, float(i), 1.0, role, 0, -1) for i, role in enumerate(ROLES)]
+    bodies = [AgentState(i, float(i), 1.0, role, 0, -1) for i, role in enumerate(ROLES)]
     for role, sphere in zip(ROLES, shapes("/scene/agents", shown(tmp_path, truth(*bodies))).spheres, strict=True):
         assert str(sphere.color) == str(colour(ROLE_COLOURS[role], 0.4 if role == "dead" else 1.0))
 
@@ -60,9 +60,9 @@ def test_roles_have_colours_of_their_own(tmp_path: Path) -> None:
 def test_a_tree_is_drawn_from_child_to_parent(tmp_path: Path) -> None:
     """A line for each agent with a parent; a parent that is not there is hearsay and has none."""
     bodies = [
-        Body(3, 1.0, 1.0, "root", 0, -1),
-        Body(7, 2.0, 2.0, "member", 1, 3),
-        Body(9, 3.0, 3.0, "member", 2, 60_000),
+        AgentState(3, 1.0, 1.0, "root", 0, -1),
+        AgentState(7, 2.0, 2.0, "member", 1, 3),
+        AgentState(9, 3.0, 3.0, "member", 2, 60_000),
     ]
     (line,) = shapes("/scene/tree", shown(tmp_path, truth(*bodies))).lines
     ends = [(line.points[i].x, line.points[i].y) for i in line.indices]
@@ -71,7 +71,7 @@ def test_a_tree_is_drawn_from_child_to_parent(tmp_path: Path) -> None:
 
 def test_links_are_drawn_from_sender_to_receiver(tmp_path: Path) -> None:
     """One list of lines has all deliveries of the step; without any there is no line."""
-    bodies = [Body(0, 1.0, 1.0, "free", 0, -1), Body(1, 2.0, 2.0, "free", 0, -1)]
+    bodies = [AgentState(0, 1.0, 1.0, "free", 0, -1), AgentState(1, 2.0, 2.0, "free", 0, -1)]
     found = shown(tmp_path, truth(*bodies, links=((0, 1), (1, 0))))
     (line,) = shapes("/scene/links", found).lines
     assert (line.type, list(line.indices)) == (line.LINE_LIST, [0, 1, 1, 0])
@@ -109,7 +109,7 @@ def points(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[tuple[floa
 
 def test_agents_and_events_are_points(tmp_path: Path) -> None:
     """Agents in the colours of their roles, known or not; an event is none once it is complete."""
-    bodies = [Body(0, 1.5, 2.0, "root", 0, -1), Body(1, 3.0, 4.0, "strange", 0, -1)]
+    bodies = [AgentState(0, 1.5, 2.0, "root", 0, -1), AgentState(1, 3.0, 4.0, "strange", 0, -1)]
     waiting = EventState(1, 10.0, 20.0, 0.0, None, None, None, 0.0)
     found = shown(tmp_path, truth(*bodies, events=(waiting, waiting._replace(event=2, completed_s=0.0))))
     assert points("/points/agents", found) == [(1.5, 2.0, ROLE_COLOURS["root"]), (3.0, 4.0, role_colour("strange"))]
@@ -118,9 +118,9 @@ def test_agents_and_events_are_points(tmp_path: Path) -> None:
 
 def test_a_swarm_that_changes_is_drawn_as_it_is_now(tmp_path: Path) -> None:
     """Agents come and go, roles change, events come and go: nothing is left of the step before."""
-    bodies = [Body(i, float(i), 1.0, "free", 0, -1) for i in range(4)]
+    bodies = [AgentState(i, float(i), 1.0, "free", 0, -1) for i in range(4)]
     events = tuple(EventState(i, float(i), 2.0, 0.0, None, None, None, 0.0) for i in range(3))
-    now = truth(Body(2, 7.0, 1.0, "root", 0, -1), Body(3, 8.0, 1.0, "member", 1, 2), events=events[2:])
+    now = truth(AgentState(2, 7.0, 1.0, "root", 0, -1), AgentState(3, 8.0, 1.0, "member", 1, 2), events=events[2:])
     (tmp_path / "alone").mkdir()
     after = shown(tmp_path, truth(*bodies, events=events, links=((0, 1),)), truth(*bodies), now)
     alone = shown(tmp_path / "alone", now)
@@ -130,7 +130,7 @@ def test_a_swarm_that_changes_is_drawn_as_it_is_now(tmp_path: Path) -> None:
 
 def test_standings_are_told_when_one_changes(tmp_path: Path) -> None:
     """Role, level, parent and root of all agents, in the order of the frames."""
-    first = [Body(3, 1.0, 1.0, "root", 0, -1, 3), Body(7, 2.0, 2.0, "free", 0, -1)]
+    first = [AgentState(3, 1.0, 1.0, "root", 0, -1, 3), AgentState(7, 2.0, 2.0, "free", 0, -1)]
     moved = [body._replace(x_m=5.0) for body in first]
     joined = [moved[0], moved[1]._replace(role="member", level=1, parent=3, root=3)]
     told = on("/swarm/agents", shown(tmp_path, truth(*first), truth(*moved), truth(*joined)))

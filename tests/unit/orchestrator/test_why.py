@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.inspect.link_report import Answer, examine
+from deltaswarm_orchestrator.inspect.link_report import LinkFindings, examine
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -26,11 +26,11 @@ def a_scenario(*overrides: str) -> Scenario:
     return load_scenario("smoke", [*own, *overrides], seed=3)
 
 
-def cuts(answer: Answer) -> list[str]:
+def cuts(answer: LinkFindings) -> list[str]:
     return [finding["reason"] for finding in answer.findings if finding["cuts"]]
 
 
-def numbers(answer: Answer, reason: str) -> dict[str, Any]:
+def numbers(answer: LinkFindings, reason: str) -> dict[str, Any]:
     (found,) = (finding["numbers"] for finding in answer.findings if finding["reason"] == reason)
     return dict(found)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_scenario.task import DECOY, TARGET, JudgementRow, Task, TaskSettings, judgement_rows, score
+from deltaswarm_scenario.task import DECOY, TARGET, JudgementRow, JudgementTask, TaskSettings, judgement_rows, score
 from deltaswarm_scenario.technique import Recorded
 from deltaswarm_sessions.session import score_form
 from tests.support.tiers import in_one_test
@@ -104,7 +104,7 @@ def test_the_table_is_there_if_there_was_a_task_and_somebody_to_do_it() -> None:
     """Also if nothing was judged."""
     numbers = [{"number": "1", "event": "77"}, {"number": "2", "event": "78"}]
     acts = [{"kind": "judge", "time_s": f"{at}", "event": "1", "name": name} for at, name in enumerate("aab")]
-    scored = Task.scored
+    scored = JudgementTask.scored
     assert scored is not None
     assert scored.score(Recorded({"event_numbers": numbers}.get)) is None
     assert scored.score(Recorded({}.get, targets=frozenset({77}))) is None
@@ -113,7 +113,7 @@ def test_the_table_is_there_if_there_was_a_task_and_somebody_to_do_it() -> None:
     tables = {"event_numbers": numbers, "actions": acts}
     judged = scored.score(Recorded(tables.get, targets=frozenset({78})))
     assert judged == [JudgementRow(1, 77, DECOY, "b", 2.0, 1), JudgementRow(2, 78, TARGET, "", None, 0)]
-    assert list(Task.of(None)) == []
+    assert list(JudgementTask.of(None)) == []
     assert (TaskSettings().is_on, TaskSettings(target_share=0.5).is_on) == (False, True)
-    whole = {measure.key.removeprefix("task.") for measure in Task.measures if measure.is_whole}
+    whole = {measure.key.removeprefix("task.") for measure in JudgementTask.measures if measure.is_whole}
     assert whole == {"hits", "misses", "false_alarms", "correct_rejections", "unjudged", "events"}

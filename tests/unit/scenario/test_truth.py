@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_scenario.truth import (
     COLUMNS,
-    Body,
+    AgentState,
     EventState,
     Sample,
     StepRecord,
@@ -50,9 +50,9 @@ def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
 @in_one_test(
     ("place", "row", "field"),
     [
-        ("bodies", Body(0, 0.0, 0.0, "a role of too many letters", 0, -1, -1), "role"),
-        ("bodies", Body(0, 0.0, 0.0, "free", 0, -2, -1), "parent"),
-        ("bodies", Body(0, float("nan"), 0.0, "free", 0, -1, -1), "x_m"),
+        ("bodies", AgentState(0, 0.0, 0.0, "a role of too many letters", 0, -1, -1), "role"),
+        ("bodies", AgentState(0, 0.0, 0.0, "free", 0, -2, -1), "parent"),
+        ("bodies", AgentState(0, float("nan"), 0.0, "free", 0, -1, -1), "x_m"),
         ("events", EventState(0, 0.0, 0.0, 1.0, -1.0, None, None, 0.0), "sensed_s"),
         ("events", EventState(0, 0.0, 0.0, 1.0, None, None, float("inf"), 0.0), "completed_s"),
         ("links", (0, True), "receiver"),
@@ -67,7 +67,7 @@ def test_a_wrong_value_in_a_row_is_named(place: str, row: Any, field: str) -> No
 
 def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
     """Truth outgrows a low-latency link, and stays below its own limit."""
-    agents = tuple(Body(agent, agent / 7, agent / 3, "member", 3, 1, 0) for agent in range(1000))
+    agents = tuple(AgentState(agent, agent / 7, agent / 3, "member", 3, 1, 0) for agent in range(1000))
     events = tuple(EventState(event, 1 / 3, 1 / 7, 1 / 9, None, None, None, 0.1) for event in range(1000))
     links = tuple((sender, receiver) for sender in range(1000) for receiver in range(0, 1000, 40))
     step = Truth(1, 1.0, agents, events, links, TALLY)
@@ -78,7 +78,7 @@ def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
 
 def test_oversized_truth_is_refused_at_both_ends() -> None:
     """The sender gets an error; a receiver does not even look."""
-    body = Body(65535, 1 / 3, 1 / 3, "relocating", 1, 1, 0)
+    body = AgentState(65535, 1 / 3, 1 / 3, "relocating", 1, 1, 0)
     with pytest.raises(WireError, match=rf"^sample must .*{MAX_ORDINARY_BYTES}"):
         encode_truth(Truth(1, 1.0, (body,) * 300_000, (), (), TALLY))
     with pytest.raises(WireError, match=r"^sample must"):

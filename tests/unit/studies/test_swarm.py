@@ -13,9 +13,9 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings
 from deltaswarm_scenario.scenario import ArenaSettings, Scenario
-from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_scenario.truth import AgentState, EventState
 from deltaswarm_studies import style
-from deltaswarm_studies.charts import Snapshot, snapshot
+from deltaswarm_studies.charts import DrawnSwarm, snapshot
 from deltaswarm_studies.swarm import edges, kind_of, level_holding, phi, swarm
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_world.core.density import Places
@@ -23,23 +23,23 @@ from deltaswarm_world.core.obstacles import Obstacles
 from tests.support.truths import ROLES
 
 BODIES = (
-    Body(0, 50, 50, "root", 0, NOBODY),
-    Body(1, 57, 50, "member", 1, 0),
-    Body(2, 64, 50, "member", 2, 1),
-    Body(3, 71, 50, "orphan", 3, 2),
-    Body(4, 20, 20, "free", 0, NOBODY),
-    Body(5, 30, 80, "attending", 0, NOBODY),
-    Body(6, 40, 40, "relocating", 0, NOBODY),
-    Body(7, 78, 50, "member", 9, 2),
-    Body(8, 5, 95, "dead", 0, NOBODY),
-    Body(9, 44, 56, "member", 1, 77),  # its parent is hearsay
-    Body(10, 60, 10, "leaving", 0, NOBODY),
+    AgentState(0, 50, 50, "root", 0, NOBODY),
+    AgentState(1, 57, 50, "member", 1, 0),
+    AgentState(2, 64, 50, "member", 2, 1),
+    AgentState(3, 71, 50, "orphan", 3, 2),
+    AgentState(4, 20, 20, "free", 0, NOBODY),
+    AgentState(5, 30, 80, "attending", 0, NOBODY),
+    AgentState(6, 40, 40, "relocating", 0, NOBODY),
+    AgentState(7, 78, 50, "member", 9, 2),
+    AgentState(8, 5, 95, "dead", 0, NOBODY),
+    AgentState(9, 44, 56, "member", 1, 77),  # its parent is hearsay
+    AgentState(10, 60, 10, "leaving", 0, NOBODY),
 )
 EVENTS = tuple(EventState(i, 10.0 * i, 5.0 * i + 30, 0.0, None, None, None, 0.0) for i in range(1, 8))
 
 
-def shot(bodies: tuple[Body, ...] = BODIES, events: tuple[EventState, ...] = EVENTS) -> Snapshot:
-    return Snapshot(600.0, 100.0, 100.0, 5.0, bodies, events, phi(Scenario(), 50))
+def shot(bodies: tuple[AgentState, ...] = BODIES, events: tuple[EventState, ...] = EVENTS) -> DrawnSwarm:
+    return DrawnSwarm(600.0, 100.0, 100.0, 5.0, bodies, events, phi(Scenario(), 50))
 
 
 def places(axes: Axes, name: str) -> np.ndarray:

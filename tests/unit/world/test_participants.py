@@ -7,7 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from deltaswarm_world.core.participants import TRANSITIONS, Cause, Condition, Participants, diagram
+from deltaswarm_world.core.participants import TRANSITIONS, Condition, ConditionCause, Participants, diagram
 from tests.support.worlds import begin
 
 PAGE = Path(__file__).parents[3] / "docs" / "PARTICIPANTS.md"
@@ -171,7 +171,7 @@ def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away
 def test_an_absent_agent_is_neither_asked_nor_frozen() -> None:
     """The only way out of absence is a process."""
     causes = {cause for condition, cause in TRANSITIONS if condition is Condition.ABSENT}
-    assert causes == {Cause.TOKEN}
+    assert causes == {ConditionCause.TOKEN}
 
 
 def test_the_page_shows_the_table() -> None:

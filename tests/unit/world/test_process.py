@@ -16,7 +16,7 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.core.participants import MAX_RETURNS, Participants
-from deltaswarm_world.core.retransmit_buffer import ClosedStep
+from deltaswarm_world.core.retransmit_buffer import StepMessages
 from deltaswarm_world.core.world import WorldCore
 from deltaswarm_world.io.files import EVENTS_SO_FAR, WorldOutput
 from deltaswarm_world.io.process import WorldProcess
@@ -101,7 +101,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Pe
     world = begun(fabric, tmp_path)
     world._core.participants.step, world._loop.has_begun = LAST, True
     for step in range(LAST + 1):
-        world._loop.buffer.add(ClosedStep(step, [], b"%d" % step), now=True)
+        world._loop.buffer.add(StepMessages(step, [], b"%d" % step), now=True)
     world.goodbye()
     assert fabric.has_left
     lives = sum(message == GOES for batch in batches for message in batch)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_world.core.retransmit_buffer import ClosedStep, RetransmitBuffer
+from deltaswarm_world.core.retransmit_buffer import RetransmitBuffer, StepMessages
 
 
 class Listener:
@@ -43,7 +43,7 @@ def test_each_step_arrives_once(events: list[str]) -> None:
         if event == "step":
             step = len(wanted)
             wanted.append(tuple(b"%d/%d" % (step, number) for number in range(step % 3)))
-            buffer.add(ClosedStep(step, list(wanted[-1]), b"%d" % step), now=is_there)
+            buffer.add(StepMessages(step, list(wanted[-1]), b"%d" % step), now=is_there)
         elif event == "save" and is_there:
             buffer.confirm(operator.save())
         elif event == "gone":
@@ -61,8 +61,8 @@ def test_who_has_all_is_told_once_more_that_it_was_the_last() -> None:
     reports: list[bytes] = []
     clocks: list[bytes] = []
     buffer = RetransmitBuffer(reports.append, clocks.append)
-    buffer.add(ClosedStep(0, [b"a"], b"0"), now=True)
-    buffer.add(ClosedStep(1, [b"b"], b"1", last=True), now=True)
+    buffer.add(StepMessages(0, [b"a"], b"0"), now=True)
+    buffer.add(StepMessages(1, [b"b"], b"1", last=True), now=True)
     buffer.resend_after(1)
     assert reports == [b"a", b"b"]
     assert clocks == [b"0", b"1", b"1"]

@@ -31,7 +31,7 @@ class Condition(StrEnum):
     FROZEN = "frozen"
 
 
-class Cause(StrEnum):
+class ConditionCause(StrEnum):
     """Why an agent changes its condition."""
 
     TOKEN = "its liveliness token appeared"
@@ -46,23 +46,23 @@ class Cause(StrEnum):
 
 ABSENT, IDLE, ASKED, HUNG, FROZEN = Condition
 
-TRANSITIONS: dict[tuple[Condition, Cause], Condition] = {
-    (ABSENT, Cause.TOKEN): IDLE,
-    (IDLE, Cause.FRAME): ASKED,
-    (ASKED, Cause.ACT): IDLE,
-    (ASKED, Cause.TIMEOUT): HUNG,
-    (HUNG, Cause.ACT): IDLE,
-    (IDLE, Cause.FREEZE): FROZEN,
-    (HUNG, Cause.FREEZE): FROZEN,
-    (FROZEN, Cause.THAW): IDLE,
-    (IDLE, Cause.TOKEN_GONE): ABSENT,
-    (ASKED, Cause.TOKEN_GONE): ABSENT,
-    (HUNG, Cause.TOKEN_GONE): ABSENT,
-    (FROZEN, Cause.TOKEN_GONE): ABSENT,
-    (IDLE, Cause.KILLED): ABSENT,
-    (ASKED, Cause.KILLED): ABSENT,
-    (HUNG, Cause.KILLED): ABSENT,
-    (FROZEN, Cause.KILLED): ABSENT,
+TRANSITIONS: dict[tuple[Condition, ConditionCause], Condition] = {
+    (ABSENT, ConditionCause.TOKEN): IDLE,
+    (IDLE, ConditionCause.FRAME): ASKED,
+    (ASKED, ConditionCause.ACT): IDLE,
+    (ASKED, ConditionCause.TIMEOUT): HUNG,
+    (HUNG, ConditionCause.ACT): IDLE,
+    (IDLE, ConditionCause.FREEZE): FROZEN,
+    (HUNG, ConditionCause.FREEZE): FROZEN,
+    (FROZEN, ConditionCause.THAW): IDLE,
+    (IDLE, ConditionCause.TOKEN_GONE): ABSENT,
+    (ASKED, ConditionCause.TOKEN_GONE): ABSENT,
+    (HUNG, ConditionCause.TOKEN_GONE): ABSENT,
+    (FROZEN, ConditionCause.TOKEN_GONE): ABSENT,
+    (IDLE, ConditionCause.KILLED): ABSENT,
+    (ASKED, ConditionCause.KILLED): ABSENT,
+    (HUNG, ConditionCause.KILLED): ABSENT,
+    (FROZEN, ConditionCause.KILLED): ABSENT,
 }
 
 
@@ -130,7 +130,7 @@ class Participants(Saved):
         self.step = step
         self._lost_before = len(self.lost)
         for agent in asked:
-            self._change(agent, Cause.FRAME)
+            self._change(agent, ConditionCause.FRAME)
         for agent, attendance in self.boards.items():
             attendance.absent_steps += agent in self._in[ABSENT]
 
@@ -149,12 +149,12 @@ class Participants(Saved):
         if step != self.step or agent not in self._in[ASKED]:
             return False
         self._answers_due.pop(agent, None)  # it answers in order: what is still due was lost
-        return self._change(agent, Cause.ACT)
+        return self._change(agent, ConditionCause.ACT)
 
     def answer_late(self, agent: int, step: int) -> bool:
         """Take an act that does not answer the frame of this step; return whether it was still due."""
         if agent in self._in[HUNG] and step >= self._missed[agent]:
-            return self._change(agent, Cause.ACT)
+            return self._change(agent, ConditionCause.ACT)
         if self._answers_due[agent]:
             self._answers_due[agent] -= 1
             return True
@@ -170,7 +170,7 @@ class Participants(Saved):
         late = sorted(self._in[ASKED])
         for agent in late:
             self._missed[agent] = self.step
-            self._change(agent, Cause.TIMEOUT)
+            self._change(agent, ConditionCause.TIMEOUT)
         for agent in self._in[HUNG] & self.boards.keys():
             self.boards[agent].late_steps += 1
         return late
@@ -180,7 +180,7 @@ class Participants(Saved):
     def token_gone(self, agent: int) -> None:
         """Note that an agent's liveliness token disappeared: an agent is lost, a board is absent."""
         is_due = agent in self._in[ASKED] or agent in self._in[HUNG]
-        if not self._change(agent, Cause.TOKEN_GONE):
+        if not self._change(agent, ConditionCause.TOKEN_GONE):
             return
         if agent not in self.boards:
             self.lost[self._lost_before :] = sorted([*self.lost[self._lost_before :], agent])
@@ -191,22 +191,22 @@ class Participants(Saved):
 
     def token_back(self, agent: int) -> None:
         """Note that an agent's token reappeared; it takes part from the next step on, unless it died too often."""
-        if self.lost.count(agent) <= MAX_RETURNS and self._change(agent, Cause.TOKEN):
+        if self.lost.count(agent) <= MAX_RETURNS and self._change(agent, ConditionCause.TOKEN):
             self.returned.add(agent)
 
     def kill(self, agent: int) -> None:
         """Remove an agent killed by an order, which does not count as lost."""
-        self._change(agent, Cause.KILLED)
+        self._change(agent, ConditionCause.KILLED)
 
     def freeze(self, frozen: Collection[int]) -> None:
         """Let these agents be frozen, and no others. A frame that a hung agent did not answer may be answered later."""
         for agent in sorted(self._in[FROZEN].difference(frozen)):
-            self._change(agent, Cause.THAW)
+            self._change(agent, ConditionCause.THAW)
         for agent in frozen:
             is_due = agent in self._in[HUNG]
-            self._answers_due[agent] += self._change(agent, Cause.FREEZE) and is_due
+            self._answers_due[agent] += self._change(agent, ConditionCause.FREEZE) and is_due
 
-    def _change(self, agent: int, cause: Cause) -> bool:
+    def _change(self, agent: int, cause: ConditionCause) -> bool:
         """Change an agent's condition as the table says; return whether the table lists a change."""
         for condition, agents in self._in.items():
             if agent in agents:

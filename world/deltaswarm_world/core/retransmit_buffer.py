@@ -8,7 +8,7 @@ AHEAD_STEPS = 200
 """Lead over a part's newest taken step at which the world waits; bounds kept steps and queues."""
 
 
-class ClosedStep(NamedTuple):
+class StepMessages(NamedTuple):
     """The operator's messages of one step: forwarded reports, then the clock, all encoded."""
 
     step: int
@@ -27,9 +27,9 @@ class RetransmitBuffer:
         self.confirmed = -1
         """The operator's newest confirmed step."""
         self._send_report, self._send_clock = send_report, send_clock
-        self._kept: deque[ClosedStep] = deque()
+        self._kept: deque[StepMessages] = deque()
 
-    def add(self, step: ClosedStep, *, now: bool) -> None:
+    def add(self, step: StepMessages, *, now: bool) -> None:
         """Keep a closed step; send it `now` unless the operator is away."""
         self._kept.append(step)
         if now:
@@ -50,7 +50,7 @@ class RetransmitBuffer:
         for kept in self._kept:
             self._send(kept)
 
-    def _send(self, step: ClosedStep) -> None:
+    def _send(self, step: StepMessages) -> None:
         for report in step.reports if step.step > self.confirmed else ():
             self._send_report(report)
         self._send_clock(step.clock)

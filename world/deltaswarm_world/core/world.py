@@ -11,7 +11,7 @@ from itertools import accumulate
 from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import COLUMNS, DEAD, DROP_REASONS, UPLINK_REASONS, Body, Sample, StepRecord, Truth
+from deltaswarm_scenario.truth import COLUMNS, DEAD, DROP_REASONS, UPLINK_REASONS, AgentState, Sample, StepRecord, Truth
 from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
@@ -303,7 +303,7 @@ class WorldCore(Saved):
         bodies, present = [], self.participants.present
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
             status = self._tree_statuses.get(agent, SILENT) if agent in present else GONE
-            bodies.append(Body(agent, x_m, y_m, *status))
+            bodies.append(AgentState(agent, x_m, y_m, *status))
         events = tuple(self.environment.states_to_show())
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
 

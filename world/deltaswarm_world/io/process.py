@@ -13,7 +13,7 @@ from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwar
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
 from deltaswarm_wire.session import closing
 from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
-from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep
+from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, StepMessages
 from deltaswarm_world.io import saving
 from deltaswarm_world.io.event_loop import EventLoop
 from deltaswarm_world.io.files import WorldOutput
@@ -252,7 +252,7 @@ class WorldProcess:
         self._loop.take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))
-        self._loop.buffer.add(ClosedStep(record.step, reports, clock, last), now=not self._loop.operator_left)
+        self._loop.buffer.add(StepMessages(record.step, reports, clock, last), now=not self._loop.operator_left)
         if self._loop.operator_left:
             self._welcome_operator()
         self._loop.is_over = last

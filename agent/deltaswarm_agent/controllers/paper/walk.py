@@ -10,7 +10,7 @@ from random import Random
 from deltaswarm_agent.controller import Velocity
 from deltaswarm_agent.controllers.paper.finds import RANDOM, RETURNING
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
-from deltaswarm_agent.core.obstacles import Obstacles, Stride
+from deltaswarm_agent.core.obstacles import ObstacleMap, Stride
 from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
@@ -30,7 +30,7 @@ class Walk(Saved):
         self._step_s = shared.step_s
         self._leg_max_s = leg_max_s
         self._size_m = (shared.width_m, shared.height_m)
-        self._obstacles = Obstacles(shared)
+        self._obstacles = ObstacleMap(shared)
         self._vx = self._vy = 0.0
         self._ends = -1
         """The step in which the next leg begins."""

@@ -3,7 +3,7 @@
 from collections import deque
 
 from deltaswarm_agent.controllers.paper.frames import PaperFrame
-from deltaswarm_agent.core.obstacles import Obstacles
+from deltaswarm_agent.core.obstacles import ObstacleMap
 from deltaswarm_wire.messages import Pose
 from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
@@ -25,7 +25,7 @@ class Whereabouts(Saved):
         self._range_m2 = shared.range_m**2
         self._reach_m2 = (shared.range_m - RANGE_MARGIN_M) ** 2
         self._size_m = (shared.width_m, shared.height_m)
-        self._obstacles = Obstacles(shared)
+        self._obstacles = ObstacleMap(shared)
         self._d_min_m2 = d_min_m**2
 
     def move_to(self, pose: Pose, since: tuple[Pose, ...]) -> None:
