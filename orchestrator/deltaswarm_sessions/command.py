@@ -21,6 +21,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 )
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
+from deltaswarm_sessions.folder import folder_name
 from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
@@ -131,7 +132,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     language = f" --language {arguments.language}" if arguments.language else ""
     runner = Runner(
         session=Session(participant, plan(settings, participant, beside)),
-        folder=out / f"participant-{participant:03}",
+        folder=out / folder_name(participant),
         speed=settings.speed,
         listen=arguments.station_listen,
         markers=arguments.markers or "",

@@ -1,12 +1,13 @@
 """A participant's folder: the record `session.json`, the attempts at each run, and all answers given in it or later."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording import SCENARIO
+from deltaswarm_orchestrator.results.folder import results_in
 from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION, read_rows
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -18,6 +19,11 @@ from deltaswarm_sessions.session import Attempt, Session, changed_keys
 RECORD, SUMMARY = "session.json", "summary.json"
 
 Row = dict[str, str]
+
+
+def folder_name(participant: int) -> str:
+    """Return the name of a participant's folder."""
+    return f"participant-{participant:03}"
 
 
 def check_design(folder: Path, session: Session) -> None:
@@ -38,12 +44,45 @@ def check_design(folder: Path, session: Session) -> None:
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record in a participant's folder. Raises CommandError: it cannot be read."""
-    return _read_file(folder / RECORD, "runs")
+    """Return the record in a participant's folder.
+
+    Raises:
+        CommandError: it cannot be read, or it, or a file that it seals, has been changed.
+    """
+    record = _having(folder / RECORD, seal.checked(folder / RECORD), "runs")
+    if folder.name != folder_name(record["participant"]):
+        raise CommandError(f"{folder / RECORD} must be of this participant (got participant {record['participant']})")
+    return record
+
+
+def write_record(folder: Path, session: Session) -> None:
+    """Write the record, which seals the manifests of all attempts (and they their runs) and the later answers."""
+    attempts = [attempt.folder for attempts in session.attempts.values() for attempt in attempts]
+    names = [f"{name}/{seal.MANIFEST}" for name in attempts]
+    pages = [page for name in attempts for page in folders_of_later_answers(folder / name)]
+    names += [f"{page.name}/{PROBES}" for page in pages]
+    files = seal.digests(folder, [name for name in names if (folder / name).exists()])
+    seal.write_sealed(folder / RECORD, session.record, files)
+
+
+def unsealed_in(folder: Path, record: dict[str, Any]) -> list[str]:
+    """Return what a participant's tables rest on and nothing vouches for: runs and answers from before seals."""
+    attempts = [attempt["folder"] for run in record["runs"] for attempt in run["attempts"]]
+    found = [f"{name}/{file}" for name in attempts for file in _not_sealed(folder / name)]
+    names = [f"{page.name}/{PROBES}" for name in attempts for page in folders_of_later_answers(folder / name)]
+    return found + seal.not_sealed(record, [name for name in names if (folder / name).exists()])
+
+
+def _not_sealed(run: Path) -> list[str]:
+    return seal.not_sealed(seal.read_sealed(run / seal.MANIFEST), results_in(run))
 
 
 def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
-    """Return all attempts at a run that have ended, in order. Raises CommandError: a summary cannot be read."""
+    """Return all attempts at a run that have ended, in order.
+
+    Raises:
+        CommandError: a summary cannot be read, or a file of an attempt has been changed.
+    """
     found: list[Attempt] = []
     for name in _names_of_attempts(folder, run):
         here = folder / name
@@ -63,7 +102,8 @@ def summary_of(run: Path) -> dict[str, Any]:
 
     Raises CommandError, as above.
     """
-    summary = _with_later_answers(run, _read_file(run / SUMMARY, "complete"))
+    seal.checked(run / seal.MANIFEST)
+    summary = _with_later_answers(run, _having(run / SUMMARY, seal.read_sealed(run / SUMMARY), "complete"))
     if rows := read_rows(run / SITUATION):
         share = sum(row["is_right"] == "1" for row in rows) / len(rows)
         summary["person"] = {**(summary.get("person") or {}), "situation_right_share": share}
@@ -115,13 +155,9 @@ def _attempt_number(name: str, run: PlannedRun) -> int:
     return 1 if name == run.folder else int(number) if number != name and number.isdecimal() else 0
 
 
-def _read_file(file: Path, needed: str) -> dict[str, Any]:
-    """Return a JSON file that has this key. Raises CommandError: it cannot be read, or was cut off."""
-    try:
-        content = dict(json.loads(file.read_text(encoding="utf-8")))
-        content[needed]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise CommandError(
-            f"{file} must be a whole file of this session ({error!r}); restore it, or move it away"
-        ) from None
+def _having(file: Path, content: dict[str, Any], needed: str) -> dict[str, Any]:
+    """Return the content of a file if it has this key. Raises CommandError: it has not, or there is no file."""
+    if needed not in content:
+        reason = f"it has no {needed!r}" if content else "it is missing"
+        raise CommandError(f"{file} must be a whole file of this session ({reason}); restore it, or move it away")
     return content

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError, aligned
 from deltaswarm_sessions.plan import group_of
 from deltaswarm_sessions.power import (
@@ -116,6 +117,7 @@ def _conditions(settings: SessionSettings, question: Question) -> tuple[str, str
 
 def _read(runs: Path) -> tuple[list[Row], list[str]]:
     """Return the complete runs after the training, and the columns with numbers that measure them."""
+    seal.checked(runs.with_name(seal.RECORD))
     try:
         with runs.open(newline="", encoding="utf-8") as stream:
             reader = csv.DictReader(stream, delimiter="\t")

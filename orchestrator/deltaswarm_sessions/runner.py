@@ -4,6 +4,7 @@ import secrets
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli.arguments import free_folder
@@ -11,10 +12,16 @@ from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
-from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_sessions.folder import RECORD, attempts_at, check_design, folders_of_later_answers, scenario_of
+from deltaswarm_sessions.folder import (
+    RECORD,
+    attempts_at,
+    check_design,
+    folders_of_later_answers,
+    scenario_of,
+    write_record,
+)
 from deltaswarm_sessions.plan import PlannedRun, order_warning
 from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
 
@@ -100,11 +107,12 @@ class Runner:
         return OK
 
     def _read(self) -> None:
+        seal.checked(self.folder / RECORD)  # before a new record seals what it finds
         for run in self.session.runs:
             self.session.attempts[run.folder] = attempts_at(self.folder, run)
 
     def _write(self) -> None:
-        write_json(self.folder / RECORD, self.session.record)
+        write_record(self.folder, self.session)
 
     def _options(self, run: PlannedRun) -> RunOptions:
         station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)

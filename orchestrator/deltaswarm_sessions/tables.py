@@ -8,12 +8,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base.exits import CommandError, notice
 from deltaswarm_orchestrator.results.run_tables import PROBES, read_rows
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
-from deltaswarm_sessions.folder import RECORD, answers, read_record, summary_of
+from deltaswarm_sessions.folder import RECORD, answers, read_record, summary_of, unsealed_in
 from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
@@ -25,7 +26,7 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     """Write the tables of all participants below a folder of sessions; return the files.
 
     Raises:
-        CommandError: there is no session, or a file of one cannot be read.
+        CommandError: there is no session, or a file of one cannot be read or has been changed.
     """
     folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
     if not folders:
@@ -33,6 +34,7 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     records = {folder: read_record(folder) for folder in folders}
     runs = [run for folder, record in records.items() for run in _runs(folder, record)]
     out.mkdir(parents=True, exist_ok=True)
+    (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
     files = [
         _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, map(_participant, records.values())),
         _write(out / f"{RUNS}.tsv", {**KEYS, **RUN}, (run for _, run in runs)),
@@ -40,7 +42,17 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     for name, table in TABLES.items():
         rows = (keys | row for folder, keys in runs for row in _rows(folder, name))
         files.append(_write(out / f"{name}.tsv", {**KEYS, **dict.fromkeys(table._fields)}, rows))
-    return [*files, _write(out / f"{DICTIONARY}.tsv", dict.fromkeys(("table", "column", *_TOLD)), _dictionary())]
+    files.append(_write(out / f"{DICTIONARY}.tsv", dict.fromkeys(("table", "column", *_TOLD)), _dictionary()))
+    unsealed = [f"{folder.name}/{name}" for folder, record in records.items() for name in unsealed_in(folder, record)]
+    if unsealed:
+        notice(f"{sessions}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")
+    content = {
+        "session": sessions.name,
+        "participants": [record["participant"] for record in records.values()],
+        "not_sealed": unsealed,
+    }
+    seal.write_sealed(out / seal.RECORD, content, seal.digests(out, [file.name for file in files]))
+    return files
 
 
 def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:

@@ -121,16 +121,18 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     """
     from deltaswarm_orchestrator.sweeps.table import read_table
     from deltaswarm_studies.evidence import Evidence
-    from deltaswarm_studies.origin import PROVENANCE
+    from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, sealed_tables
     from deltaswarm_studies.page import write
 
     try:
+        sealed = WITH_THE_RUNS
         if arguments.render:
+            sealed = sealed_tables(folder, study).get("sealed", "")
             evidence = Evidence.of_folder(study, folder)
             provenance = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
         else:
             evidence, provenance = _conducted(arguments, study, folder)
-        files = write(study, evidence, provenance, folder)
+        files = write(study, evidence, provenance, folder, sealed)
     except (OSError, ValueError) as error:
         raise CommandError(_why(study, error), FAILED) from None
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
@@ -139,6 +141,8 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
             print(f"{row['verdict']:10} {row['text']}")
         print(f"{study.name}: {files[0]}")
     is_whole = not arguments.set and arguments.repeats is None
+    if not sealed:
+        notice(f"{study.name}: the tables in {folder} are not sealed, so nobody can tell whether they were changed")
     for line in [*evidence.warnings, *(evidence.unsupported if is_whole else [])]:
         complain(f"{study.name}: {line}")
     for line in evidence.surprises:
@@ -216,20 +220,21 @@ def add_report(command: argparse.ArgumentParser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Report a sweep without a study, as a study that compares everything."""
-    from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
+    from deltaswarm_orchestrator.base import seal
+    from deltaswarm_orchestrator.sweeps.folder import SweepFolderError
     from deltaswarm_orchestrator.sweeps.load import load_sweep
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
     from deltaswarm_studies.evidence import Evidence
     from deltaswarm_studies.load import bare_study
     from deltaswarm_studies.metrics import ID
-    from deltaswarm_studies.origin import provenance_of
+    from deltaswarm_studies.origin import WITH_THE_RUNS, provenance_of
     from deltaswarm_studies.page import write
 
     folder: Path = arguments.sweep
     must_exist(folder, "SWEEP", "the folder of a sweep")
     try:
-        manifest = SweepFolder(folder).manifest()
-        if manifest is None or "swept" not in manifest:
+        manifest = seal.checked(folder / seal.MANIFEST)
+        if "swept" not in manifest:
             reason = f"it holds one run: see deltaswarm info {folder}" if manifest else "it has no manifest.json"
             raise SweepFolderError(f"{folder} must be a sweep's folder, written by `deltaswarm sweep` ({reason})")
         if not (folder / "table.csv").exists():
@@ -240,10 +245,15 @@ def report(arguments: argparse.Namespace) -> int:
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
         )
         evidence = Evidence.of_sweep(study, table, series)
-        files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder)
+        read = [file.name for file in folder.glob("*.csv") if file.stem in ("table", "series")]
+        unsealed = seal.not_sealed(manifest, ["sweep.toml", *read])
+        sealed = "" if unsealed else WITH_THE_RUNS
+        files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder, sealed)
     except (OSError, ValueError) as error:
         raise CommandError(str(error)) from None
     show(arguments, [str(file) for file in files], str(files[0]))
+    if unsealed:
+        notice(f"{folder}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")
     for line in evidence.warnings:
         (complain if line in evidence.incomplete else notice)(line)
     return FAILED if evidence.incomplete else OK

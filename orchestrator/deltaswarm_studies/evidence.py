@@ -12,6 +12,7 @@ from deltaswarm_studies import tables
 from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
 from deltaswarm_studies.metrics import ID, PER_EVENT
+from deltaswarm_studies.origin import sealed_tables
 from deltaswarm_studies.settings import FitSettings, FitVerdict, RecoverySettings
 from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
@@ -63,8 +64,10 @@ class Evidence:
 
         Raises:
             OSError: If there is no `runs.csv`.
+            SealError: If a table is not as it was sealed.
             ValueError: If a table cannot be read, or has none of the study's variants.
         """
+        sealed_tables(folder, study)
         labels = ["variant", "metric", "level", "reference", "within", *tables.ORIGIN, *study.factors]
         runs = read_table(folder / "runs.csv", labels, needs=ID)
         for name in tables.ORIGIN:

@@ -1,12 +1,13 @@
 """Where a study's runs come from, and whether its file or the code have changed since then."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.sweeps.job import Task, work
 from deltaswarm_orchestrator.sweeps.table import read_table, row_of, series_of
 from deltaswarm_studies.metrics import ID
@@ -19,8 +20,31 @@ PROVENANCE = {"what": "What", "value": "Value"}
 CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
 
 
-def since_the_runs(study: Study, recorded: pd.DataFrame) -> pd.DataFrame:
-    """Make rows that say which code makes the page, and whether the study file has changed since the runs."""
+WITH_THE_RUNS = "with the runs"
+"""When tables were sealed that `deltaswarm study` or `deltaswarm report` wrote after the runs."""
+
+
+def sealed_tables(folder: Path, study: Study | None = None) -> dict[str, Any]:
+    """Return the sealed record of a study's tables, after a check of all of them; {} if they are not sealed.
+
+    Raises:
+        SealError: a table is not as it was sealed, or the tables are of another study than the one given.
+    """
+    record = seal.checked(folder / seal.RECORD)
+    if record and study and record.get("study") != study.name:
+        raise seal.SealError(f"{folder} must hold the study {study.name!r} (got {record.get('study')!r})")
+    return record
+
+
+def seal_tables(study: Study, provenance: pd.DataFrame, folder: Path, files: Sequence[Path], sealed: str) -> None:
+    """Seal the tables of a study's runs; `sealed` says since when they are."""
+    origin = dict(zip(provenance["what"], provenance["value"].astype(str), strict=True))
+    record = {"study": study.name, "sealed": sealed, "origin": origin}
+    seal.write_sealed(folder / seal.RECORD, record, seal.digests(folder, [file.name for file in files]))
+
+
+def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.DataFrame:
+    """Make rows that say which code makes the page, and what may have changed since the runs: study file and tables."""
     then = dict(zip(recorded["what"], recorded["value"].astype(str), strict=True))
     code = provenance.code_digest()
     is_same = then.get(CODE) == code
@@ -33,6 +57,7 @@ def since_the_runs(study: Study, recorded: pd.DataFrame) -> pd.DataFrame:
     rows = {
         "page by code": f"{code}, {'that of the runs' if is_same else 'not that of the runs'}",
         "study file": state if RUNS in then else "not known whether it has changed since the runs",
+        "tables": f"sealed {sealed}" if sealed else "not sealed: not known whether they have changed since the runs",
     }
     return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
 
@@ -76,9 +101,11 @@ def repeat(study: Study, folder: Path) -> Repeated:
 
     Raises:
         OSError: there is no `runs.csv`.
+        SealError: a table is not as it was sealed.
         ValueError: `runs.csv` is no table of this study.
         RunError: the run failed.
     """
+    sealed_tables(folder, study)
     file = folder / "runs.csv"
     published = read_table(file, ["variant", *ORIGIN, *study.factors], needs=ID)
     variant = min(study.sweep.variants, key=lambda variant: variant.scenario.agents.count * variant.scenario.run.steps)

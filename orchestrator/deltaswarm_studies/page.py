@@ -8,11 +8,12 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
 from deltaswarm_studies import charts, style
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
-from deltaswarm_studies.origin import PROVENANCE, since_the_runs
+from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, seal_tables, since_the_runs
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
 from deltaswarm_studies.settings import VERDICTS, FigureSettings
 from deltaswarm_studies.stats import RATIO
@@ -25,8 +26,10 @@ CHARTS: Mapping[str, Callable[[FigureSettings, Study, pd.DataFrame], Figure]] = 
 """The drawing function of each kind of figure in a study file; `time` takes courses, the others take runs."""
 
 
-def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[CaptionedFigure]]:
-    """Make the page as HTML and as Markdown, and its pictures."""
+def pages(
+    study: Study, evidence: Evidence, provenance: pd.DataFrame, sealed: str = ""
+) -> tuple[str, str, list[CaptionedFigure]]:
+    """Make the page as HTML and as Markdown, and its pictures. `sealed`: since when the tables are; empty: not."""
     pictures, missing = [], []
     for figure in study.file.figure:
         try:
@@ -41,7 +44,7 @@ def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[s
         "question": " ".join(study.file.study.question.split()),
         "findings": [" ".join(text.split()) for text in supported],
         "warnings": [*evidence.warnings, *missing],
-        "sections": list(_sections(study, evidence, pictures, provenance)),
+        "sections": list(_sections(study, evidence, pictures, provenance, sealed)),
         "facts": {
             "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
             "arrivals": evidence.arrivals,
@@ -71,7 +74,7 @@ def _lines(figure: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:
 
 
 def _sections(
-    study: Study, evidence: Evidence, pictures: list[CaptionedFigure], provenance: pd.DataFrame
+    study: Study, evidence: Evidence, pictures: list[CaptionedFigure], provenance: pd.DataFrame, sealed: str
 ) -> Iterator[dict[str, Any]]:
     parts: tuple[tuple[str, pd.DataFrame, Callable[..., Iterator[Table]]], ...] = (
         ("Contrasts", evidence.contrasts, _contrasts),
@@ -87,7 +90,7 @@ def _sections(
         if len(rows):
             yield {"heading": heading, "tables": list(tables(study, rows)), "pictures": []}
     yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
-    origin = pd.concat([provenance, since_the_runs(study, provenance)], ignore_index=True)
+    origin = pd.concat([provenance, since_the_runs(study, provenance, sealed)], ignore_index=True)
     yield {"heading": "Where this comes from", "tables": [table(origin, PROVENANCE)], "pictures": []}
 
 
@@ -181,16 +184,25 @@ def _known(value: Any) -> float | None:
     return None if pd.isna(value) else float(value)
 
 
-def write(study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Path) -> list[Path]:
-    """Write `page.html`, `page.md`, `figures/` and every table into a folder."""
-    html, markdown, pictures = pages(study, evidence, provenance)
+def write(
+    study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Path, sealed: str = WITH_THE_RUNS
+) -> list[Path]:
+    """Write `page.html`, `page.md`, `figures/` and every table into a folder, and seal the tables.
+
+    `sealed` says since when they are sealed; empty: leave them without a seal, since nobody knows what they were.
+    """
+    html, markdown, pictures = pages(study, evidence, provenance, sealed)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     files = [folder / "page.html", folder / "page.md"]
     for file, text in zip(files, (html, markdown), strict=True):
         write_whole(file, text.encode())
     for picture in pictures:
         files += style.save_as(picture.file, folder / "figures" / picture.name)
-    return [*files, *evidence.save(folder), *write_table(folder / "provenance", provenance)]
+    (folder / seal.RECORD).unlink(missing_ok=True)  # else a page that is cut off here would seem to be edited
+    tables = [*evidence.save(folder), *write_table(folder / "provenance", provenance)]
+    if sealed:
+        seal_tables(study, provenance, folder, tables, sealed)
+    return [*files, *tables]
 
 
 def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:

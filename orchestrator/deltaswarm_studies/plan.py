@@ -80,10 +80,12 @@ def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None
         return {}, f"no {file}: with a pilot (--pilot FOLDER) also the smallest effects that could be shown are told"
     try:
         from deltaswarm_studies.contrasts import smallest_effects  # needs pandas and SciPy
+        from deltaswarm_studies.origin import sealed_tables
     except ModuleNotFoundError as error:
         if not is_of_studies(error):
             raise
         return {}, f"the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
+    sealed_tables(file.parent)
     return smallest_effects(study, file), None
 
 

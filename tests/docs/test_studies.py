@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 from docs.extensions.scenario_keys import study_reference
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.metrics import BUILT_IN
-from deltaswarm_studies.origin import repeat
+from deltaswarm_studies.origin import repeat, sealed_tables
 from deltaswarm_studies.settings import StudyFile
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.tiers import nightly
@@ -64,8 +65,9 @@ def test_the_index_links_every_published_study() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_published_follows_from_its_tables(name: str) -> None:
     """Every estimate, contrast and verdict, from the published runs; no finding that whole tables do not support."""
-    folder = ROOT / "docs" / "studies" / name
-    found = Evidence.of_folder(load_study(name), folder)
+    folder, study = ROOT / "docs" / "studies" / name, load_study(name)
+    assert {*seal.files_of(sealed_tables(folder, study))} == {file.name for file in folder.glob("*.csv")}
+    found = Evidence.of_folder(study, folder)
     for name in ("estimates", "contrasts", "claims"):
         frame = getattr(found, name)
         if len(frame):

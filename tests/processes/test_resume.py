@@ -17,6 +17,7 @@ from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.io import process
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
@@ -226,6 +227,9 @@ def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(tmp_path: Pa
     (run / "checkpoint" / "newest.json").write_text('{"step": 9, "agents": [0], "restarts": []}')
     manifest = json.loads((run / "manifest.json").read_text())
     (run / "manifest.json").write_text(json.dumps(manifest | {"code": "another"}))
+    assert main(["run", "--resume", str(run)]) == 2
+    assert "manifest.json was changed or damaged" in capsys.readouterr().err
+    seal.write_sealed(run / "manifest.json", manifest | {"code": "another"}, {})
     assert main(["run", "--resume", str(run)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "another version" in line

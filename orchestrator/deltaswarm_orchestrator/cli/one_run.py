@@ -110,6 +110,7 @@ def replay(arguments: argparse.Namespace) -> int:
         print(url, flush=True)
 
     must_exist(arguments.run, "RUN", A_RUN)
+    _notice_unsealed(arguments.run)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
         steps = Path(folder) / "steps.msgpack"
         try:
@@ -126,6 +127,15 @@ def replay(arguments: argparse.Namespace) -> int:
             finally:
                 stop.conclude()
     return OK
+
+
+def _notice_unsealed(run: Path) -> None:
+    """Say which files of a run nothing vouches for: those of a killed run, and of runs before there were seals."""
+    from deltaswarm_orchestrator.base import seal
+    from deltaswarm_orchestrator.results.folder import results_in
+
+    if unsealed := seal.not_sealed(seal.read_sealed(run / seal.MANIFEST), results_in(run)):
+        notice(f"{run}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")
 
 
 def add_station(command: argparse.ArgumentParser) -> None:
@@ -211,6 +221,7 @@ def why(arguments: argparse.Namespace) -> int:
 
     must_exist(arguments.folder, "RUN", A_RUN)
     answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
+    _notice_unsealed(arguments.folder)
     show(arguments, asdict(answer), link_report.text(answer))
     if answer.differs_from_step is not None:
         complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")

@@ -76,7 +76,10 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".export-", dir=out.parent) as scratch:
         part = Path(scratch) / out.name
-        exported = write(part)
+        try:
+            exported = write(part)
+        except RecordingError as error:
+            raise ExportError(str(error)) from None
         if os.path.lexists(out):
             if not _is_like(out, part):
                 raise ExportError(f"{out} is not replaced: it holds other things than an export to {name}")

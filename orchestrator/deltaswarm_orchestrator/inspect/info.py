@@ -7,10 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypeVar
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError, aligned, shown
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.folder import FolderError
+from deltaswarm_orchestrator.results.folder import FolderError, results_in
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import newest
@@ -32,11 +33,13 @@ def describe(folder: Path) -> dict[str, Any]:
         NotARunError: the manifest or scenario is missing, or a file cannot be read or is not as it was written.
     """
     scenario, outcome = read_run(folder)
-    manifest = _read(folder / "manifest.json", json.loads)
+    if not (manifest := seal.read_sealed(folder / seal.MANIFEST)):
+        raise NotARunError(f"{folder / seal.MANIFEST} is missing")
     written = folder / "summary.json"
     summary = _read(written, json.loads) if written.exists() else summarise(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
-    run = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
+    unsealed = seal.not_sealed(manifest, results_in(folder))
+    run = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files, "not_sealed": unsealed}
     try:
         if manifest["exit_reason"] == run_tables.RUNNING and summary["complete"]:
             reason = "all steps are done, and the run was not concluded"
@@ -72,11 +75,14 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
 
     Raises:
         NotARunError: it is no run folder, or one of its files cannot be read.
+        SealError: one of its files is not as the run wrote it.
     """
     if not (folder / "scenario.toml").is_file():
         is_sweep = (folder / "sweep.toml").is_file()
         reason = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
         raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({reason})")
+    if not is_held(folder):  # a run that is just ending has sealed what it is about to write
+        seal.checked(folder / seal.MANIFEST)
     scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
     try:
         return scenario, run_tables.read_outcome(folder)
@@ -109,6 +115,7 @@ def text(run: dict[str, Any]) -> str:
         agents = ", ".join(map(str, fault["agents"])) or "none"
         rows.append((f"fault at {fault['at_s']:g} s", f"{fault['kind']}, agents: {agents}"))
     rows += [("not valid", reason) for reason in summary["invalid_because"]]
+    rows += [("not sealed", ", ".join(run["not_sealed"]))] if run["not_sealed"] else []
     rows += [(name, f"{size:,} bytes") for name, size in run["files"].items()]
     return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {run['state']}\n{aligned(rows)}"
 

@@ -6,6 +6,9 @@ RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
 SCENARIO, MANIFEST = "scenario.toml", "manifest"
 """A recording's attachment with the effective scenario, and its last record, the manifest."""
 
+LAYOUT = "layout.json"
+"""A layout for viewers of the recording."""
+
 COMMANDS = "commands.toml"
 """The commands that left the base, in the format of `deltaswarm run --commands`, to repeat the run."""
 

@@ -6,8 +6,8 @@ from typing import IO
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from deltaswarm_orchestrator.recording import MANIFEST
-from deltaswarm_orchestrator.recording.reader import Damage, RecordingError, records
+from deltaswarm_orchestrator.recording import MANIFEST, SCENARIO
+from deltaswarm_orchestrator.recording.reader import Damage, RecordingError, check_origin, records
 
 CHUNK_BYTES = 256 * 1024
 
@@ -24,7 +24,7 @@ def write_complete_copy(source: Path, target: Path) -> bool:
 
     Raises:
         FileNotFoundError: there is no source.
-        RecordingError: the source is not an MCAP file.
+        RecordingError: the source is not an MCAP file, or is of another run than its folder.
     """
     is_complete = False
     schemas, channels = {0: 0}, dict[int, int]()
@@ -43,9 +43,13 @@ def write_complete_copy(source: Path, target: Path) -> bool:
                     channel = channels[record.channel_id]
                     writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
                 case Attachment():
+                    if record.name == SCENARIO:
+                        check_origin(source, record.name, record.data)
                     times = record.create_time, record.log_time
                     writer.add_attachment(*times, record.name, record.media_type, record.data)
                 case Metadata():
+                    if record.name == MANIFEST:
+                        check_origin(source, record.name, record.metadata)
                     writer.add_metadata(record.name, record.metadata)
                     is_complete |= record.name == MANIFEST
                 case Damage():

@@ -3,6 +3,7 @@
 The recording of a killed run holds what had been flushed.
 """
 
+import json
 import os
 import struct
 from collections.abc import Callable, Container, Iterator, Mapping
@@ -19,6 +20,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from zstandard import ZstdError
 
 from deltaswarm_orchestrator import recording as names
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
@@ -94,13 +96,14 @@ def read_recording(path: Path) -> Recording:
 
     Raises:
         FileNotFoundError: there is no recording.
-        RecordingError: the file is not an MCAP file.
+        RecordingError: the file is not an MCAP file, or is of another run than the folder that holds it.
     """
+    path = recording_in(path)
     recording = Recording()
     events: dict[int, EventState] = {}
     net: dict[int, dict[str, Any]] = {}
     state: dict[int, dict[str, Any]] = {}
-    for name, content in entries(recording_in(path), FIGURES | {names.SCENARIO, names.MANIFEST}):
+    for name, content in entries(path, FIGURES | {names.SCENARIO, names.MANIFEST}):
         match name:
             case "/net/stats":
                 others = {f"dropped_{drops.reason}": drops.frames for drops in getattr(content, "other_drops", ())}
@@ -114,8 +117,10 @@ def read_recording(path: Path) -> Recording:
             case "/operator/workload":
                 recording.workloads.append(row_of(Workload, values_of(content)))
             case names.SCENARIO:
+                check_origin(path, name, content)
                 recording.scenario = content.decode()
             case names.MANIFEST:
+                check_origin(path, name, content)
                 recording.metadata, recording.complete = dict(content), True
             case _:
                 recording.complete = False
@@ -125,6 +130,34 @@ def read_recording(path: Path) -> Recording:
         steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
     recording.step_records = [StepRecord.of({**net[step], **state[step]}) for step in steps]
     return recording
+
+
+def check_origin(file: Path, name: str, content: bytes | Mapping[str, str]) -> None:
+    """Check the scenario or the manifest in a recording against the folder that holds the file, if that is a run's.
+
+    Raises:
+        RecordingError: the recording is of another run.
+        SealError: the run's manifest is not as it was sealed.
+    """
+    folder = file.parent
+    manifest = seal.read_sealed(folder / seal.MANIFEST)
+    if not manifest or "swept" in manifest:
+        return
+    if isinstance(content, bytes):
+        beside = folder / name
+        differing = [name] if beside.exists() and beside.read_bytes() != content else []
+    else:
+        keys = ("name", "seed", "started", "digest")
+        differing = [key for key in keys if content.get(key) != _text(manifest.get(key))]
+    if differing:
+        raise RecordingError(
+            f"{file} must be the recording of the run in {folder} ({', '.join(differing)} differ); "
+            "restore it, or move it to a folder of its own"
+        )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def entries(path: Path, wanted: Container[str]) -> Iterator[tuple[str, Any]]:

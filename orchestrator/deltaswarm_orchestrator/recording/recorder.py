@@ -16,7 +16,7 @@ from mcap.records import Channel, Message
 from mcap_protobuf.schema import register_schema
 
 from deltaswarm_orchestrator.base.disk import RoomError, no_room, room_for
-from deltaswarm_orchestrator.recording import MANIFEST, PART, RECORDING, SCENARIO, WIRE
+from deltaswarm_orchestrator.recording import LAYOUT, MANIFEST, PART, RECORDING, SCENARIO, WIRE
 from deltaswarm_orchestrator.recording.finishing import new_writer
 from deltaswarm_orchestrator.recording.reader import RecordingError, records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import log_time_ns
@@ -37,8 +37,6 @@ from deltaswarm_wire.operator_messages import Report, Workload
 FLUSH_EVERY_S = 1.0
 """Wall time between flushes [s]; a kill loses at most what came within this time."""
 
-LAYOUT = "layout.json"
-"""The layout's file in the run's folder."""
 
 TEMPLATE = Path(__file__).with_name("layout_template.json")
 """A layout as viewers export it, without what depends on the arena's size.

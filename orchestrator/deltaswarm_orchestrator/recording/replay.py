@@ -9,6 +9,7 @@ from typing import Any
 
 import msgpack
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_scenario.operator_links import FIRST_STEP
@@ -24,9 +25,11 @@ def write_steps(run: Path, file: Path) -> None:
     """Write the briefing and the steps of a run, as `deltaswarm_operator.io.replaying` reads them.
 
     Raises:
-        RecordingError: the recording is damaged, or holds no step.
+        RecordingError: the recording is damaged, is of another run, or holds no step.
+        SealError: a table of the run is not as the run wrote it.
         FileNotFoundError: there is no recording.
     """
+    seal.checked(run / seal.MANIFEST)
     recording = read_recording(run)
     if not recording.workloads:
         raise RecordingError("the recording must hold at least one step (got none)")

@@ -9,19 +9,25 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
-from deltaswarm_orchestrator.base import disk
+from deltaswarm_orchestrator.base import disk, seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.recording import LAYOUT, PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.files import sync_folder, write_whole
 
-RUN_FILES = {"manifest.json", "scenario.toml"}
+SCENARIO, SUMMARY = "scenario.toml", "summary.json"
+
+RUN_FILES = {seal.MANIFEST, SCENARIO}
 """Files that every run folder has; a sweep's folder does not have both."""
 
 BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", disk.RESERVE, "manifest.json.part"}
 """The only files in the folder of a run that was killed before it had all of RUN_FILES."""
+
+NOT_SEALED = {*LOCK_FILES, disk.RESERVE, seal.MANIFEST, RECORDING, WIRE, LAYOUT}
+"""Files that a run's seal leaves out: those of its writing, recordings (own checksums), what no command reads."""
 
 DELETE_TRIES = 10
 
@@ -90,7 +96,7 @@ class RunFolder:
 
         The scenario is synced to disk: a run that is resumed after a power loss needs it.
         """
-        write_whole(self.path / "scenario.toml", to_toml(scenario).encode())
+        write_whole(self.path / SCENARIO, to_toml(scenario).encode())
         with suppress(PermissionError):  # the folder may be writable but not readable
             sync_folder(self.path.parent)
         self.prepare_to_resume(manifest)
@@ -98,11 +104,30 @@ class RunFolder:
     def prepare_to_resume(self, manifest: dict[str, Any]) -> None:
         """Reserve disk space and write the manifest; the scenario is already there."""
         disk.keep_reserve(self.path)
-        self.write_manifest(manifest)
+        seal.write_sealed(self.path / seal.MANIFEST, manifest, seal.digests(self.path, [SCENARIO]))
 
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write `manifest.json` atomically."""
-        write_json(self.path / "manifest.json", manifest)
+    def conclude(self, manifest: dict[str, Any], summary: dict[str, Any]) -> None:
+        """Write the summary, and the manifest, which seals all results.
+
+        If the disk has room for one of them, it is for the manifest, without which nobody knows how the run ended.
+
+        Raises:
+            OSError: one of them cannot be written.
+        """
+        file, failed = self.path / SUMMARY, None
+        try:
+            write_json(file, summary)
+            self._seal_results(manifest)
+        except OSError as error:
+            failed = error
+            for left in (file, file.with_name(f"{SUMMARY}{PART}")):
+                left.unlink(missing_ok=True)
+            self._seal_results(manifest)
+        if failed:
+            raise failed
+
+    def _seal_results(self, manifest: dict[str, Any]) -> None:
+        seal.write_sealed(self.path / seal.MANIFEST, manifest, seal.digests(self.path, results_in(self.path)))
 
     def finish(self) -> Path:
         """Give the folder its final name, release it, and return its path.
@@ -205,6 +230,12 @@ def _delete(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():
             return
+
+
+def results_in(folder: Path) -> set[str]:
+    """Return the names of the files in a run's folder that the seal of a run that has ended vouches for."""
+    names = {path.name for path in folder.iterdir() if path.is_file()}
+    return {name for name in names - NOT_SEALED if not name.endswith(PART)}
 
 
 def check_target(target: Path, force: bool) -> None:

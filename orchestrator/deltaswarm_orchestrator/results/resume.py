@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
@@ -72,14 +72,13 @@ def check_inputs(folder: Path, scenario: Scenario) -> None:
     """Refuse a run that began with another scenario or other code, whose checkpoint these cannot go on from.
 
     Raises:
-        FolderError: scenario or code differ, or the manifest cannot be read.
+        FolderError, SealError: scenario or code differ, or a file has been changed or cannot be read.
     """
-    file = folder / "manifest.json"
+    manifest = seal.checked(folder / seal.MANIFEST)
     try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-        begun_by = manifest.get("code"), _sources_in(manifest)
-    except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
-        raise FolderError(f"{file} cannot be read: {error}") from None
+        begun_by = manifest["code"], _sources_in(manifest)
+    except (AttributeError, TypeError, KeyError) as error:
+        raise FolderError(f"{folder / seal.MANIFEST} is not as a run writes it: {error!r}") from None
     if begun_by != (provenance.code_digest(), [source.digest for source in sources(scenario)]):
         raise FolderError(f"{folder} was started by another version of deltaswarm; resume it with that version")
     if newest(folder).scenario != scenario_digest(scenario):

@@ -1,6 +1,5 @@
 """One run from scenario to summary, in real processes or in one process."""
 
-import json
 import shutil
 import traceback
 from collections.abc import Iterator
@@ -8,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import disk, limits, provenance
+from deltaswarm_orchestrator.base import disk, limits, provenance, seal
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter
 from deltaswarm_orchestrator.base.signals import decide, stoppable
@@ -18,7 +17,8 @@ from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.views import LiveSocket
 from deltaswarm_orchestrator.processes.process import RunPart
 from deltaswarm_orchestrator.processes.starter import StoppedError
-from deltaswarm_orchestrator.recording.recorder import LAYOUT, Recorder, layout_json
+from deltaswarm_orchestrator.recording import LAYOUT
+from deltaswarm_orchestrator.recording.recorder import Recorder, layout_json
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
@@ -91,7 +91,7 @@ class _Run:
         self.ending = Ending()
         self.live_observers: list[LiveObserver] = [shown for shown in (context.viewer, context.named) if shown]
         if resumed:
-            self.manifest = json.loads((folder.path / "manifest.json").read_text(encoding="utf-8"))
+            self.manifest = seal.read_sealed(folder.path / seal.MANIFEST)
             self.manifest |= {"exit_reason": run_tables.RUNNING}
             self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
         else:
@@ -153,8 +153,7 @@ class _Run:
         folder = self.folder.path
         try:
             disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
-            self.folder.write_manifest(self.manifest)  # first: without it nobody knows how the run ended
-            run_tables.write_json(folder / "summary.json", summary)
+            self.folder.conclude(self.manifest, summary)
         except OSError as error:
             lost = disk.no_room(error, folder)
             raise RoomError("; ".join([*summary["why"][:1], str(lost)])) from None

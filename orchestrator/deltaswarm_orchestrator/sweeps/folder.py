@@ -1,24 +1,23 @@
 """A sweep's folder: a file for each finished run, so that a sweep can be resumed and others can reuse its runs."""
 
 import hashlib
-import json
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.results.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Result
 from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
 from deltaswarm_wire.files import write_whole
 
-CHECKSUM = "checksum"
-"""Key of the checksum over the rest of a result's file; it reveals a truncated, edited or damaged file."""
+CHECKSUM, KEY = "checksum", "key"
+"""Entries of a result's file: the checksum of the rest, and the key of its job, so that no other run passes for it."""
 
 
 class SweepFolderError(CommandError):
@@ -100,39 +99,33 @@ class SweepFolder:
             SweepFolderError: the file cannot be written.
         """
         try:
-            write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(result), **result}))
+            kept = {KEY: job.key, **result}
+            write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(kept), **kept}))
         except OSError as error:
             raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}", FAILED) from None
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
-        """Read a finished run; return None if it is not finished or its file is damaged."""
+        """Read a finished run; return None if it is not finished, or its file is damaged or is that of another run."""
         try:
             result = orjson.loads(self.file(job, means).read_bytes())
         except (OSError, ValueError):
             return None
-        is_whole = isinstance(result, dict) and result.pop(CHECKSUM, None) == _checksum(result)
-        return result if is_whole else None
+        if not isinstance(result, dict) or result.pop(CHECKSUM, None) != _checksum(result):
+            return None
+        is_its_own = result.pop(KEY, job.key) == job.key and result.get("seed") == job.scenario.seed
+        return result if is_its_own and result.get("means") == means else None
 
     def manifest(self) -> dict[str, Any] | None:
         """Read the manifest; return None before the first sweep in the folder.
 
         Raises:
-            SweepFolderError: the manifest cannot be read.
+            SealError: the manifest cannot be read, or has been changed.
         """
-        try:
-            manifest = orjson.loads((self.path / "manifest.json").read_bytes())
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            raise SweepFolderError(f"{self.path / 'manifest.json'} cannot be read: {error}") from None
-        if not isinstance(manifest, dict):
-            raise SweepFolderError(f"{self.path / 'manifest.json'} is not a sweep's manifest")
-        return manifest
+        return seal.read_sealed(self.path / seal.MANIFEST) or None
 
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write `manifest.json` atomically."""
-        # Not with orjson, which has no integers beyond 64 bits.
-        write_whole(self.path / "manifest.json", json.dumps(manifest, indent=2).encode())
+    def write_manifest(self, manifest: dict[str, Any], files: Mapping[str, Sequence[Any]]) -> None:
+        """Write `manifest.json`, which seals the files of the sweep."""
+        seal.write_sealed(self.path / seal.MANIFEST, manifest, files)
 
 
 def _checksum(result: Result) -> str:

@@ -12,7 +12,7 @@ import pandas as pd
 import tomli_w
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.run.progress import Bar
 from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Done, Engine, EngineLostError
@@ -21,6 +21,9 @@ from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task
 from deltaswarm_orchestrator.sweeps.plan import Sweep, flattened
 from deltaswarm_wire import checked
 from deltaswarm_wire.files import write_whole
+
+PLAN = "sweep.toml"
+"""The sweep's own file in its folder."""
 
 SPEED_OVER_S = 3600.0
 """The time left is estimated from the last hour, because runs are long."""
@@ -124,8 +127,8 @@ def run_sweep(
         damaged = [str(file) for file, run in kept.items() if folder.is_damaged(*run)]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
         _refuse_to_replace(sweep, folder, before, manifest)
-        folder.write_manifest(manifest)
-        write_whole(path / "sweep.toml", tomli_w.dumps(checked.plain(sweep.file)).encode())
+        folder.write_manifest(manifest, {name: was for name, was in seal.files_of(before).items() if name != PLAN})
+        write_whole(path / PLAN, tomli_w.dumps(checked.plain(sweep.file)).encode())
         failed: list[str] = []
         interrupted = False
         reporter.announce(len(wanted), len(wanted) - len(tasks))
@@ -154,9 +157,9 @@ def run_sweep(
             "proofs": _proofs(table, differing),
         }
         written = {"table": table, "costs": tables.costs_of(runs), "senders": tables.senders_of(runs)}
-        for name, frame in (written | ({"series": series} if with_series else {})).items():
-            tables.write_table(path / name, frame)
-        folder.write_manifest(manifest)
+        written |= {"series": series} if with_series else {}
+        names = [file.name for name, frame in written.items() for file in tables.write_table(path / name, frame)]
+        folder.write_manifest(manifest, seal.digests(path, [PLAN, *names]))
     finished = sum(folder.has(job, means) for job in jobs)
     return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, damaged, interrupted)
 

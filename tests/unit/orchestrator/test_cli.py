@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, INTERRUPTED, MISSED, OK, USAGE
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder import RunFolder
@@ -261,15 +262,18 @@ def test_info_tells_of_an_interrupted_run(
     finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: Printed
 ) -> None:
     """From what there is of it: the figures so far, and that it is not all."""
-    for name in ("manifest.json", "scenario.toml"):
-        (tmp_path / name).write_bytes((finished[0] / name).read_bytes())
+    (tmp_path / "scenario.toml").write_bytes((finished[0] / "scenario.toml").read_bytes())
+    manifest = json.loads((finished[0] / "manifest.json").read_text())
+    seal.write_sealed(tmp_path / "manifest.json", manifest, seal.digests(tmp_path, ["scenario.toml"]))
     rows = (finished[0] / "series.csv").read_text().splitlines(keepends=True)
     (tmp_path / "series.csv").write_text("".join(rows[:11]) + rows[11][:9])
     assert main(["info", str(tmp_path), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)["summary"]
     assert (summary["steps"], summary["complete"], summary["valid"]) == (10, False, False)
     assert main(["info", str(tmp_path)]) == 0
-    assert "not valid" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "not valid" in text
+    assert ["not", "sealed", "series.csv"] in [line.split() for line in text.splitlines()]
 
 
 def test_info_calls_a_run_that_was_killed_after_its_last_step_incomplete(

@@ -112,8 +112,8 @@ def test_attempts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
 def test_a_file_that_was_cut_off_is_named(content: str, tmp_path: Path) -> None:
     """The record, or a summary; with what to do."""
     (tmp_path / "session.json").write_text(content)
-    with pytest.raises(CommandError, match=r"session.json must be a whole file .*; restore it, or move it"):
+    with pytest.raises(CommandError, match=r"session.json must be a whole .*; restore it, or move it"):
         read_record(tmp_path)
     (tmp_path / "summary.json").write_text(content)
-    with pytest.raises(CommandError, match=r"summary.json must be a whole file"):
+    with pytest.raises(CommandError, match=r"summary.json must be a whole"):
         summary_of(tmp_path)

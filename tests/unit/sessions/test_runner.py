@@ -80,6 +80,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     assert done == ["0-training", second, f"{second}-2", f"2-{order[2]}", f"3-{order[3]}"]
     folder = tmp_path / "out" / "participant-007"
     record = json.loads((folder / "session.json").read_text())
+    assert record.pop("seal")["files"] == {}, "the pretended runs have no manifest"
     assert printed == {"folder": str(folder), **record}
     assert [run["condition"] for run in record["runs"]] == order
     assert [len(run["attempts"]) for run in record["runs"]] == [1, 2, 1, 1]

@@ -52,7 +52,7 @@ def tables(tmp_path: Path) -> dict[str, pd.DataFrame]:
     a_participant(out, 2, "BA")
     command = ["session", str(a_file(tmp_path)), "--out", str(out), "--table", str(tmp_path / "data")]
     assert main(command) == 0
-    return {file.stem: pd.read_csv(file, sep="\t") for file in (tmp_path / "data").iterdir()}
+    return {file.stem: pd.read_csv(file, sep="\t") for file in (tmp_path / "data").glob("*.tsv")}
 
 
 def test_each_row_has_its_participant_condition_and_place(tables: dict[str, pd.DataFrame]) -> None:

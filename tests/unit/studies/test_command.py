@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.cli import main
 from tests.support.studying import OWN
 
@@ -128,6 +129,7 @@ def test_a_published_run_is_repeated_and_compared(done: Path, tmp_path: Path, ca
     assert main([*command, str(done / "out")]) == 0
     assert "as published" in capsys.readouterr().out
     tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    (tables / "seal.json").unlink()
     runs = pd.read_csv(tables / "runs.csv")
     runs.assign(messages=runs["messages"] * (1 + 1e-15)).to_csv(tables / "runs.csv", index=False)
     assert main([*command, str(tables)]) == 3
@@ -204,6 +206,7 @@ def test_a_report_of_a_damaged_sweep_says_so(
 def test_a_report_of_a_sweep_with_missing_runs_says_so(done: Path, tmp_path: Path, capsys: Printed) -> None:
     """At the top of its page, with exit code 1."""
     sweep = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
+    seal.write_sealed(sweep / "manifest.json", json.loads((sweep / "manifest.json").read_text()), {})
     table = pd.read_csv(sweep / "table.csv", dtype=str)
     table.drop(index=[0, 5]).to_csv(sweep / "table.csv", index=False)
     assert main(["report", str(sweep)]) == 1
@@ -216,6 +219,7 @@ def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: P
     """With exit code 1, instead of a traceback."""
     damaged = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
     (damaged / name).write_text("a,b\n1,2\n")
+    (damaged / "seal.json").unlink()
     assert main(["study", str(done / "own.toml"), "--out", str(damaged), "--render"]) == 1
     assert name in capsys.readouterr().err
 

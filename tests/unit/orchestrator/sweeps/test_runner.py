@@ -12,6 +12,7 @@ import orjson
 import pandas as pd
 import pytest
 
+from deltaswarm_orchestrator.base.seal import SealError
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli.sweep import described
 from deltaswarm_orchestrator.sweeps.engine import Done
@@ -323,7 +324,7 @@ def test_a_sweeps_folder_with_a_spoilt_manifest_is_refused(tmp_path: Path, manif
     """Nobody knows what is in it."""
     conducted(planned(), tmp_path / "out", Here())
     (tmp_path / "out" / "manifest.json").write_bytes(manifest)
-    with pytest.raises(SweepFolderError, match=r"manifest\.json"):
+    with pytest.raises(SealError, match=r"manifest\.json"):
         conducted(planned(), tmp_path / "out", Here())
 
 
