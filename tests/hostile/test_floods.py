@@ -10,7 +10,7 @@ from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
-STEPS = 250
+STEPS = 120
 REST_S = 0.02
 """With it a session sends up to five thousand samples per second. `python -m tests.hostile` does without it."""
 

@@ -327,6 +327,19 @@ def test_more_knowledge_means_less_waiting() -> None:
     assert everything < central < 0.5 * decentralised
 
 
+@in_one_test(
+    ("overrides", "digest"),
+    [
+        (["run.duration_s=600"], "89ee56d45e302d10822512c34f0c9f0a"),
+        (["run.duration_s=900", "run.step_s=2", "events.rate_hz=0.02"], "3640dbad8bddb621e7000df08b142953"),
+    ],
+)
+def test_the_planner_decides_as_it_did_for_the_published_results(overrides: list[str], digest: str) -> None:
+    """These digests were recorded; whatever moves them makes the published runs of central control another swarm's."""
+    scenario = load_scenario("paper-25", [*SHORT[1:], "metrics.horizon_s=100", "record=off", *overrides], 1)
+    assert run_in_process(scenario).digest == digest
+
+
 def test_the_planner_alone_reports() -> None:
     """For everybody, once a second while an event is known, whatever the length of a step."""
     for step_s in (0.5, 1.0):

@@ -219,6 +219,7 @@ assert "matplotlib.pyplot" not in sys.modules
 """
 
 
+@pytest.mark.slow
 def test_all_figures_repeat_in_another_process_without_pyplot(tmp_path: Path) -> None:
     """Another hash seed, the same bytes; pyplot, which would look for a display, is never loaded."""
     folders = [tmp_path / "first", tmp_path / "second"]

@@ -30,6 +30,7 @@ from deltaswarm_orchestrator.sweeps.table import (
     write_table,
 )
 from tests.support.sweeping import LOSSES, made, sweep, tasks_of, written
+from tests.support.tiers import first_of
 
 WINDOW_S = 20.0
 CSV = ("table.csv", "series.csv")
@@ -175,7 +176,7 @@ def test_the_sweeps_own_record_makes_it_again(done: Path) -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("engine", [["-j", "2"], ["--engine", "dask", "-j", "2"]], ids=["local", "dask"])
+@pytest.mark.parametrize("engine", first_of([["--engine", "dask", "-j", "2"], ["-j", "2"]]), ids=["dask", "local"])
 def test_the_tables_do_not_depend_on_the_engine(done: Path, engine: list[str], tmp_path: Path) -> None:
     """Bit for bit the same as by one worker; and nothing is left of a cluster."""
     if "dask" in engine:
