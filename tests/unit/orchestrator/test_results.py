@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome, RunData
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS, read_outcome, write_json, write_tables
-from deltaswarm_orchestrator.results.summary import computed, summarise
+from deltaswarm_orchestrator.results.summary import computed, main_rows, summarise
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -275,3 +275,14 @@ def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) ->
     assert recorded.metadata["digest"] == told["digest"]
     assert same(read_outcome(result.folder), outcome)
     assert found["told_s"]["median"] > found["waiting_time_s"]["restricted_median"]
+
+
+def test_the_main_rows_are_the_labelled_metrics() -> None:
+    """Each with its value and unit, and after the dropped reports a row for each reason that occurred."""
+    summary = summarise(whole(reports_dropped_loss=range(6)), a_scenario(duration_s=3.0))
+    rows = list(main_rows(summary))
+    assert ("steps", 6, "") in rows
+    assert ("speed", 3.0, "1/s") in rows
+    assert ("valid", True, "") in rows
+    assert [row for row in rows if row[0].startswith("reports dropped: ")] == [("reports dropped: loss", 15, "")]
+    assert all(label for label, _, _ in rows)
