@@ -166,7 +166,7 @@ def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: 
     """The run goes on to its end without it; one line says whose controller failed, when and why."""
     code, found, errors = finished(module, name)
     assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
-    (line,) = [line for line in errors.splitlines() if said in line]
+    (line,) = [line for line in errors.splitlines() if said in line and line.startswith("deltaswarm: ")]
     assert f"at_fault:{name} " in line
     assert "step 100" in line
     assert "Traceback" not in errors
