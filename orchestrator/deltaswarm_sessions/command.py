@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
@@ -14,6 +15,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     add_json,
     add_markers,
     add_quiet,
+    check_out,
     host_and_port,
     number,
     show,
@@ -118,6 +120,7 @@ def session(arguments: argparse.Namespace) -> int:
         return _plan(arguments, settings, asked)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     if arguments.table:
+        check_out(arguments.table)
         files = write_tables(out, arguments.table)
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
@@ -129,7 +132,7 @@ def session(arguments: argparse.Namespace) -> int:
 def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
     """Do the remaining runs of one participant, or print which they are."""
     participant: int = arguments.participant
-    language = f" --language {arguments.language}" if arguments.language else ""
+    check_out(out)
     runner = Runner(
         session=Session(participant, plan(settings, participant, beside)),
         folder=out / folder_name(participant),
@@ -138,7 +141,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         markers=arguments.markers or "",
         researcher=arguments.researcher,
         quiet=arguments.quiet,
-        command=f"deltaswarm session {arguments.session} --participant {participant}{language}",
+        command=as_given(arguments),
     )
     for warning in runner.check():
         notice(warning)

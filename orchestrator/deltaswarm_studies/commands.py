@@ -5,8 +5,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, must_exist, show
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, check_out, must_exist, show
 from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for, exit_code_of
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ def do_studies(arguments: argparse.Namespace) -> int:
     def result(rows: list[Any]) -> Any:
         return rows if is_collection else rows[0]
 
+    if not (arguments.check or arguments.plan):
+        check_out(out)
     if not (arguments.render or arguments.check):
         for study in studies:
             check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
@@ -90,7 +93,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
             complain(f"{out} has no tables of {', '.join(lacking)}")
         studies = [study for study in studies if study.name not in lacking]
     if arguments.check:
-        repeated = [_repeated(study, folders[study.name]) for study in studies]
+        repeated = [_repeated(arguments, study, folders[study.name]) for study in studies]
         show(arguments, result(repeated), "\n".join(map(_compared, repeated)))
         return max((MISSED if run["differing"] else OK for run in repeated), default=FAILED)
     codes, pages = [], []
@@ -134,7 +137,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
             evidence, provenance = _conducted(arguments, study, folder)
         files = write(study, evidence, provenance, folder, sealed)
     except (OSError, ValueError) as error:
-        raise CommandError(_why(study, error), FAILED) from None
+        raise CommandError(_why(arguments, study, error), FAILED) from None
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
     if not arguments.json:
         for _, row in evidence.claims.iterrows():
@@ -152,7 +155,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     return code, {"study": study.name, "page": str(files[0]), "claims": verdicts}
 
 
-def _repeated(study: "Study", folder: Path) -> dict[str, Any]:
+def _repeated(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
     """Repeat one run of a study; return its name, and where it is not as the study's tables say.
 
     Raises:
@@ -164,7 +167,7 @@ def _repeated(study: "Study", folder: Path) -> dict[str, Any]:
     try:
         repeated = repeat(study, folder)
     except (OSError, ValueError, RunError) as error:
-        raise CommandError(_why(study, error), FAILED) from None
+        raise CommandError(_why(arguments, study, error), FAILED) from None
     differing = [{"metric": name, "was": was, "is": now} for name, was, now in repeated.differing]
     return {"study": study.name, "run": repeated.run, "differing": differing}
 
@@ -174,10 +177,11 @@ def _compared(repeated: dict[str, Any]) -> str:
     return f"{repeated['study']}: {repeated['run']}: {differing or 'as published'}"
 
 
-def _why(study: "Study", error: Exception) -> str:
+def _why(arguments: argparse.Namespace, study: "Study", error: Exception) -> str:
     """Say why tables cannot be used."""
     if isinstance(error, FileNotFoundError):
-        return f"{study.name}: {error.filename} is not there; `deltaswarm study {study.name}` makes it"
+        make = as_given(arguments, without=("--render", "--check"))
+        return f"{study.name}: {error.filename} is not there; to make it: {make}"
     return f"{study.name}: {error}"
 
 
@@ -222,6 +226,7 @@ def report(arguments: argparse.Namespace) -> int:
     """Report a sweep without a study, as a study that compares everything."""
     from deltaswarm_orchestrator.base import seal
     from deltaswarm_orchestrator.sweeps.folder import SweepFolderError
+    from deltaswarm_orchestrator.sweeps.job import PROCESSES
     from deltaswarm_orchestrator.sweeps.load import load_sweep
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
     from deltaswarm_studies.evidence import Evidence
@@ -232,13 +237,16 @@ def report(arguments: argparse.Namespace) -> int:
 
     folder: Path = arguments.sweep
     must_exist(folder, "SWEEP", "the folder of a sweep")
+    check_out(arguments.out or folder)
     try:
         manifest = seal.checked(folder / seal.MANIFEST)
         if "swept" not in manifest:
-            reason = f"it holds one run: see deltaswarm info {folder}" if manifest else "it has no manifest.json"
+            reason = f"it holds one run: see {command_line('info', folder)}" if manifest else "it has no manifest.json"
             raise SweepFolderError(f"{folder} must be a sweep's folder, written by `deltaswarm sweep` ({reason})")
         if not (folder / "table.csv").exists():
-            raise SweepFolderError(f"{folder} has no table.csv; `deltaswarm sweep` continues the sweep and writes it")
+            means = ["--processes"] if manifest.get("means") == PROCESSES else []
+            go_on = command_line("sweep", folder / "sweep.toml", "--out", folder, *means)
+            raise SweepFolderError(f"{folder} has no table.csv; to write it: {go_on}")
         sweep = load_sweep(str(folder / "sweep.toml"))
         table, series = read_table(folder / "table.csv", needs=ID), read_series(folder / "series.csv")
         study = bare_study(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
-from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_json, check_out, show, whole
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import agent_numbers
 
@@ -47,6 +47,7 @@ def bundle(arguments: argparse.Namespace) -> int:
     from deltaswarm_board.setup import bundle as bundles
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
+    check_out(out.parent)
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
     wheels = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
     show(arguments, {"folder": str(out), "wheels": wheels}, "\n".join([*(f"  {name}" for name in wheels), str(out)]))
@@ -95,6 +96,8 @@ def certificates(arguments: argparse.Namespace) -> int:
         raise CommandError(
             "certificates need --out and --agents (or --revoke); a key for commands needs --operator-key"
         )
+    if has_certificates:
+        check_out(arguments.out)
     result: dict[str, Any] = {}
     lines, advice = [], []
     try:

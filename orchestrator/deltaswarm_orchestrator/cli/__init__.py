@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import Protocol
@@ -113,6 +114,7 @@ def _run(argv: list[str], output: Output | None) -> int:
         part, rest = (name, argv[2:]) if name in PARTS.names() else (command, argv[1:])
         return int(find(PARTS, part, "command")(rest))
     arguments = parser(command).parse_args(argv)
+    arguments.given = argv
     if not getattr(arguments, "handles_signals", False):
         raise_on_signals(STOP_SIGNALS)
     show_notices(not getattr(arguments, "quiet", False))
@@ -132,6 +134,11 @@ def carry_out(arguments: argparse.Namespace, command: str) -> int:
     except CommandError as error:
         complain(str(error))
         return error.code
+    except OSError as error:
+        if error.filename is None or isinstance(error, OutputError):
+            raise
+        complain(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}")
+        return FAILED
     except ModuleNotFoundError as error:
         from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 

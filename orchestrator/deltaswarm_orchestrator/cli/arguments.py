@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import tempfile
 from collections.abc import Callable
 from importlib.util import find_spec
 from itertools import chain, count
@@ -136,6 +137,22 @@ def free_folder(folder: Path) -> Path:
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
     free = (path for path in chain([folder], numbered) if not path.exists() and not part_of(path).exists())
     return next(free)
+
+
+def check_out(folder: Path) -> None:
+    """Check that a folder, which need not exist, can be made and written, by a file without a name.
+
+    Raises:
+        CommandError: it cannot.
+    """
+    nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise CommandError(
+            f"--out must be a folder that can be made and written (got {str(folder)!r}; {nearest}: {error.strerror})"
+        ) from None
 
 
 def part_of(run: Path) -> Path:

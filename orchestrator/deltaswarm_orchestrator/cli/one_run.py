@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.cli.arguments import (
@@ -153,7 +154,9 @@ def station(arguments: argparse.Namespace) -> int:
     must_exist(run, "RUN", A_RUN, or_part=True)
     url = address(part_of(run))
     if url is None:
-        raise CommandError(f"{run}: no run with a station is under way there; see: deltaswarm replay {run}", FAILED)
+        raise CommandError(
+            f"{run}: no run with a station is under way there; see: {command_line('replay', run)}", FAILED
+        )
     show(arguments, {"url": url}, url)
     open_browser(url)
     return OK

@@ -5,6 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.base.advice import options_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.cli.arguments import (
     LOCAL,
@@ -62,6 +63,9 @@ EXCLUDES = {
     ),
 }
 """Options, the others that must not be given with them, and why."""
+
+KEPT = ("listen", "zenoh", "live", "live_port", "live_connect", "researcher", "quiet", "json")
+"""Options that count when a run is resumed."""
 
 
 def add_run(command: argparse.ArgumentParser) -> None:
@@ -258,4 +262,5 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         live_port=live_port,
         observer="" if arguments.live in (None, FOXGLOVE) else arguments.live,
         live_connect=arguments.live_connect or "",
+        kept=tuple(options_given(arguments, KEPT)),
     )

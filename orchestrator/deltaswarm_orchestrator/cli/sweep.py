@@ -7,9 +7,19 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, engine_of, show, whole
+from deltaswarm_orchestrator.cli.arguments import (
+    add_dry_run,
+    add_engine,
+    add_json,
+    add_quiet,
+    check_out,
+    engine_of,
+    show,
+    whole,
+)
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
@@ -72,6 +82,7 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
 
     means = PROCESSES if arguments.processes else IN_PROCESS
+    check_out(folder)
     engine_maker(arguments, means)
     if arguments.processes:
         check_parts_can_start(max(variant.scenario.agents.count for variant in loaded.variants))
@@ -108,11 +119,11 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
     if (versions := len(result.manifest["code"])) > 1:
         complaints.append(f"{folder} has runs by {versions} versions of the code; another --out would have one")
     if _is_outdated(folder / "page.md", result.manifest["digest"]):
-        complaints.append(f"{folder / 'page.md'} does not match table.csv; to update it: deltaswarm report {folder}")
-    if result.interrupted:
-        complaints.append(
-            f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there"
-        )
+        update = command_line("report", folder)
+        complaints.append(f"{folder / 'page.md'} does not match table.csv; to update it: {update}")
+    if result.finished < result.runs:
+        how = "interrupted with " if result.interrupted else ""
+        complaints.append(f"{how}{result.finished} of {result.runs} runs; to go on: {as_given(arguments)}")
     for line in complaints:
         complain(line)
     return result

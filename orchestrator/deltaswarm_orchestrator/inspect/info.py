@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError, aligned, shown
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results import run_tables
@@ -79,7 +80,7 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
     """
     if not (folder / "scenario.toml").is_file():
         is_sweep = (folder / "sweep.toml").is_file()
-        reason = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
+        reason = f"a sweep's folder: see {command_line('report', folder)}" if is_sweep else "it has no scenario.toml"
         raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({reason})")
     if not is_held(folder):  # a run that is just ending has sealed what it is about to write
         seal.checked(folder / seal.MANIFEST)
@@ -110,7 +111,9 @@ def text(run: dict[str, Any]) -> str:
         *(("ended because", line) for why in manifest.get("why", []) for line in why.splitlines()),
     ]
     if run["checkpoint_step"] is not None:
-        rows.append((f"checkpoint at step {run['checkpoint_step']}", f"deltaswarm run --resume {run['folder']}"))
+        rows.append(
+            (f"checkpoint at step {run['checkpoint_step']}", command_line("run", "--resume", Path(run["folder"])))
+        )
     for fault in summary.get("faults", []):
         agents = ", ".join(map(str, fault["agents"])) or "none"
         rows.append((f"fault at {fault['at_s']:g} s", f"{fault['kind']}, agents: {agents}"))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import disk, limits, provenance, seal
+from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter
 from deltaswarm_orchestrator.base.signals import decide, stoppable
@@ -137,7 +138,8 @@ class _Run:
             if summary["complete"]:
                 summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], reason]}
         path = self._finish(summary)
-        hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
+        resume = command_line("run", "--resume", path, *self.options.kept)
+        hint = [f"to go on from the last checkpoint: {resume}"] if self._can_go_on(path) else []
         messages = (*summary["why"], *self.ending.logs, *hint)
         result = RunResult(path, summary, str(self.manifest["exit_reason"]), messages)
         decide(result.code, self.stop if result.code == OK else None)

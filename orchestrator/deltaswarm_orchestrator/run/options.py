@@ -45,6 +45,8 @@ class RunOptions:
     """Name of the observer, besides Foxglove, to which the run is shown live; empty: none."""
     live_connect: str = ""
     """Where that observer is reached; empty: where it is by default."""
+    kept: tuple[str, ...] = ()
+    """Options of the command line that count when the run is resumed, for the advice to do so."""
 
 
 @dataclass(eq=False)

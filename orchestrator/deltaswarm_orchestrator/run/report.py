@@ -4,6 +4,7 @@ import json
 import sys
 from contextlib import nullcontext
 
+from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import complain, notice
 from deltaswarm_orchestrator.run.options import RunOptions, check
 from deltaswarm_scenario.scenario import Scenario
@@ -60,7 +61,7 @@ def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_j
         print(result.folder)
         if sys.stderr.isatty():
             recording = "" if scenario.record == "off" else f"; open {result.folder / 'recording.mcap'} in a viewer"
-            notice(f"next: deltaswarm info {result.folder}{recording}")
+            notice(f"next: {command_line('info', result.folder)}{recording}")
     if overruns := result.summary["realtime_overruns"]:
         complain(f"{overruns} steps took longer than real time")
     for reason in reasons:

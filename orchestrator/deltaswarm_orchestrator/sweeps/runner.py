@@ -143,7 +143,7 @@ def run_sweep(
         except KeyboardInterrupt:
             interrupted = True
         except EngineLostError as error:
-            failed.append(f"{error}; the same command goes on from there")
+            failed.append(str(error))
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
         with_series |= (path / "series.csv").exists()  # else it would have fewer runs than the table

@@ -9,6 +9,7 @@ from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.live.views import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.results.folder_lock import is_held
@@ -110,7 +111,7 @@ def _linked_to(run: Path) -> Link:
             f"{folder} is in progress but cannot be watched: it is just beginning or ending, it is neither recorded "
             "nor has processes, or its file system has no sockets"
         )
-    raise NoRunError(f"{folder} is not in progress; for its results: deltaswarm info {folder}")
+    raise NoRunError(f"{folder} is not in progress; for its results: {command_line('info', folder)}")
 
 
 def _made_at_s(file: Path) -> float:

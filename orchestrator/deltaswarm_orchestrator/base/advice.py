@@ -1,0 +1,34 @@
+"""Command lines in advice to the user: those that were given, completed, and quoted for a shell."""
+
+import shlex
+from argparse import Namespace
+from collections.abc import Collection, Iterable
+from pathlib import Path
+
+
+def command_line(*words: object) -> str:
+    """Return a command line of `deltaswarm` as a shell takes it."""
+    return shlex.join(["deltaswarm", *map(_word, words)])
+
+
+def as_given(arguments: Namespace, *, without: Collection[str] = ()) -> str:
+    """Return the command line that was given, without some flags."""
+    return command_line(*(word for word in getattr(arguments, "given", ()) if word not in without))
+
+
+def options_given(arguments: Namespace, names: Iterable[str]) -> list[str]:
+    """Return those of some options that were given, by the names of their values, as words of a command line."""
+    words = []
+    for name in names:
+        option, value = f"--{name.replace('_', '-')}", getattr(arguments, name)
+        for one in value if isinstance(value, list) else [value]:
+            if one is True:
+                words.append(option)
+            elif one is not None and one is not False:
+                words.append(f"{option}={'='.join(one) if isinstance(one, tuple) else one}")
+    return words
+
+
+def _word(word: object) -> str:
+    """Return a word; a path that begins with a dash would be taken for an option."""
+    return f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)
