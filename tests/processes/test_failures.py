@@ -261,8 +261,9 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
             swarm.start_agents([0, 1, 2, 4])
             wait_until(lambda: swarm.part(WORLD).exit_code is not None, "the world's end")
         assert swarm.part(WORLD).exit_code == GAVE_UP
-        (said,) = [line for line in swarm.part(WORLD).log_tail().splitlines() if " 10 s (missing: " in line]
-        assert {"agent 3", "agent 5"} <= set(said.partition("missing: ")[2].rstrip(")").split(", "))
+        said = swarm.part(WORLD).how_it_ended()
+        assert " 10 s (missing: " in said
+        assert {"agent 3", "agent 5"} <= set(said.partition("missing: ")[2].partition(")")[0].split(", "))
         pids = {part.name: part.pid for part in swarm.parts}
     all_gone(pids)
 

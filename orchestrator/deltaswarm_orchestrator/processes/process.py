@@ -77,10 +77,10 @@ class RunPart:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         if code in ENDED_BY:
             return f"{self.name} was ended by {ENDED_BY[code]}{when}"
-        words = [words for role, words in LAST_WORDS.findall(self._log()) if role == self.role]
+        words = self._last_words()
         if code == GAVE_UP and words:  # what happened first is what the part waited for in vain
-            return f"{words[-1]}: {self.name} ended the run{when}"
-        cause = f": {words[-1]}" if words else ""
+            return f"{words}: {self.name} ended the run{when}"
+        cause = words and f": {words}"
         return f"{self.name} {HOW.get(code, f'ended with exit code {code}')}{when}{cause}"
 
     @property
@@ -91,8 +91,15 @@ class RunPart:
         return not (self.was_asked_to_end and self.exit_code in (ended_by(signal.SIGTERM), -signal.SIGTERM))
 
     def log_tail(self) -> str:
-        """Return the last lines of the log, for an error message; empty if it has none."""
+        """Return the last lines of the log, for an error message; empty if they tell no more than `how_it_ended`."""
+        if (words := self._last_words()) and self._log().rstrip().endswith(words):
+            return ""
         return "\n".join(f"    {line}" for line in self._log().splitlines()[-LOG_TAIL_LINES:])
+
+    def _last_words(self) -> str:
+        """Return why it failed, in its own words; empty if it has not said so."""
+        words = [words for role, words in LAST_WORDS.findall(self._log()) if role == self.role]
+        return words[-1] if words else ""
 
     def _log(self) -> str:
         """Return the log of this process, to which an earlier process of the same part may have written, too."""
