@@ -20,14 +20,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.patheffects import withStroke
 
-from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies import style
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats, describe
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
-from deltaswarm_studies.swarm import DrawnSwarm, phi, swarm
+from deltaswarm_studies.swarm import snapshot, swarm
 
 COLUMNS = 3
 """Most panels side by side."""
@@ -53,6 +51,7 @@ def boxes(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
     look_of = looks(study, settings.hue or settings.x)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
+        rows = per_replicate(rows, [settings.x, settings.hue], [settings.metric])
         for place, level in enumerate(levels):
             for name, offset, width in _side_by_side(colours if settings.hue else [level]):
                 cell = rows[(rows[settings.x] == level) & (rows[settings.hue or settings.x] == name)]
@@ -81,6 +80,7 @@ def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure
     apart = 0.012 * (max(at.values()) - min(at.values()) or 1.0)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
+        rows = per_replicate(rows, [settings.x, settings.hue], [settings.metric])
         for index, (hue, look) in enumerate(look_of.items()):
             group = rows[rows[settings.hue] == hue] if hue else rows
             middle, low, high = _medians(group[group[settings.x] == name][settings.metric] for name in ordered)
@@ -134,9 +134,10 @@ def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
     look_of = hues(settings, study, shown)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
+        replicates = per_replicate(rows, [settings.hue], [settings.x, settings.metric])
         for hue, look in look_of.items():
-            points = rows[rows[settings.hue] == hue][[settings.x, settings.metric]].dropna().to_numpy(np.float64)
-            _cloud(axes, points, look)
+            points = replicates[replicates[settings.hue] == hue][[settings.x, settings.metric]].dropna()
+            _cloud(axes, points.to_numpy(np.float64), look)
         medians = rows.groupby("variant")[[settings.x, settings.metric]].median()
         path = [name for name in settings.path if name in medians.index]
         joined = medians.loc[path].to_numpy(np.float64)
@@ -259,32 +260,8 @@ def _cloud(axes: Axes, points: Floats, look: Look) -> None:
 def swarms(settings: FigureSettings, study: Study) -> Figure:
     """Draw the swarm of each variant at a moment of a run with the figure's seed."""
     scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
-    runs = {name: replace(scenarios[name], seed=settings.seed) for name in settings.variants}
+    runs = {name: replace(scenarios[name], seed=settings.seed) for name in settings.variants or scenarios}
     return swarm({name: snapshot(scenario, settings.at_s) for name, scenario in runs.items()})
-
-
-def snapshot(scenario: Scenario, time_s: float) -> DrawnSwarm:
-    """Run a scenario with its own seed; return the swarm and its incomplete events after the step at `time_s`.
-
-    Raises:
-        ValueError: `time_s` is before the start or after the end of the run.
-    """
-    last = round(time_s / scenario.run.step_s)
-    if not 0 <= last < scenario.run.steps:
-        raise ValueError(f"a run of {scenario.run.duration_s:.15g} s has no step at {time_s:.15g} s")
-    run = InProcess(scenario)
-    for step in range(last):
-        run.step(step, False)
-    truth = run.world.truth(run.step(last, True))
-    return DrawnSwarm(
-        time_s=truth.time_s,
-        width_m=scenario.arena.width_m,
-        height_m=scenario.arena.height_m,
-        sensing_range_m=scenario.agents.sensing_range_m,
-        bodies=truth.bodies,
-        events=tuple(event for event in truth.events if event.completed_s is None),
-        phi=phi(scenario),
-    )
 
 
 def panels(
@@ -340,6 +317,31 @@ def chosen(settings: FigureSettings, rows: pd.DataFrame, variants: Sequence[str]
         if metric not in rows or rows[metric].isna().all():
             raise ValueError(f"there are no values of {metric!r} to draw")
     return rows
+
+
+def per_replicate(rows: pd.DataFrame, factors: Iterable[str], metrics: Sequence[str]) -> pd.DataFrame:
+    """Average each replicate over the factors that a figure leaves out: their levels are no replicates."""
+    shown = [name for name in dict.fromkeys(factors) if name]
+    groups = rows.groupby([*shown, "replicate"], sort=False, as_index=False)[list(metrics)]
+    return groups.agg(_mean_of_all)
+
+
+def _mean_of_all(values: pd.Series) -> float:
+    return float(values.mean(skipna=False))
+
+
+def left_out(settings: FigureSettings, study: Study) -> list[str]:
+    """List the titles of the factors over which a figure averages each replicate."""
+    if settings.kind not in ("boxes", "levels", "plane"):
+        return []
+    shown = {settings.x, settings.hue, settings.facet}
+    first: dict[tuple[str, ...], Mapping[str, str]] = {}
+    found: set[str] = set()
+    for variant in settings.variants or study.levels:
+        levels = study.levels[variant]
+        other = first.setdefault(tuple(level for name, level in levels.items() if name in shown), levels)
+        found |= {name for name, level in levels.items() if level != other[name]}
+    return [study.factor_title(name).partition(" [")[0] for name in study.factors if name in found]
 
 
 def levels_in(rows: pd.DataFrame, factor: str, study: Study) -> list[str]:

@@ -30,6 +30,7 @@ def problems_of(study: Study) -> Iterator[Problem]:
         yield from _results(study)
         yield from _times(study)
         yield from _columns(study)
+        yield from _one_line_of_many(study)
         yield from _incomparable(study)
 
 
@@ -105,6 +106,22 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         for j, result in enumerate(finding.because):
             kind = next(kind for kind in ids if kind in result)
             yield f"finding[{i}].because[{j}].{kind}", [str(name) for name in listed(result[kind])], ids[kind]
+
+
+def _one_line_of_many(study: Study) -> Iterator[Problem]:
+    """Report figures over time that would draw several variants as one line."""
+    for i, figure in enumerate(study.file.figure):
+        if figure.kind != "time":
+            continue
+        lines: dict[tuple[str, ...], str] = {}
+        for variant in figure.variants or study.levels:
+            levels = study.levels.get(variant, {})
+            line = tuple(levels.get(factor, "") for factor in (figure.hue, figure.facet))
+            other = lines.setdefault(line, variant)
+            if other != variant:
+                allowed = f"must tell all variants apart, with facet: {other!r} and {variant!r} would be one line"
+                yield Problem(f"figure[{i}].hue", repr(figure.hue) if figure.hue else "missing", allowed)
+                break
 
 
 def _over_time() -> list[str]:

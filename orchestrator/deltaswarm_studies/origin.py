@@ -95,9 +95,9 @@ class Repeated(NamedTuple):
 
 
 def repeat(study: Study, folder: Path) -> Repeated:
-    """Repeat a run of the study's cheapest variant, in one process, and compare it with its row in `runs.csv`.
+    """Repeat one of a study's runs, in one process, and compare it with its row in `runs.csv`.
 
-    Which of the replicates it is depends on the code, so that successive versions try different ones.
+    Which one depends on the code, so that successive versions try different variants and replicates.
 
     Raises:
         OSError: there is no `runs.csv`.
@@ -108,14 +108,13 @@ def repeat(study: Study, folder: Path) -> Repeated:
     sealed_tables(folder, study)
     file = folder / "runs.csv"
     published = read_table(file, ["variant", *ORIGIN, *study.factors], needs=ID)
-    variant = min(study.sweep.variants, key=lambda variant: variant.scenario.agents.count * variant.scenario.run.steps)
-    rows = published[published["variant"] == variant.label]
-    if rows.empty:
-        raise ValueError(f"{file} must have runs of {variant.label!r}, which is cheapest to repeat")
-    row = rows.iloc[int(provenance.code_digest(), 16) % len(rows)]
-    jobs = [job for job in study.sweep.jobs() if job.variant is variant and job.scenario.seed == row["seed"]]
+    if published.empty:
+        raise ValueError(f"{file} must have at least one run")
+    row = published.iloc[int(provenance.code_digest(), 16) % len(published)]
+    wanted = row["variant"], row["seed"]
+    jobs = [job for job in study.sweep.jobs() if (job.variant.label, job.scenario.seed) == wanted]
     if not jobs:
-        raise ValueError(f"{file} must have the study's seeds (got {row['seed']} for replicate {row['replicate']})")
+        raise ValueError(f"{file} must have runs of the study (got {wanted[0]!r} with seed {wanted[1]})")
     result = work(Task(jobs[0]))
     now = runs_of(study, row_of(jobs[0], result), series_of([(jobs[0], result)])).iloc[0]
     shared = [(name, row[name], now[name]) for name in now.index if name in row.index]

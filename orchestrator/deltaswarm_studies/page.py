@@ -34,7 +34,9 @@ def pages(
     for figure in study.file.figure:
         try:
             if drawing := _drawn(study, evidence, figure):
-                pictures.append(CaptionedFigure(figure.name, drawing, " ".join(figure.caption.split())))
+                pictures.append(CaptionedFigure(figure.name, drawing, _caption(figure, study)))
+            else:
+                missing.append(f"The figure {figure.name!r} is missing: there are no runs for it.")
         except ValueError as error:  # a page without a figure is better than none
             missing.append(f"The figure {figure.name!r} is missing: {error}.")
     supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
@@ -47,6 +49,7 @@ def pages(
         "sections": list(_sections(study, evidence, pictures, provenance, sealed)),
         "facts": {
             "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
+            "tests": _tests(evidence),
             "arrivals": evidence.arrivals,
             "horizons_s": sorted({variant.scenario.metrics.horizon_s for variant in study.sweep.variants}),
             "per_event": [study.metrics[name].title for name in PER_EVENT if name in set(evidence.estimates["metric"])],
@@ -54,6 +57,13 @@ def pages(
         "figures": "figures",
     }
     return render("page.html.jinja", context), render("page.md.jinja", context), pictures
+
+
+def _caption(figure: FigureSettings, study: Study) -> str:
+    """Return the caption, with the factors over which the figure averages."""
+    over = charts.left_out(figure, study)
+    note = f"Each value is the mean over {' and '.join(over)} within a replicate." if over else ""
+    return " ".join(f"{figure.caption} {note}".split())
 
 
 def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure | None:
@@ -64,6 +74,14 @@ def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure |
     if rows.empty or (figure.variants and not rows["variant"].isin(figure.variants).any()):
         return None
     return CHARTS[figure.kind](replace(figure, lines=_lines(figure, evidence.runs)), study, rows)
+
+
+def _tests(evidence: Evidence) -> dict[str, int]:
+    """Count the page's tests and the families in which they are corrected."""
+    contrasts, claims = evidence.contrasts, evidence.claims
+    families = len(contrasts[["contrast", "metric"]].drop_duplicates()) if len(contrasts) else 0
+    families += claims["source"].nunique() if len(claims) else 0
+    return {"tests": len(contrasts) + len(claims), "families": families}
 
 
 def _lines(figure: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:

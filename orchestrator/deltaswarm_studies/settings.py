@@ -213,8 +213,8 @@ class FigureSettings:
     name: str = key("", "name of its files, without a suffix")
     kind: str = key(
         "boxes",
-        "boxes: quartiles and a point per run; levels: medians along a factor; time: means over windows; plane: two "
-        "metrics, a point per run; frontier: medians of two metrics; swarm: agents and events at a moment",
+        "boxes: quartiles and a point per replicate; levels: medians along a factor; time: means over windows; plane: two "
+        "metrics, a point per replicate; frontier: medians of two metrics; swarm: agents and events at a moment",
         choices=("boxes", "levels", "time", "plane", "frontier", "swarm"),
     )
     caption: str = key("", "below the figure")
@@ -244,8 +244,18 @@ class FigureSettings:
             for name, value in getattr(self, table).items():
                 if not is_well_formed(value):
                     yield Problem(f"{table}.{name}", repr(value)[:60], allowed)
-        if self.kind == "frontier" and not self.paths:
-            yield Problem("paths", "missing", "a figure of kind 'frontier' needs it")
+        for name in NEEDED.get(self.kind, ()):
+            if not getattr(self, name):
+                yield Problem(name, "missing", f"a figure of kind {self.kind!r} needs it")
+
+
+NEEDED = {
+    "boxes": ("x",),
+    "levels": ("x",),
+    "plane": ("x", "hue"),
+    "frontier": ("x", "paths"),
+}
+"""What a figure of each kind cannot be drawn without."""
 
 
 def listed(value: Any) -> list[Any]:

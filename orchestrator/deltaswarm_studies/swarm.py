@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from scipy import stats
 
+from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.density import Component
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import AgentState, EventState
@@ -70,6 +71,30 @@ _ATTENDING = _Kind("attending", "D", "#8c8c8c", 3.2)
 _RELOCATING = _Kind("relocating", "p", "#ffffff", 4.4)
 _DEAD = _Kind("dead", "x", style.BLACK, 3.2)
 KINDS = (_FREE, _ATTENDING, _ROOT, *_MEMBERS, _RELOCATING, _DEAD)
+
+
+def snapshot(scenario: Scenario, time_s: float) -> DrawnSwarm:
+    """Run a scenario with its own seed; return the swarm and its incomplete events after the step at `time_s`.
+
+    Raises:
+        ValueError: `time_s` is before the start or after the end of the run.
+    """
+    last = round(time_s / scenario.run.step_s)
+    if not 0 <= last < scenario.run.steps:
+        raise ValueError(f"a run of {scenario.run.duration_s:.15g} s has no step at {time_s:.15g} s")
+    run = InProcess(scenario)
+    for step in range(last):
+        run.step(step, False)
+    truth = run.world.truth(run.step(last, True))
+    return DrawnSwarm(
+        time_s=truth.time_s,
+        width_m=scenario.arena.width_m,
+        height_m=scenario.arena.height_m,
+        sensing_range_m=scenario.agents.sensing_range_m,
+        bodies=truth.bodies,
+        events=tuple(event for event in truth.events if event.completed_s is None),
+        phi=phi(scenario),
+    )
 
 
 def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_IN) -> Figure:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
 from deltaswarm_studies import style
-from deltaswarm_studies.charts import ellipse
+from deltaswarm_studies.charts import ellipse, left_out
 from deltaswarm_studies.page import CHARTS
 from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import LEVELS, MODES, OWN, made, series, table
@@ -46,6 +46,27 @@ def test_a_box_for_each_level_and_hue() -> None:
     assert words(axes) == [style.shown(mode) for mode in MODES]
     assert re.fullmatch(r"\w.*sensed.* \[s\]", axes.get_ylabel())
     assert axes.get_xlabel() == "control"
+
+
+def test_levels_of_a_factor_that_is_left_out_are_no_replicates() -> None:
+    """Each replicate is averaged over them first: ten points a mode, not thirty; the caption names the factor."""
+    settings = 'x = "mode"\nmetric = "waiting_all"\ncaption = "All."\n'
+    study = made(f'{OWN}[[figure]]\nname = "f"\n{settings}')
+    runs = runs_of(study, table(), NONE)
+    [axes] = drawn(settings).axes
+    places = np.concatenate([points.get_offsets() for points in axes.collections])  # type: ignore[arg-type]
+    expected = [
+        np.mean([run.waiting_all for run in runs.itertuples() if (run.mode, run.replicate) == (mode, replicate)])
+        for mode in MODES
+        for replicate in range(10)
+    ]
+    assert sorted(places[:, 1]) == pytest.approx(sorted(expected))
+    assert left_out(study.file.figure[0], study) == ["frames lost"]
+    whole = made(f'{OWN}[[figure]]\nname = "f"\nfacet = "loss"\n{settings}')
+    assert left_out(whole.file.figure[0], whole) == []
+    runs.loc[runs["replicate"] == 3, "waiting_all"] = np.nan  # nothing is averaged over what is left of a replicate
+    [axes] = drawn(settings, runs).axes
+    assert sum(len(points.get_offsets()) for points in axes.collections) == 9 * len(MODES)  # type: ignore[arg-type]
 
 
 def test_fewer_than_five_values_make_no_box() -> None:

@@ -233,7 +233,7 @@ def test_evidence_from_saved_tables_is_that_from_the_runs(tmp_path: Path) -> Non
     own = OWN + (
         '[[contrast]]\nid = "modes"\nfactor = "mode"\nreference = "007"\n'
         '[[recovery]]\nfactor = "mode"\nlevel = "true"\nreference = "007"\nafter_s = 0.0\n'
-        '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\n'
+        '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
         '[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\nless = "loss=0.0, 007"\nmore = "loss=0.9, true"\n'
         '[[claim]]\nid = "vacuous"\ntext = "v"\nmetric = "waiting_all"\nless = "loss=0.0, 007"\n'
         'more = "loss=0.9, true"\nat_least = 0.01\n'

@@ -320,7 +320,7 @@ def test_an_incomplete_last_window_is_left_out(
 
 def test_courses_are_means_over_the_replicates() -> None:
     """With an interval that holds them, a row per window, for what is drawn over time."""
-    study = made(OWN + '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\n')
+    study = made(OWN + '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n')
     windows = windows_with_levels(study, series(lambda level, mode, replicate, time_s: float(replicate)))
     found = courses_of(study, windows)
     assert (found["mean"] == 4.5).all()

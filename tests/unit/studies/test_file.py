@@ -160,7 +160,12 @@ def test_sound_tables_are_taken() -> None:
         ('[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "no loss"\n', "recovery[0].level"),
         ('[[figure]]\nname = "f"\nkind = "boxes"\nx = "modes"\n', "figure[0]"),
         ('[[figure]]\nname = "f"\nkind = "pie"\n', "figure[0].kind"),
-        ('[[figure]]\nname = "f"\nkind = "plane"\nx = "mode"\n', "figure[0].x"),
+        ('[[figure]]\nname = "f"\nkind = "plane"\nx = "mode"\nhue = "mode"\n', "figure[0].x"),
+        ('[[figure]]\nname = "f"\nkind = "plane"\nx = "messages"\n', "figure[0].hue"),
+        ('[[figure]]\nname = "f"\nkind = "boxes"\nhue = "mode"\n', "figure[0].x"),
+        ('[[figure]]\nname = "f"\nkind = "levels"\n', "figure[0].x"),
+        ('[[figure]]\nname = "f"\nkind = "frontier"\npaths = {a = ["loss=0.0, hybrid"]}\n', "figure[0].x"),
+        ('[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\nhue = "mode"\n', "figure[0].hue"),
         ('[[finding]]\ntext = "t"\nbecause = [{ claim = "none", is = "holds" }]\n', "finding[0].because[0].claim"),
         (
             '[[fit]]\ntext = "f"\nfactor = "mode"\ntargets = [{ level = "hybrid 3", metric = "waiting" }]\n'

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 from benchmarks import plots as benchmarks
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_studies import style, swarm
-from deltaswarm_studies.charts import snapshot
 from deltaswarm_studies.page import CHARTS
-from deltaswarm_studies.swarm import KINDS
+from deltaswarm_studies.swarm import KINDS, snapshot
 from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import OWN, made, series, table
 

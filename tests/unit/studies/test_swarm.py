@@ -15,8 +15,7 @@ from deltaswarm_scenario.density import ComponentSettings, DensitySettings
 from deltaswarm_scenario.scenario import ArenaSettings, Scenario
 from deltaswarm_scenario.truth import AgentState, EventState
 from deltaswarm_studies import style
-from deltaswarm_studies.charts import DrawnSwarm, snapshot
-from deltaswarm_studies.swarm import edges, kind_of, level_holding, phi, swarm
+from deltaswarm_studies.swarm import DrawnSwarm, edges, kind_of, level_holding, phi, snapshot, swarm
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.obstacles import Obstacles
