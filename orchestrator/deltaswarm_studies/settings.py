@@ -213,8 +213,8 @@ class FigureSettings:
     name: str = key("", "name of its files, without a suffix")
     kind: str = key(
         "boxes",
-        "boxes: quartiles and a point per replicate; levels: medians along a factor; time: means over windows; plane: two "
-        "metrics, a point per replicate; frontier: medians of two metrics; swarm: agents and events at a moment",
+        "boxes: quartiles and a point per replicate; levels: medians along a factor; time: means over windows; plane: "
+        "two metrics, a point per replicate; frontier: medians of two metrics; swarm: agents and events at a moment",
         choices=("boxes", "levels", "time", "plane", "frontier", "swarm"),
     )
     caption: str = key("", "below the figure")
