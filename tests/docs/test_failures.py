@@ -1,6 +1,6 @@
 """The page of failures: each row names the test that shows it, and that test is there."""
 
-import ast
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -13,10 +13,9 @@ ROWS = [
     if line.startswith("| ") and not line.startswith("| ---") and not line.endswith("| test |")
 ]
 FUNCTIONS = Counter(
-    node.name
+    name
     for file in (ROOT / "tests").rglob("test_*.py")
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-    if isinstance(node, ast.FunctionDef)
+    for name in re.findall(r"^ *def (test_\w+)\(", file.read_text(encoding="utf-8"), re.MULTILINE)
 )
 
 

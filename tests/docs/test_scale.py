@@ -17,6 +17,7 @@ PAGE = (ROOT / "docs" / "SCALE.md").read_text()
 SCHEDULER, WORKER, RUN, BENCH = commands(PAGE)
 
 
+@pytest.mark.slow
 @pytest.mark.processes
 def test_the_commands_for_a_cluster_and_a_run_work(tmp_path: Path) -> None:
     """Those of Dask, with free ports instead of 8786 and this machine as HEAD, and a run of a few steps."""

@@ -122,6 +122,7 @@ set = ["run.duration_s=120", "operator.probes.isa_every_s=0", "operator.task.tar
 """
 
 
+@pytest.mark.slow
 def test_a_session_shows_the_score_of_the_task(tmp_path: Path) -> None:
     """After the run, on a page of its own; all tables have it."""
     (tmp_path / "study.toml").write_text(TASK)

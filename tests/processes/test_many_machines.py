@@ -150,6 +150,7 @@ def test_without_its_scheduler_a_run_ends(cluster: Cluster, tmp_path: Path) -> N
     nothing_is_left(cluster, tmp_path)
 
 
+@pytest.mark.slow
 def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Path) -> None:
     """No scheduler, no workers, an address that is not this machine's: a line each, and no folder."""
     out = tmp_path / "run"

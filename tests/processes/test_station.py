@@ -333,6 +333,7 @@ def test_questions_without_an_answer_are_named(tmp_path: Path) -> None:
     assert swarm.summary()["person"]["answers_missing"] == 1
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
     """As far as its recording goes, with what had been reported, and what a person had commanded."""
     steps = tmp_path / "steps.msgpack"

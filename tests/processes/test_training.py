@@ -50,6 +50,7 @@ class Relaxed(Browser):
         return said | {"scales": dict.fromkeys(SCALES, 0)} if probe["kind"] == "tlx" else said
 
 
+@pytest.mark.slow
 def test_training_is_repeated_until_it_is_easy(tmp_path: Path) -> None:
     """The first is not; the second is cut off before it begins, and done again when the session goes on."""
     (tmp_path / "study.toml").write_text(FILE)

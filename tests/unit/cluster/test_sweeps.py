@@ -23,6 +23,7 @@ distributed = pytest.importorskip("distributed")
 from deltaswarm_cluster.sweep_engine import DaskEngine, attempt_with  # noqa: E402
 from deltaswarm_orchestrator.base import provenance  # noqa: E402  # nothing of it without Dask
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
+from tests.support.tiers import first_of  # noqa: E402
 
 
 @pytest.fixture
@@ -178,7 +179,7 @@ def test_without_dask_the_line_says_how_to_install_it(
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGINT]))
 def test_nothing_is_left_of_a_local_cluster(
     tmp_path: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
