@@ -17,13 +17,13 @@ from deltaswarm_orchestrator.sweeps.job import work
 from tests.support.dask_clusters import Cluster, dask_cluster
 from tests.support.swarms import BOUND_S, wait_until
 from tests.support.sweeping import RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
+from tests.support.tiers import first_of
 
 distributed = pytest.importorskip("distributed")
 
 from deltaswarm_cluster.sweep_engine import DaskEngine, attempt_with  # noqa: E402
 from deltaswarm_orchestrator.base import provenance  # noqa: E402  # nothing of it without Dask
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
-from tests.support.tiers import first_of  # noqa: E402
 
 
 @pytest.fixture

@@ -319,3 +319,24 @@ def test_totals_are_plain_json() -> None:
     feed(meter, report(7, 0, 0))
     close(meter, 0)
     assert json.loads(json.dumps(meter.totals, allow_nan=False)) == meter.totals
+
+
+def test_a_new_meter_has_counted_nothing() -> None:
+    """It is before its first step; and reports without a gap make the world no sender."""
+    meter = a_meter(threshold_hz=0.5, step_s=0.5)
+    assert (meter.is_over, meter.totals["messages_per_s"], meter.totals["per_sender"]) == (False, 0.0, {})
+    for sequence in (0, 1):
+        assert hand_on(meter, sequence, encode_report(report(4, sequence, 0))) is None
+    close(meter, 0)
+    assert list(meter.totals["per_sender"]) == ["4"]
+    assert meter.totals["time_above_s"] == 0.5
+
+
+def test_what_was_missing_in_a_step_that_is_done_again_is_not_counted_twice() -> None:
+    """Once loaded, the operator gets all later reports again."""
+    meter = a_meter()
+    close(meter, 0)
+    hand_on(meter, 3, b"broken")
+    meter.resume()
+    workload = close(meter, 1)
+    assert (workload.lost, workload.rejected, workload.messages) == (0, 0, 0)

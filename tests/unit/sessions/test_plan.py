@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_sessions.plan import MAX_SEED, Placed, group_of, order_of, order_warning, plan, square
+from deltaswarm_sessions.plan import MAX_SEED, Placed, group_of, order_of, order_warning, outline_text, plan, square
 from deltaswarm_sessions.settings import load_session
 from deltaswarm_wire.checked import SettingsError
 from tests.support.sessions import FORMS, a_file, a_session, with_criterion
@@ -276,3 +276,19 @@ def test_an_order_that_undoes_a_condition_is_warned_of(orders: str, warns: bool,
     )
     assert order_warning(runs) == (said if warns else None)
     assert order_warning(runs[:2]) is None
+
+
+def test_the_outline_reads_as_lines() -> None:
+    """A line for each thing that a session has, and none for what it does not have."""
+    row = {"label": "A", "scenario": "smoke", "simulated_s": 90.0, "wall_min": 1.5, "asks": ["ISA every 60 s", "SAGAT"]}
+    whole = {"runs": [row], "is_order_concealed": True, "forms": {"trust": "after"}, "training_runs_at_most": 2}
+    head, first, *lines = outline_text({**whole, "wall_min": 1.5}).splitlines()
+    assert first.split() == ["A", "smoke", "90", "1.5", "ISA", "every", "60", "s;", "SAGAT"]
+    assert [line.split()[0] for line in (head, *lines[1:])] == ["run", "The", "Forms", "Training:", "All"]
+    assert "trust (after)" in lines[2]
+    assert "at most 2 runs" in lines[3]
+    bare = {**whole, "is_order_concealed": False, "forms": {}, "training_runs_at_most": 1, "wall_min": None}
+    bare["runs"] = [{**row, "wall_min": None}]
+    _, first, *rest = outline_text(bare).splitlines()
+    assert "as fast as possible" in first
+    assert [line for line in rest if line] == []
