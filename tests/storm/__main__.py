@@ -7,7 +7,7 @@ from pathlib import Path
 from random import Random
 
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
-from tests.storm.judge import play_and_judge
+from tests.storm import blows, judge
 
 
 def main() -> int:
@@ -16,16 +16,18 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=100, metavar="N", help="how many (default: 100)")
     parser.add_argument("--seed", type=int, default=1, help="all blows come from it (default: 1)")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="begin with this one (default: 0)")
+    parser.add_argument("--one-blow", action="store_true", help="one blow per run, whose cause must be told first")
     arguments = parser.parse_args()
+    play_and_judge = blows.play_and_judge if arguments.one_blow else judge.play_and_judge
     raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
     bad = landed = 0
     before = shared_memory()
     for number in range(arguments.first, arguments.first + arguments.runs):
         with tempfile.TemporaryDirectory(prefix="storm-") as name:
             seen, found = play_and_judge(Path(name), Random(f"{arguments.seed}/{number}"))
-            blows = ", ".join(f"{blow.number.name[3:]} {blow.target} {blow.at_s:.1f}" for blow in seen.landed)
+            struck = ", ".join(f"{blow.number.name[3:]} {blow.target} {blow.at_s:.1f}" for blow in seen.landed)
             print(
-                f"{number:4} {seen.wall_s:6.1f} s  {seen.kind:22}  code {seen.code}  [{blows}]  "
+                f"{number:4} {seen.wall_s:6.1f} s  {seen.kind:22}  code {seen.code}  [{struck}]  "
                 f"{'; '.join(found) or 'holds'}",
                 flush=True,
             )

@@ -136,7 +136,7 @@ def play(folder: Path, rng: Random) -> Seen:
     except subprocess.TimeoutExpired:
         pass
     seen.wall_s = time.monotonic() - began
-    seen.left = _left(mark, temporary)
+    seen.left = left(mark, temporary)
     process.kill()
     kill(marked(mark, trackers=True))
     return seen
@@ -213,7 +213,7 @@ def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
     return find
 
 
-def _left(mark: str, temporary: Path) -> list[str]:
+def left(mark: str, temporary: Path) -> list[str]:
     """What is still there after a while."""
     deadline = time.monotonic() + GONE_WITHIN_S
     while time.monotonic() < deadline and (marked(mark, trackers=True) or any(temporary.iterdir())):
