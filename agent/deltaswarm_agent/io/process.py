@@ -18,7 +18,14 @@ from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD,
 from deltaswarm_wire.messages import Act, Frame, decode_frame
 from deltaswarm_wire.orders import decode_save, encode_taken
 from deltaswarm_wire.plugins import described
-from deltaswarm_wire.session import RouterLink, client_pairs, closing, configured, use_one_worker_thread
+from deltaswarm_wire.session import (
+    RouterLink,
+    client_pairs,
+    closing,
+    configured,
+    use_one_worker_thread,
+    without_sources,
+)
 from deltaswarm_wire.settings import AgentSettings
 
 use_one_worker_thread()
@@ -170,8 +177,8 @@ def run_agent(
     try:
         opened = zenoh.open(settings)
     except zenoh.ZError as error:
-        log.critical("cannot join the world at %s: %s", config.link.endpoint, error)
-        return 1
+        log.critical("cannot join the world at %s: %s", config.link.endpoint, without_sources(str(error)))
+        return WORLD_LOST
     with closing(opened, log.warning) as session:
         frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
         outbox = Outbox(session, keys, config.agent)

@@ -86,6 +86,8 @@ class StepSource(ABC):
     """Whether the operator ends if its table cannot be written."""
     REFUSED: ClassVar[str] = "cannot open a session"
     """The message if the session does not open."""
+    REFUSED_CODE: ClassVar[int] = FAILED
+    """The exit code then."""
 
     config: OperatorConfig
     inbox: Inbox
@@ -282,7 +284,7 @@ def run_operator(source: StepSource) -> int:
             session = stack.enter_context(closing(zenoh.open(settings), log.warning))
         except zenoh.ZError as error:
             log.critical("%s: %s", source.REFUSED.format(endpoint=config.link.endpoint), error)
-            return FAILED
+            return source.REFUSED_CODE
         try:
             end = _run_session(source, session, station)
         except OSError as error:

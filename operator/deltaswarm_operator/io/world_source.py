@@ -14,6 +14,7 @@ from deltaswarm_operator.io.inbox import Inbox, ItemKind
 from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, StepSource
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.child import WORLD_LOST
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import Pace, Turn, encode_pace, encode_turn
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
@@ -51,6 +52,7 @@ class WorldSource(StepSource):
     COLUMNS = Workload._fields
     COMPLETE_AT = End.LAST_CLOCK
     REFUSED = "cannot join the world at {endpoint} (is it running, is the password right?)"
+    REFUSED_CODE = WORLD_LOST
 
     def __init__(self, config: WorldSourceConfig) -> None:
         self.config: WorldSourceConfig = config

@@ -32,7 +32,7 @@ COMMANDS = {
     "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",
     "top": "watch a run under way on a terminal",
-    "why": "explain whether one agent could hear another at some time of a run",
+    "why": "explain how a run ended, or whether one agent could hear another at some time of it",
     "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",
     "doctor": "check whether this machine has what runs need",

@@ -202,11 +202,14 @@ def top(arguments: argparse.Namespace) -> int:
 
 def add_why(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm why`."""
-    command.description = "Repeats the run in one process up to a time, and says whether B could hear A then."
+    command.description = (
+        "Says how a run ended, what failed in it in which order, and why it is not valid. With A, B and --at: repeats "
+        "the run in one process up to a time, and says whether B could hear A then."
+    )
     command.add_argument("folder", type=Path, metavar="RUN")
-    command.add_argument("sender", type=int, metavar="A", help="the agent that sends")
-    command.add_argument("receiver", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
-    command.add_argument("--at", type=float, required=True, metavar="T", help="time in the run [s]")
+    command.add_argument("sender", nargs="?", type=int, metavar="A", help="the agent that sends")
+    command.add_argument("receiver", nargs="?", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
+    command.add_argument("--at", type=float, metavar="T", help="time in the run [s]")
     add_json(command)
     command.set_defaults(func=why)
 
@@ -219,10 +222,18 @@ def _receiver(text: str) -> int | str:
 
 
 def why(arguments: argparse.Namespace) -> int:
-    """Say whether one agent could hear another, and why not."""
-    from deltaswarm_orchestrator.inspect import link_report
+    """Say how a run ended, or whether one agent could hear another, and why not."""
+    from deltaswarm_orchestrator.inspect import info, link_report
 
     must_exist(arguments.folder, "RUN", A_RUN)
+    asked = {"A": arguments.sender, "B": arguments.receiver, "--at": arguments.at}
+    lacking = [name for name, value in asked.items() if value is None]
+    if len(lacking) == len(asked):
+        ending = info.how_it_ended(arguments.folder)
+        show(arguments, ending, info.ending_text(ending))
+        return OK
+    if lacking:
+        raise CommandError(f"why must be given A, B and --at to explain a link (missing: {', '.join(lacking)})")
     answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
     _notice_unsealed(arguments.folder)
     show(arguments, asdict(answer), link_report.text(answer))

@@ -123,6 +123,29 @@ def text(run: dict[str, Any]) -> str:
     return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {run['state']}\n{aligned(rows)}"
 
 
+def how_it_ended(folder: Path) -> dict[str, Any]:
+    """Return the state of a run, what failed in it, in order, and why it is not valid.
+
+    Raises:
+        NotARunError: as in `describe`.
+    """
+    run = describe(folder)
+    return {
+        "folder": run["folder"],
+        "state": run["state"],
+        "why": run["manifest"].get("why", []),
+        "valid": run["summary"]["valid"],
+        "invalid_because": run["summary"]["invalid_because"],
+    }
+
+
+def ending_text(ending: dict[str, Any]) -> str:
+    """Format the result of `how_it_ended` as text."""
+    happened = [f"{number}. {line}" for number, line in enumerate(ending["why"], 1)]
+    invalid = [f"not valid: {reason}" for reason in ending["invalid_because"]]
+    return "\n".join([f"{ending['folder']}: {ending['state']}", *(happened or ["nothing failed"]), *invalid])
+
+
 def finish_recordings(folder: Path) -> list[Path]:
     """Give the recordings of a killed run their end, in place; return those that lacked it.
 

@@ -264,9 +264,9 @@ def test_it_ends_when_the_world_is_killed(tmp_path: Path, with_token: bool) -> N
 
 
 def test_it_does_not_start_without_a_world(world: World) -> None:
-    """A router that refuses its password is as good as none: exit code 1, and nothing is written."""
+    """A router that refuses its password is as good as none, and nothing is written."""
     process = world.start_operator(password="wrong")
-    assert process.wait(PATIENCE_S) == 1
+    assert process.wait(PATIENCE_S) == WORLD_LOST
     assert world.endpoint in world.log.read_text()
     assert not world.out.exists()
 

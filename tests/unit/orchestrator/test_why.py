@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.inspect.info import ending_text
 from deltaswarm_orchestrator.inspect.link_report import LinkFindings, examine
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -153,6 +154,18 @@ def test_a_run_is_asked_by_its_folder(folder: Path, capsys: Printed) -> None:
     assert main(["why", str(folder), "1", "2", "--at", "100.5", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["step"], found["sender"], found["receiver"], found["differs_from_step"]) == (100, 1, 2, None)
+
+
+def test_without_a_link_it_says_how_the_run_ended(folder: Path, capsys: Printed) -> None:
+    """What failed, in its order; a link that is asked for in part is a mistake."""
+    assert main(["why", str(folder)]) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{folder}: complete", "nothing failed"]
+    ending = {"folder": "x", "state": "incomplete (failed)", "why": ["agent 3 was", "world was"], "valid": False}
+    said = ending_text({**ending, "invalid_because": ["it ended: world was"]})
+    assert said.splitlines()[1:] == ["1. agent 3 was", "2. world was", "not valid: it ended: world was"]
+    for some in (["1"], ["1", "2"], ["--at", "3"]):
+        assert main(["why", str(folder), *some]) == 2
+        assert "A, B and --at" in capsys.readouterr().err
 
 
 def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: Printed) -> None:
