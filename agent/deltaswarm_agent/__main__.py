@@ -14,7 +14,8 @@ from deltaswarm_wire.arguments import Parser, add_link_arguments, link_of, progr
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.plugins import controller_settings, described
+from deltaswarm_wire.plugin_errors import described
+from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import AgentSettings
 
 
@@ -67,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_agent(config)
     except ControllerError as error:
-        logging.getLogger("deltaswarm.agent").critical("%s", error)
+        logging.getLogger("deltaswarm.agent").critical("%s", error.report)
         return 1
     except Exception as error:
         logging.getLogger("deltaswarm.agent").critical("%s", described(error), exc_info=True)

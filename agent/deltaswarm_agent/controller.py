@@ -26,7 +26,8 @@ from deltaswarm_wire.messages import (
     role_name,
 )
 from deltaswarm_wire.operator_messages import ReportedMember
-from deltaswarm_wire.plugins import controller_settings, described, find_controller
+from deltaswarm_wire.plugin_errors import PluginError, is_interrupt
+from deltaswarm_wire.plugins import controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings
 
 Velocity = tuple[float, float]
@@ -140,7 +141,7 @@ class Controller(Protocol):
         """Decide."""
 
 
-class ControllerError(Exception):
+class ControllerError(PluginError):
     """A controller raised or returned an invalid decision; the agent has failed. The text is one line."""
 
 
@@ -162,10 +163,10 @@ def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Co
     context = ControllerContext(agent, control.mode, own_settings, settings, agent_rng(settings.seed, agent, restart))
     try:
         controller: Controller = cls(context)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # SystemExit too: it would end a run in one process
-        raise ControllerError(f"controller {control.mode} cannot be made: {described(error)}") from error
+        if is_interrupt(error):
+            raise
+        raise ControllerError(f"controller {control.mode} cannot be made", error) from error
     return controller
 
 

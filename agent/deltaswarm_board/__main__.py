@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return begin()
     except ControllerError as error:
-        logging.getLogger("deltaswarm.board").error("agent %d fails: %s", settings.id, error)
+        logging.getLogger("deltaswarm.board").error("agent %d fails: %s", settings.id, error.report)
         return 1
     except Exception as error:
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)

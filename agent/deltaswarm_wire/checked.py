@@ -38,6 +38,8 @@ class Problem:
     path: str
     given: str
     allowed: str
+    trace: str = ""
+    """The traceback of the plug-in that raised, if it is one's fault."""
 
     def __str__(self) -> str:
         path, given, allowed = map(one_line, (self.path, self.given, self.allowed))

@@ -6,6 +6,10 @@ libraries write to standard output, such as Zenoh with RUST_LOG in the environme
 
 import errno
 import os
+import sys
+import threading
+import time
+from collections.abc import Callable
 
 READY_VARIABLE = "DELTASWARM_READY_FD"
 """The environment variable with the file descriptor of the pipe; without it standard output is used."""
@@ -46,3 +50,30 @@ def ended_by(number: int) -> int:
 def exit_code_of(error: Exception) -> int:
     """The exit code of a part that ends with an error."""
     return NO_ROOM if isinstance(error, OSError) and error.errno in _DISK else FAILED
+
+
+THREADS_END_WITHIN_S = 1.0
+"""Time that threads have to end by themselves when the process is about to exit [s]."""
+
+
+def leave(code: int, finish: Callable[[], None] = lambda: None) -> None:
+    """End the child processes of a plug-in, and this process if a plug-in's thread would keep it alive.
+
+    `finish` is called before, for what Python would do at exit.
+    """
+    deadline = time.monotonic() + THREADS_END_WITHIN_S
+    if multiprocessing := sys.modules.get("multiprocessing"):
+        for child in multiprocessing.active_children():
+            child.kill()
+    own = threading.current_thread()
+    for thread in (left := [thread for thread in threading.enumerate() if thread is not own and not thread.daemon]):
+        thread.join(max(0.0, deadline - time.monotonic()))
+    if not (names := [thread.name for thread in left if thread.is_alive()]):
+        return
+    print(f"ended while threads of a plug-in were still running: {', '.join(names)}", file=sys.stderr)
+    try:
+        finish()
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+    finally:
+        os._exit(code)

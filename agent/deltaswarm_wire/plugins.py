@@ -11,11 +11,9 @@ from typing import Any, NamedTuple
 
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.plugin_errors import PluginError, described, is_interrupt, note_plugin
 
 PAPER = "deltaswarm_agent.controllers.paper.controller:PaperController"
-
-MAX_DESCRIBED = 400
-"""Characters of a foreign error's text."""
 
 
 @dataclass(frozen=True)
@@ -155,13 +153,16 @@ def find(point: ExtensionPoint, name: str, path: str, others: Collection[str] = 
     """
     target = name if ":" in name else point.shipped.get(name) or _entry_point(point, name, path, others)
     module, _, attribute = target.partition(":")
+    note_plugin(module)
     try:
         found: Any = getattr(importlib.import_module(module), attribute)
-    except (Exception, SystemExit) as error:  # a plug-in may raise anything; a script ends by SystemExit
-        must = f"must name a {point.what} that can be imported: {described(error)}"
+    except BaseException as error:  # a plug-in may raise anything
+        if is_interrupt(error):
+            raise
+        must, trace = f"must name a {point.what} that can be imported: {described(error)}", PluginError("", error).trace
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
-            must += "; PYTHONPATH must name the folder of the module"
-        raise SettingsError([Problem(path, repr(name), must)]) from None
+            must, trace = f"{must}; PYTHONPATH must name the folder of the module", ""
+        raise SettingsError([Problem(path, repr(name), must, trace)]) from error
     missing = [attribute for attribute in point.needed if not hasattr(found, attribute)]
     if missing:
         raise SettingsError([Problem(path, repr(name), f"must be a {point.what} with {', '.join(missing)}")])
@@ -232,10 +233,12 @@ def own_settings(
             raise TypeError("a value must be a bool, int, float, str, or tuple of these")
     except SettingsError:
         raise
-    except Exception as error:  # a third-party class may raise anything
+    except BaseException as error:  # a plug-in may raise anything
+        if is_interrupt(error):
+            raise
         needs = "every field has a default and the type bool, int, float, str or tuple[one of these, ...]"
         must = f"must name a {point.what} with valid Settings: {described(error)}; {needs}"
-        raise SettingsError([Problem(name_path, repr(name), must)]) from None
+        raise SettingsError([Problem(name_path, repr(name), must, PluginError("", error).trace)]) from error
     if problems:
         raise SettingsError(problems)
     return settings
@@ -246,14 +249,3 @@ def _is_plain(value: Any) -> bool:
     if isinstance(value, dict):
         return all(map(_is_plain, value.values()))
     return all(map(_is_plain, value)) if isinstance(value, list) else type(value) in (bool, int, float, str)
-
-
-def described(error: BaseException) -> str:
-    """Describe an error in one line of printable characters."""
-    try:
-        text = str(error)
-    except Exception:
-        text = "(without a text)"
-    line = " ".join(f"{type(error).__name__}: {text}".split())
-    line = "".join(character if character.isprintable() else "?" for character in line[: MAX_DESCRIBED + 1])
-    return line if len(line) <= MAX_DESCRIBED else f"{line[: MAX_DESCRIBED - 3]}..."

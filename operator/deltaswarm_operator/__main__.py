@@ -36,7 +36,7 @@ from deltaswarm_wire.arguments import (
 from deltaswarm_wire.child import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.plugins import described
+from deltaswarm_wire.plugin_errors import described
 from deltaswarm_wire.session import RouterLink, air_pairs, protocol_of, tls_pairs
 
 NO_WORLD = "--no-world"

@@ -15,9 +15,14 @@ def main() -> int:
     # No array here is large enough for a second OpenBLAS thread, and the threads started by importing numpy spin for
     # 0.1 s in every process. Set before that import; the parts of a run inherit it.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from deltaswarm_orchestrator import cli
+    import atexit
 
-    return cli.main()
+    from deltaswarm_orchestrator import cli
+    from deltaswarm_wire.child import leave
+
+    code = cli.main()
+    leave(code, atexit._run_exitfuncs)
+    return code
 
 
 if __name__ == "__main__":

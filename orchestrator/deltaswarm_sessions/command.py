@@ -2,13 +2,14 @@
 
 import argparse
 import sys
-from contextlib import nullcontext, redirect_stdout
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_orchestrator.base.output import results_on
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
     add_dry_run,
@@ -149,7 +150,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         outlined = outline(settings, runner.session.runs, is_concealed=not runner.has_begun)
         show(arguments, outlined, outline_text(outlined))
         return OK
-    with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
+    with results_on(sys.stderr) if arguments.json else nullcontext():
         code = runner.run()
     if code == OK:
         show(arguments, {"folder": str(runner.folder), **runner.session.record}, str(runner.folder))

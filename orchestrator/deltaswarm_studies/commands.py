@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
+from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, check_out, must_exist, show
 from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for, exit_code_of
 
@@ -112,7 +113,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
         index = write_index(arguments.study, studies, out)
         notice(f"{arguments.study}: {index}")
     if arguments.json:
-        print(json.dumps(result(pages) if pages else [] if is_collection else None))
+        print_result(json.dumps(result(pages) if pages else [] if is_collection else None))
     return max(codes, key=(OK, MISSED, FAILED, USAGE, INTERRUPTED).index, default=FAILED)
 
 
@@ -141,8 +142,8 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
     if not arguments.json:
         for _, row in evidence.claims.iterrows():
-            print(f"{row['verdict']:10} {row['text']}")
-        print(f"{study.name}: {files[0]}")
+            print_result(f"{row['verdict']:10} {row['text']}")
+        print_result(f"{study.name}: {files[0]}")
     is_whole = not arguments.set and arguments.repeats is None
     if not sealed:
         notice(f"{study.name}: the tables in {folder} are not sealed, so nobody can tell whether they were changed")

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.processes
 MODULE = '''
 import os
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,6 +74,12 @@ class Sleeps(Well):
 class Quits(Well):
     def fail(self):
         raise SystemExit(0)
+
+
+class LeavesThreads(Well):
+    def fail(self):
+        threading.Thread(target=time.sleep, args=(600,)).start()
+        return Decision()
 
 
 class Vanishes(Well):
@@ -163,13 +170,19 @@ def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tm
     ],
 )
 def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: str, said: str) -> None:
-    """The run goes on to its end without it; one line says whose controller failed, when and why."""
+    """The run goes on to its end without it; one line says whose controller failed, when and why.
+
+    What it raised is shown once, from its own frame on.
+    """
     code, found, errors = finished(module, name)
     assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
     (line,) = [line for line in errors.splitlines() if said in line and line.startswith("deltaswarm: ")]
     assert f"at_fault:{name} " in line
     assert "step 100" in line
-    assert "Traceback" not in errors
+    assert "at_fault.py:" in line
+    raises = name in ("Raises", "Quits")
+    assert (errors.count("Traceback"), errors.count(", in fail")) == (raises, raises)
+    assert "deltaswarm_agent" not in errors
     assert main(["run", "smoke", *sets(name), "--in-process", "--out", str(module / "one")]) == 0
     alone = json.loads((module / "one" / "summary.json").read_text())
     assert (alone["agents_lost"], alone["digest"]) == ([3], found["digest"])
@@ -180,6 +193,12 @@ def test_an_agent_that_ends_early_is_named_though_its_exit_code_is_0(module: Pat
     code, found, _ = finished(module, "Vanishes")
     assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
     assert found["why"] == ["agent 3 ended with exit code 0 in step 100"]
+
+
+def test_a_thread_of_a_controller_keeps_no_process_alive(module: Path) -> None:
+    """It is no daemon, and would run for ten minutes; its agent ends as all do."""
+    code, found, _ = finished(module, "LeavesThreads")
+    assert (code, found["valid"], found["why"]) == (0, True, [])
 
 
 def test_processes_of_a_controller_end_with_the_run(module: Path) -> None:
@@ -229,5 +248,5 @@ def test_agents_that_cannot_be_made_end_the_run(module: Path) -> None:
         code, _, errors = swarm.finish()
     assert code == 1
     assert re.search("at_fault:NeverThere .*OSError: no body", errors)
-    assert "Traceback" not in errors
+    assert errors.count("Traceback") == 1
     assert main(["run", "smoke", *sets("NeverThere"), "--in-process", "--out", str(module / "one")]) == 1

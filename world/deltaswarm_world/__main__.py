@@ -26,7 +26,7 @@ from deltaswarm_wire.child import FAILED, exit_code_of, say_ready
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.plugins import described
+from deltaswarm_wire.plugin_errors import blamed, described
 from deltaswarm_wire.session import CERTIFIED, RouterLink, protocol_of
 from deltaswarm_world.io.process import run_world
 from deltaswarm_world.io.saving import WorldConfig, load
@@ -131,7 +131,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ConnectionError as error:
         log.critical("%s", error)
         return FAILED
-    except Exception as error:
+    except BaseException as error:
+        if plugin := blamed(error):
+            log.critical("%s", plugin.report)
+            return FAILED
+        if not isinstance(error, Exception):
+            raise
         code = exit_code_of(error)
         log.critical("%s", described(error), exc_info=code == FAILED)
         return code

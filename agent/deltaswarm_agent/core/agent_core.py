@@ -18,7 +18,7 @@ from deltaswarm_wire.operator_messages import (
     encode_report,
     keep_report,
 )
-from deltaswarm_wire.plugins import described
+from deltaswarm_wire.plugin_errors import defined_at, described, is_interrupt
 from deltaswarm_wire.saved import Saved
 
 ENVELOPE_BYTES = 16
@@ -115,8 +115,13 @@ class AgentCore(Saved):
     def counts(self) -> str:
         """Counts for the log: its own, and the controller's own."""
         counts = {"rejected_envelopes": self.rejected_frames, "report_rows_cut": self.rows_cut}
-        counts |= getattr(self.controller, "counts", {})
-        return ", ".join(f"{name} {count}" for name, count in counts.items())
+        try:
+            counts |= getattr(self.controller, "counts", {})
+            return ", ".join(f"{name} {count}" for name, count in counts.items())
+        except BaseException as error:  # of a plug-in, after all its decisions
+            if is_interrupt(error):
+                raise
+            return f"counts of the controller failed: {described(error)}"
 
     def step(self, frame: Frame) -> StepOutput:
         """Decide. Frames come in order of their steps; steps may be missing between them.
@@ -138,13 +143,21 @@ class AgentCore(Saved):
         try:
             controller: Any = self.controller  # whatever it returns is checked, or is ours
             decision = controller.step(percept)
+        except BaseException as error:  # SystemExit too: it would end a run in one process
+            if is_interrupt(error):
+                raise
+            raise ControllerError(self._failed_in(step), error) from error
+        try:
             act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
             return self._outbound(act, decision, (x_m, y_m))
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # SystemExit too: it would end a run in one process
-            name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
-            raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
+        except Exception as error:  # the decision is invalid: no frame is the controller's
+            text = f"{self._failed_in(step)}: {described(error)} ({defined_at(type(self.controller).step)})"
+            raise ControllerError(text) from error
+
+    def _failed_in(self, step: int) -> str:
+        return (
+            f"controller {type(self.controller).__module__}:{type(self.controller).__qualname__} failed in step {step}"
+        )
 
     def _outbound(self, act: Act, decision: Any, pose: Pose) -> StepOutput:
         """Number and encode. Raises ValueError for values that the wire cannot carry."""

@@ -17,7 +17,7 @@ from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Act, Frame, decode_frame
 from deltaswarm_wire.orders import decode_save, encode_taken
-from deltaswarm_wire.plugins import described
+from deltaswarm_wire.plugin_errors import is_interrupt
 from deltaswarm_wire.session import (
     RouterLink,
     client_pairs,
@@ -225,9 +225,11 @@ def pickled(core: AgentCore, newest: int) -> bytes:
     """
     try:
         return pickle.dumps((core, newest))
-    except Exception as error:  # a controller may be third-party code
+    except BaseException as error:  # a controller may be a plug-in
+        if is_interrupt(error):
+            raise
         name = f"{type(core.controller).__module__}:{type(core.controller).__qualname__}"
-        raise ControllerError(f"controller {name} cannot be saved in a checkpoint: {described(error)}") from error
+        raise ControllerError(f"controller {name} cannot be saved in a checkpoint", error) from error
 
 
 def save_part(folder: Path, step: int, core: AgentCore, newest: int) -> None:
@@ -245,5 +247,7 @@ def load_part(folder: Path, step: int, agent: int) -> tuple[AgentCore, int]:
     try:
         core, newest = pickle.loads(file.read_bytes())
         return core, newest
-    except Exception as error:  # the file, or a third-party controller, may raise anything
-        raise ControllerError(f"{file} cannot be read: {described(error)}") from error
+    except BaseException as error:  # the file, or a plug-in, may raise anything
+        if is_interrupt(error):
+            raise
+        raise ControllerError(f"{file} cannot be read", error) from error

@@ -2,9 +2,12 @@
 
 import errno
 import io
+import os
 import select
 import sys
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
 
 from deltaswarm_wire.logs import open_standard_streams
 
@@ -58,9 +61,11 @@ def open_outputs() -> None:
     """Make standard output and error `Output`s, which replace characters that their encoding lacks."""
     open_standard_streams()
     for name in ("stdout", "stderr"):
-        before = getattr(sys, name)
+        before, is_needed = getattr(sys, name), name == "stdout"
+        # A copy of its descriptor, since `only_results` gives the descriptor itself to plug-ins.
+        descriptor = os.dup(before.fileno()) if is_needed else before.fileno()
         text = io.TextIOWrapper(
-            io.BufferedWriter(Output(before.fileno(), is_needed=name == "stdout")),
+            io.BufferedWriter(Output(descriptor, is_needed=is_needed)),
             encoding=before.encoding,
             errors="replace",
             line_buffering=before.line_buffering,
@@ -71,5 +76,53 @@ def open_outputs() -> None:
 
 def standard_output() -> Output | None:
     """Return the `Output` below standard output; None if `open_outputs` was not called or something else took over."""
-    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    raw = getattr(getattr(results(), "buffer", None), "raw", None)
     return raw if isinstance(raw, Output) else None
+
+
+class _Results:
+    """Where results are printed; None: on standard output as it is."""
+
+    stream: TextIO | None = None
+
+
+def results() -> TextIO:
+    """Return the stream for what a command prints as its result."""
+    return _Results.stream or sys.stdout
+
+
+def print_result(text: str) -> None:
+    """Print a command's result, or a part of it."""
+    print(text, file=results(), flush=True)
+
+
+@contextmanager
+def results_on(stream: TextIO) -> Iterator[None]:
+    """Print results on another stream."""
+    before, _Results.stream = _Results.stream, stream
+    try:
+        yield
+    finally:
+        _Results.stream = before
+
+
+@contextmanager
+def only_results(*, to_the_end: bool = False) -> Iterator[None]:
+    """Keep standard output for results: what plug-ins print, by whatever means, goes to standard error.
+
+    `to_the_end`: until the process ends, if it is a command's own, since a plug-in's threads may go on printing.
+    """
+    output, stream, before = standard_output(), results(), sys.stdout
+    stream.flush()
+    sys.stdout = sys.stderr
+    if output is not None:
+        os.dup2(2, 1)
+    with results_on(stream):
+        try:
+            yield
+        finally:
+            stream.flush()
+            if output is None or not to_the_end:
+                sys.stdout = before
+            if output is not None and not to_the_end:
+                os.dup2(output.fileno(), 1)

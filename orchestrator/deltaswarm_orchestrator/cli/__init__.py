@@ -5,6 +5,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Protocol
 
 from deltaswarm_orchestrator.base.exits import (
@@ -16,11 +17,12 @@ from deltaswarm_orchestrator.base.exits import (
     complain,
     show_notices,
 )
-from deltaswarm_orchestrator.base.output import Output, OutputError, standard_output
+from deltaswarm_orchestrator.base.output import Output, OutputError, only_results, results, standard_output
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import Parser
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.plugin_errors import PACKAGES, blamed, distinct
 from deltaswarm_wire.plugins import COMMANDS as COMMAND_POINT
 from deltaswarm_wire.plugins import PARTS, find
 
@@ -80,7 +82,12 @@ def parser(*complete: str) -> argparse.ArgumentParser:
             getattr(module, f"add_{name}")(command)
     if not set(complete) <= COMMANDS.keys():  # else there is no need to look through all packages
         for name in COMMAND_POINT.names():
-            add: AddArguments = find(COMMAND_POINT, name, "command")
+            try:
+                add: AddArguments = find(COMMAND_POINT, name, "command")
+            except SettingsError:
+                if name in complete:
+                    raise
+                continue  # a broken command of a plug-in breaks no other
             summary = (add.__doc__ or "").partition("\n")[0].removesuffix(".")
             command = commands.add_parser(name, help=summary[:1].lower() + summary[1:])
             if name in complete:
@@ -97,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             code = _run(list(sys.argv[1:] if argv is None else argv), output)
         finally:
-            sys.stdout.flush()
+            results().flush()
     except OutputError:
         code = FAILED
     if output and output.error and not output.error.is_unread:
@@ -113,7 +120,12 @@ def _run(argv: list[str], output: Output | None) -> int:
         name = " ".join(argv[:2])
         part, rest = (name, argv[2:]) if name in PARTS.names() else (command, argv[1:])
         return int(find(PARTS, part, "command")(rest))
-    arguments = parser(command).parse_args(argv)
+    try:
+        with only_results():  # plug-ins are imported
+            everything = parser(command)
+    except SettingsError as error:
+        return _complain_of(error)
+    arguments = everything.parse_args(argv)
     arguments.given = argv
     if not getattr(arguments, "handles_signals", False):
         raise_on_signals(STOP_SIGNALS)
@@ -125,27 +137,37 @@ def _run(argv: list[str], output: Output | None) -> int:
 
 def carry_out(arguments: argparse.Namespace, command: str) -> int:
     """Carry out a parsed command; say in a line what went wrong, and return the exit code."""
+    is_plugin = arguments.func.__module__.partition(".")[0] not in PACKAGES
     try:
-        return int(arguments.func(arguments))
+        with nullcontext() if is_plugin else only_results(to_the_end=True):
+            return int(arguments.func(arguments))
     except SettingsError as error:
-        for problem in error.problems:
-            complain(str(problem))
-        return USAGE
+        return _complain_of(error)
     except CommandError as error:
         complain(str(error))
         return error.code
-    except OSError as error:
-        if error.filename is None or isinstance(error, OutputError):
-            raise
-        complain(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}")
-        return FAILED
-    except ModuleNotFoundError as error:
-        from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
+    except BaseException as error:
+        if not (is_plugin and isinstance(error, SystemExit | KeyboardInterrupt)) and (plugin := blamed(error)):
+            complain(plugin.report)
+            return FAILED
+        if isinstance(error, KeyboardInterrupt):
+            complain("interrupted")
+            return INTERRUPTED
+        if isinstance(error, OSError) and error.filename is not None and not isinstance(error, OutputError):
+            complain(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}")
+            return FAILED
+        if isinstance(error, ModuleNotFoundError):
+            from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 
-        if not is_of_studies(error):
-            raise
-        complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
-        return USAGE
-    except KeyboardInterrupt:
-        complain("interrupted")
-        return INTERRUPTED
+            if is_of_studies(error):
+                complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
+                return USAGE
+        raise
+
+
+def _complain_of(error: SettingsError) -> int:
+    for problem in error.problems:
+        complain(str(problem))
+    for trace in distinct({str(problem): problem.trace for problem in error.problems if problem.trace}):
+        print(trace, file=sys.stderr)
+    return USAGE

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_wire import session
 from deltaswarm_wire.checked import did_you_mean
 from deltaswarm_wire.plugins import ENGINES, find
@@ -75,7 +76,7 @@ def add_quiet(command: Group) -> None:
 
 def show(arguments: argparse.Namespace, result: Any, text: str) -> None:
     """Print a result on standard output, for people or as JSON."""
-    print(json.dumps(result) if arguments.json else text)
+    print_result(json.dumps(result) if arguments.json else text)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:

@@ -7,6 +7,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, aligned
+from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO, load_scenario
 
@@ -35,7 +36,7 @@ def completion(arguments: argparse.Namespace) -> int:
 
     everything = parser(*all_commands())
     _complete_files(everything, shtab.FILE)
-    print(shtab.complete(everything, shell=arguments.shell))
+    print_result(shtab.complete(everything, shell=arguments.shell))
     return OK
 
 

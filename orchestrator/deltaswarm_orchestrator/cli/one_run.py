@@ -9,6 +9,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.cli.arguments import (
     A_RUN,
@@ -108,7 +109,7 @@ def replay(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.recording.replay import write_steps
 
     def show_url(url: str) -> None:
-        print(url, flush=True)
+        print_result(url)
 
     must_exist(arguments.run, "RUN", A_RUN)
     _notice_unsealed(arguments.run)
@@ -196,7 +197,7 @@ def top(arguments: argparse.Namespace) -> int:
         return OK
     if not link.wait():
         raise CommandError(f"{link.folder} showed nothing: it has just ended, or hangs", FAILED)
-    print(link.as_json())
+    print_result(link.as_json())
     return OK
 
 

@@ -39,6 +39,7 @@ ANYWHERE = "tcp/127.0.0.1:0"
 FOXGLOVE = "foxglove"
 
 NEEDS = {
+    "debug": "in_process",
     "speed": "station",
     "station_listen": "station",
     "markers": "station",
@@ -93,6 +94,11 @@ def add_run(command: argparse.ArgumentParser) -> None:
     add_quiet(group)
     group = command.add_argument_group("processes and network")
     group.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
+    group.add_argument(
+        "--debug",
+        action="store_true",
+        help="with --in-process: stop in Python's debugger where a controller, radio model or fault raises",
+    )
     add_engine(group, "address of the scheduler, on whose workers the agents run")
     group.add_argument(
         "--listen",
@@ -250,6 +256,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
     return RunOptions(
         out=out,
         in_process=arguments.in_process,
+        debug=arguments.debug,
         force=arguments.force,
         listen=listen,
         zenoh=tuple(arguments.zenoh),

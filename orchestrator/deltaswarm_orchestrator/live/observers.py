@@ -4,12 +4,13 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, Self
 
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Truth
 from deltaswarm_wire.operator_messages import Report, Status, Workload
+from deltaswarm_wire.plugin_errors import PluginError, is_interrupt
 
 LOOK_EVERY_S = 0.1
 """Wall time between two looks [s]."""
@@ -51,6 +52,43 @@ class NamedObserver(LiveObserver, AbstractContextManager["NamedObserver"], Proto
     """What it shows, for the user."""
 
     def __init__(self, connect: str, scenario: Scenario) -> None: ...
+
+
+class Guarded:
+    """Lets an observer that raises look no more: whom a run is shown to does not change the run.
+
+    Args:
+        observer: the observer, which is entered and left.
+        say: takes the error and its traceback.
+    """
+
+    def __init__(self, observer: "NamedObserver", say: Callable[[str], None]) -> None:
+        self._name = f"{type(observer).__module__}:{type(observer).__qualname__}"
+        self._observer, self._say = observer, say
+        self._failed = False
+
+    def __enter__(self) -> Self:
+        self._observer = self._observer.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._failed = False
+        self._try(lambda: self._observer.__exit__(*error))
+
+    def look(self, seen: Seen) -> None:
+        """Look at the run."""
+        self._try(lambda: self._observer.look(seen))
+
+    def _try(self, call: Callable[[], object]) -> None:
+        if self._failed:
+            return
+        try:
+            call()
+        except BaseException as error:
+            if is_interrupt(error):
+                raise
+            self._failed = True
+            self._say(PluginError(f"live: observer {self._name} failed, and is shown no more", error).report)
 
 
 class Paced:

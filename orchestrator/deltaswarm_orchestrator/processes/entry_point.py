@@ -18,7 +18,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.limits import reached
-from deltaswarm_wire.child import LIMIT_REACHED, READY_VARIABLE, exit_code_of
+from deltaswarm_wire.child import LIMIT_REACHED, READY_VARIABLE, exit_code_of, leave
 
 GC_THRESHOLD = 100_000
 """The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""
@@ -74,6 +74,7 @@ def main(
             raise
         print(limit, file=sys.stderr)
         code = LIMIT_REACHED
+    leave(code)
     sys.exit(code)
 
 

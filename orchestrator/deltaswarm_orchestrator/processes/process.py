@@ -27,8 +27,10 @@ HOW = {
 }
 """Meaning of some exit codes, to follow the part's name in a sentence."""
 
-LAST_WORDS = re.compile(r"^\S+ \S+ CRITICAL deltaswarm\.(\w+): (.*)", re.MULTILINE)
-"""The log line in which a part, named by its role, says why it fails."""
+LAST_WORDS = re.compile(
+    r"^\S+ \S+ CRITICAL deltaswarm\.(\w+): (.*)((?:\nTraceback .*(?:\n(?!\d{4}-\d\d-\d\d ).*)*)?)", re.MULTILINE
+)
+"""The log line in which a part, named by its role, says why it fails, and the traceback below it, if there is one."""
 
 ENDED_BY = {ended_by(number): number.name for number in signal.Signals}
 """The signals that parts heed, by the exit codes with which they then end."""
@@ -77,7 +79,7 @@ class RunPart:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         if code in ENDED_BY:
             return f"{self.name} was ended by {ENDED_BY[code]}{when}"
-        words = self._last_words()
+        words, _ = self._last_words()
         if code == GAVE_UP and words:  # what happened first is what the part waited for in vain
             return f"{words}: {self.name} ended the run{when}"
         cause = words and f": {words}"
@@ -90,16 +92,22 @@ class RunPart:
             return False
         return not (self.was_asked_to_end and self.exit_code in (ended_by(signal.SIGTERM), -signal.SIGTERM))
 
+    @property
+    def trace(self) -> str:
+        """The traceback below its last words, such as a plug-in's; "" without one."""
+        return self._last_words()[1].strip("\n")
+
     def log_tail(self) -> str:
         """Return the last lines of the log, for an error message; empty if they tell no more than `how_it_ended`."""
-        if (words := self._last_words()) and self._log().rstrip().endswith(words):
+        words, _ = self._last_words()
+        if words and self._log().rstrip().endswith(words):
             return ""
         return "\n".join(f"    {line}" for line in self._log().splitlines()[-LOG_TAIL_LINES:])
 
-    def _last_words(self) -> str:
-        """Return why it failed, in its own words; empty if it has not said so."""
-        words = [words for role, words in LAST_WORDS.findall(self._log()) if role == self.role]
-        return words[-1] if words else ""
+    def _last_words(self) -> tuple[str, str]:
+        """Return why it failed, in its own words, and the traceback below; empty if it has not said so."""
+        said = [(words, below) for role, words, below in LAST_WORDS.findall(self._log()) if role == self.role]
+        return said[-1] if said else ("", "")
 
     def _log(self) -> str:
         """Return the log of this process, to which an earlier process of the same part may have written, too."""

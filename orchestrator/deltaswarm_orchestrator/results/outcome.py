@@ -52,6 +52,8 @@ class Outcome:
     """By event, when the operator was first told of it [s]; None: the operator did not get to say so."""
     messages: list[str] = field(default_factory=list)
     """Messages for the user: agents that failed, and why."""
+    traces: dict[str, str] = field(default_factory=dict)
+    """The traceback of each part whose plug-in raised, by the part's name."""
 
     @property
     def is_complete(self) -> bool:

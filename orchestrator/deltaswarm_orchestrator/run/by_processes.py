@@ -1,7 +1,7 @@
 """The steps of a run in real processes: launch all of them, watch them, and end them."""
 
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,14 +19,11 @@ from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import RunContext
 from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_wire.plugin_errors import distinct
 from deltaswarm_wire.session import closing
 
 END_KNOWN_WITHIN_S = 0.5
 """Maximum wait for the exit code of a part whose end may be why another one did not start [s]."""
-
-
-def _last_lines(name: str, log: str) -> str:
-    return f"the last lines of the log of {name}:\n{log}"
 
 
 @dataclass
@@ -132,7 +129,7 @@ class RunByProcesses:
                 ending.why += watch.why
                 ending.cause, ending.when = watch.cause, watch.when
                 ending.agents = swarm.agents
-                ending.logs += [_last_lines(name, log) for name, log in watch.logs.items() if log]
+                ending.logs += told(watch.logs, watch.traces)
                 ending.operator_restarts = watch.operator_restarts
                 ending.disk_is_full = watch.disk_is_full
 
@@ -144,10 +141,13 @@ class RunByProcesses:
             reason = error.reason
             self.ending.logs += [f"its log:\n{error.log}"] if error.log else []
         wait_for(swarm.parts[:1], END_KNOWN_WITHIN_S)
+        logs: dict[str, str] = {}
+        traces: dict[str, str] = {}
         for part in swarm.ended():
             if part.has_failed and (line := part.how_it_ended(BEFORE_READY)) != reason:
                 self.ending.fail(line)
-                self.ending.logs += [_last_lines(part.name, log)] if (log := part.log_tail()) else []
+                logs[part.name], traces[part.name] = part.log_tail(), part.trace
+        self.ending.logs += told(logs, traces)
         self.ending.fail(reason)
 
     def _start_pages(self, swarm: Swarm, *, has_truth: bool) -> None:
@@ -171,3 +171,18 @@ class RunByProcesses:
             say(f"conductor's page, which shows the truth: {urls['researcher_url']}")
         if station:
             announce(self.folder, urls, opens_browser=station.opens_browser)
+
+
+def told(logs: Mapping[str, str], traces: Mapping[str, str]) -> list[str]:
+    """Return what the logs of failed parts say: each traceback once, of others the last lines.
+
+    Args:
+        logs: the last lines of each part's log.
+        traces: the traceback of each part, empty where there is none.
+    """
+    shown = [
+        f"the traceback of {parts[0]}" + (f" and {len(parts) - 1} other parts" if parts[1:] else "") + f":\n{trace}"
+        for trace, parts in distinct({part: trace for part, trace in traces.items() if trace}).items()
+    ]
+    tails = {part: tail for part, tail in logs.items() if tail and not traces.get(part)}
+    return shown + [f"the last lines of the log of {part}:\n{tail}" for part, tail in tails.items()]

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from logging import WARNING
+from logging import ERROR, WARNING
 from pathlib import Path
 from typing import Any
 
@@ -29,20 +29,27 @@ from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
+from deltaswarm_wire.plugin_errors import PluginError, blamed
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_world.core.world import WorldCore
 
 STATUS_EVERY_STEPS = 500
 
+SWARM = "the run"
+"""Whose traceback it is, if a plug-in of no agent raised."""
+
 
 class InProcess:
     """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator.
 
-    With a folder, the tables of a scripted or simulated operator are written there.
+    With a folder, the tables of a scripted or simulated operator are written there. `on_failure` gets the error of each
+    controller that fails.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, folder: Path | None = None, on_failure: Callable[[PluginError], None] = lambda _: None
+    ) -> None:
         self.scenario = scenario
         self.world = WorldCore(scenario)
         self._restarts: Counter[int] = Counter()
@@ -63,6 +70,9 @@ class InProcess:
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
         """The errors of agents whose controller failed, one line each."""
+        self.traces: dict[str, str] = {}
+        """The traceback of each agent whose controller raised."""
+        self._on_failure = on_failure
         self.exchanged: list[tuple[int, Frame, StepOutput]] = []
         """(agent, its frame, its answer) of each agent asked in the last step."""
 
@@ -92,6 +102,7 @@ class InProcess:
                 self.exchanged.append((agent, frame, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
                 self.failed.append(f"agent {agent}: {error}")
+                self._note(f"agent {agent}", error, time_s=step * self.scenario.run.step_s, sink=sink)
                 world.participants.token_gone(agent)
         self.agents_s += time.perf_counter() - began
         for agent, _, (act, act_bytes, counter, radio, report, report_bytes) in self.exchanged:
@@ -108,6 +119,13 @@ class InProcess:
         for forwarded in world.forwarded:
             self.operator.count_forwarded(forwarded)
         return record
+
+    def _note(self, name: str, error: PluginError, time_s: float, sink: Sink | None) -> None:
+        if error.trace:
+            self.traces[name] = error.trace
+        if sink is not None:
+            sink.log(ERROR, name, error.report, time_s)
+        self._on_failure(error)
 
     def close_step(self, clock: Clock) -> Workload:
         """Close the step at the operator, and give the world the operator's turn."""
@@ -151,17 +169,30 @@ def run_in_process(
     reporter: Reporter | None = None,
     stopped: Callable[[], object] = lambda: None,
     folder: Path | None = None,
+    on_failure: Callable[[PluginError], None] = lambda _: None,
 ) -> Outcome:
     """Do a run until its end or until `stopped` returns something true; return its outcome.
 
-    With a folder, the tables of a scripted or simulated operator are written there.
+    With a folder, the tables of a scripted or simulated operator are written there. `on_failure` gets the error of each
+    plug-in that fails.
     """
     reporter = reporter or Reporter()
     outcome = Outcome()
+
+    def note(error: BaseException, time_s: float) -> None:
+        """Note the failure of a plug-in that ends the run; raise any other error again."""
+        if (plugin := blamed(error)) is None:
+            raise error
+        outcome.messages.append(str(plugin))
+        outcome.traces[SWARM] = plugin.trace
+        if sink is not None:
+            sink.log(ERROR, SWARM, plugin.report, time_s)
+        on_failure(plugin)
+
     try:
-        swarm = InProcess(scenario, folder)
-    except ControllerError as error:
-        outcome.messages.append(str(error))
+        swarm = InProcess(scenario, folder, on_failure)
+    except BaseException as error:
+        note(error, 0.0)
         return outcome
     steps = scenario.run.steps
     began = time.monotonic()
@@ -169,8 +200,8 @@ def run_in_process(
         last = step == steps - 1 or bool(stopped())
         try:
             record = swarm.step(step, last, sink)
-        except ControllerError as error:  # of an agent that is restarted after a fault
-            outcome.messages.append(str(error))
+        except BaseException as error:  # of a radio model or a fault, or of an agent that is restarted
+            note(error, step * scenario.run.step_s)
             break
         workload = swarm.close_step(Clock(step, record.time_s, last))
         outcome.step_records.append(record)
@@ -195,6 +226,7 @@ def run_in_process(
             break
     complete = len(outcome.step_records) == steps
     outcome.messages += swarm.failed
+    outcome.traces |= swarm.traces
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
     outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.finish()}

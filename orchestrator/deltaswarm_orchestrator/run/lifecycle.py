@@ -10,10 +10,10 @@ from typing import Any
 from deltaswarm_orchestrator.base import disk, limits, provenance, seal
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.disk import RoomError
-from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter
+from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter, complain
 from deltaswarm_orchestrator.base.signals import decide, stoppable
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
-from deltaswarm_orchestrator.live.observers import LiveObserver, Tap
+from deltaswarm_orchestrator.live.observers import Guarded, LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.views import LiveSocket
 from deltaswarm_orchestrator.processes.process import RunPart
@@ -27,12 +27,14 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import score_answers, write_scored
 from deltaswarm_orchestrator.results.summary import summarise
-from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses
+from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses, told
+from deltaswarm_orchestrator.run.debugger import Debugger
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
-from deltaswarm_wire.plugins import OBSERVERS, described, find
+from deltaswarm_wire.plugin_errors import described, is_interrupt
+from deltaswarm_wire.plugins import OBSERVERS, find
 
 AT_ONCE = "a second signal ended the run at once"
 
@@ -62,10 +64,12 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
                     reporter.say(f"live: open {url} in Foxglove; it shows the truth, which the operator does not know")
                 if options.observer:
                     named = find(OBSERVERS, options.observer, "--live")(options.live_connect, scenario)
-                    context.named = stack.enter_context(named)
+                    context.named = stack.enter_context(Guarded(named, complain))
                     reporter.say(f"live: {named.shows}")
                 return _run(context)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
+            if not is_interrupt(error):
+                raise
             raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
 
 
@@ -253,10 +257,17 @@ class _Run:
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
 
+        debugger = Debugger()
         self.outcome = run_in_process(
-            self.scenario, sink, self.context.reporter, lambda: self.stop.by, self.folder.path
+            self.scenario,
+            sink,
+            self.context.reporter,
+            lambda: self.stop.by or debugger.was_left,
+            self.folder.path,
+            debugger if self.options.debug else lambda error: None,
         )
         self.ending.why += self.outcome.messages
+        self.ending.logs += told({}, self.outcome.traces)
 
     def _conclude(self) -> dict[str, Any]:
         """Return the summary, and update the manifest to agree with it."""

@@ -25,6 +25,8 @@ class RunOptions:
     out: Path
     in_process: bool = False
     force: bool = False
+    debug: bool = False
+    """In one process: stop in the debugger where a plug-in raises."""
     listen: str = "tcp/127.0.0.1:0"
     zenoh: tuple[tuple[str, str], ...] = ()
     boards: Boards | None = None

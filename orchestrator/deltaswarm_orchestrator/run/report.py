@@ -6,6 +6,7 @@ from contextlib import nullcontext
 
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import complain, notice
+from deltaswarm_orchestrator.base.output import print_result, results
 from deltaswarm_orchestrator.run.options import RunOptions, check
 from deltaswarm_scenario.scenario import Scenario
 
@@ -45,20 +46,24 @@ def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_j
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
 
-    with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
+    with (
+        nullcontext(Reporter())
+        if quiet or options.debug
+        else Display(scenario.run.step_s, scenario.agents.count) as display
+    ):
         result = run_scenario(scenario, options, display)
     reasons = result.summary["invalid_because"] if as_json or result.summary["steps"] else []
     for message in result.messages:
         if not any(message in reason for reason in reasons):  # which are printed last
             complain(message)
     if as_json:
-        print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
+        print_result(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
     elif not result.summary["steps"]:
         complain(f"{result.exit_reason}: no step is on file; see {result.folder}")
         return result.code
     else:
-        Console().print(result_table(result.summary))
-        print(result.folder)
+        Console(file=results()).print(result_table(result.summary))
+        print_result(str(result.folder))
         if sys.stderr.isatty():
             recording = "" if scenario.record == "off" else f"; open {result.folder / 'recording.mcap'} in a viewer"
             notice(f"next: {command_line('info', result.folder)}{recording}")

@@ -47,6 +47,8 @@ class Watch:
         """Reasons why a part or the run ended too early; an agent stands for its line: the world knows the step."""
         self.logs: dict[str, str] = {}
         """The last log lines of failed parts that were not restarted, by part name."""
+        self.traces: dict[str, str] = {}
+        """The tracebacks with which such logs end, by part name."""
         self.operator_restarts = 0
         self.disk_is_full = False
         """Whether `why` has the line of a part that found the disk full. More lines would say the same."""
@@ -153,7 +155,7 @@ class Watch:
         for part in failed:
             if part.role == OPERATOR:
                 if self._restart_operator(part):
-                    self.logs.pop(part.name, None)
+                    self._forget_log(part)
                 else:
                     self._blame(part)
                     self._end_soon()
@@ -195,7 +197,7 @@ class Watch:
             self.why.append(str(error))
             self._swarm.give_up_station()
         else:
-            del self.logs[station.name]
+            self._forget_log(station)
             self._swarm.write_pids()
 
     def _restart_operator(self, operator: RunPart) -> bool:
@@ -238,6 +240,7 @@ class Watch:
             self.disk_is_full |= part.exit_code == NO_ROOM
             if part.exit_code not in (NO_ROOM, LIMIT_REACHED, WORLD_LOST):  # whose cause the line tells
                 self.logs[part.name] = part.log_tail()
+                self.traces[part.name] = part.trace
             part.seen = self.when
             self.why.append(self._line(part))
             if part.role == WORLD:
@@ -260,6 +263,11 @@ class Watch:
     def when(self) -> str:
         """Where the run is, to follow what happened in a sentence."""
         return f"after step {self._step}" if self._has_begun else "before the first step"
+
+    def _forget_log(self, part: RunPart) -> None:
+        """Forget the log of a part that was started again."""
+        self.logs.pop(part.name, None)
+        self.traces.pop(part.name, None)
 
     @property
     def _step(self) -> int:

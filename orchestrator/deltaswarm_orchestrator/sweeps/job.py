@@ -32,6 +32,7 @@ from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import COLUMNS
+from deltaswarm_wire.plugin_errors import distinct
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
@@ -81,7 +82,8 @@ def work(task: Task) -> Result:
         outcome = run_in_process(scenario)
         summary = summarise(outcome, scenario)
     if not summary["valid"]:
-        raise RunError(f"not valid: {'; '.join(summary['invalid_because'])}")
+        traces = "".join(f"\n{trace}" for trace in distinct(outcome.traces))
+        raise RunError(f"not valid: {'; '.join(summary['invalid_because'])}{traces}")
     return {
         "variant": task.job.variant.label,
         "replicate": task.job.replicate,

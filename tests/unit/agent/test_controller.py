@@ -21,7 +21,8 @@ from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.potential import PotentialController
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
-from deltaswarm_wire.plugins import CONTROLLERS, MAX_DESCRIBED, described
+from deltaswarm_wire.plugin_errors import MAX_DESCRIBED, described
+from deltaswarm_wire.plugins import CONTROLLERS
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.tiers import in_one_test
 
@@ -282,7 +283,7 @@ def test_a_controller_that_cannot_be_made_is_one_line(own: type, said: str) -> N
 def test_an_error_is_described_in_one_line() -> None:
     """Its kind and its text, without line breaks."""
     assert described(ValueError("one\n  two")) == "ValueError: one two"
-    assert described(KeyError()) == "KeyError:"
+    assert described(KeyError()) == "KeyError"
 
 
 def test_an_error_is_described_whatever_it_holds() -> None:

@@ -1,16 +1,24 @@
 """All cores in one process: what they hand to one another is what the bytes would have told them."""
 
+import importlib
 import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.controllers.potential import PotentialController
+from deltaswarm_orchestrator.live.observers import Guarded, Seen
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import decode_act
 from deltaswarm_wire.operator_messages import decode_report
+from deltaswarm_wire.plugins import OBSERVERS, find
 from tests.support.cores import play, swarm
 
 
@@ -59,3 +67,123 @@ def test_a_controller_that_fails_as_it_is_started_anew_ends_the_run(monkeypatch:
     assert re.search("potential .*OSError: the map", message)
     assert len(outcome.step_records) == 5
     assert not outcome.is_complete
+
+
+PLUGIN = """
+from deltaswarm_agent.controller import Decision
+from deltaswarm_wire.plugins import NoSettings
+from deltaswarm_world.core.faults.kind import Kind
+
+ERROR = None
+
+
+def fail():
+    raise ERROR
+
+
+class Calls:
+    Settings = NoSettings
+
+    def __init__(self, context):
+        pass
+
+    def step(self, percept):
+        return Decision(payload=b"x")
+
+
+class Fog:
+    reason, meaning, holds_for_step = "fog", "fog", False
+
+    @classmethod
+    def of(cls, context):
+        return cls()
+
+    def cuts(self, links, time_s):
+        if time_s >= 8.0:
+            fail()
+
+    def explain(self, links, time_s):
+        fail()
+
+
+class Wind(Kind):
+    def drive(self, velocities_mps):
+        fail()
+
+
+class Watcher:
+    shows = "nothing"
+    looks = 0
+
+    def __init__(self, connect, scenario):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        fail()
+
+    def look(self, seen):
+        Watcher.looks += 1
+        fail()
+"""
+
+RAISED = [
+    TimeoutError("late"),
+    BrokenPipeError(32, "Broken pipe"),
+    OSError(28, "No space left on device"),
+    StopIteration(),
+    SystemExit(0),
+    KeyError("x"),
+    SettingsError([]),
+    ControllerError("mine"),
+]
+
+
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A module with a controller, a radio model, a fault and an observer, which raise its `ERROR`."""
+    (tmp_path / "raising_plugin.py").write_text(PLUGIN)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module("raising_plugin")
+    del sys.modules["raising_plugin"]
+
+
+@pytest.mark.parametrize("error", RAISED, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize(
+    ("own", "steps"),
+    [
+        ('radio.models={"raising_plugin:Fog"={}}', 4),
+        ('fault=[{kind="raising_plugin:Wind", at_s=6, agents=[1]}]', 3),
+    ],
+)
+def test_a_radio_model_that_raises_ends_the_run_with_its_own_error(
+    plugin: Any, own: str, steps: int, error: BaseException
+) -> None:
+    """So does a fault, whatever they raise; the steps before are kept."""
+    plugin.ERROR = error
+    own_code = ["control.mode=raising_plugin:Calls", own]
+    outcome = run_in_process(load_scenario("smoke", [*own_code, "run.step_s=2.0", "run.duration_s=20", "record=off"]))
+    (message,) = outcome.messages
+    assert message.startswith("raising_plugin:")
+    assert type(error).__name__ in message
+    assert len(outcome.step_records) == steps
+    (trace,) = outcome.traces.values()
+    assert trace.splitlines()[1].endswith(("in cuts", "in drive"))
+    assert "in_process.py" not in trace
+    assert not outcome.is_complete
+
+
+@pytest.mark.parametrize("error", RAISED, ids=lambda error: type(error).__name__)
+def test_an_observer_that_raises_changes_no_run(plugin: Any, error: BaseException) -> None:
+    """It is shown no more; its error is told, and once more that of its end."""
+    plugin.ERROR = error
+    said: list[str] = []
+    find(OBSERVERS, "raising_plugin:Watcher", "--live")
+    with Guarded(plugin.Watcher("", None), said.append) as observer:
+        for _ in range(3):
+            observer.look(Seen())
+    assert plugin.Watcher.looks == 1
+    assert [type(error).__name__ in text for text in said] == [True, True]
+    assert "raising_plugin.py" in said[0]

@@ -189,3 +189,77 @@ def test_nothing_slow_is_imported_before_signals_are_heeded() -> None:
     code = "import deltaswarm_orchestrator.__main__, sys; print(*{name.partition('.')[0] for name in sys.modules})"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not {"msgpack", "numpy", "zenoh", "deltaswarm_wire"} & set(printed.split())
+
+
+LOUD = """
+import multiprocessing
+import os
+import sys
+import threading
+import time
+
+from deltaswarm_agent.controller import Decision
+from deltaswarm_wire.plugins import NoSettings
+
+
+def say(text):
+    print(text)
+    os.write(1, f"{text} by the descriptor\\n".encode())
+    os.system(f"echo {text} by a shell")
+    print(f"{text} by the first stream", file=sys.__stdout__, flush=True)
+
+
+def keep_saying():
+    while True:
+        print("thread")
+        time.sleep(0.01)
+
+
+say("import")
+
+
+class Loud:
+    Settings = NoSettings
+
+    def __init__(self, context):
+        self.agent = context.agent
+
+    def step(self, percept):
+        if percept.step == 3 and self.agent == 1:
+            say("step")
+            threading.Thread(target=keep_saying).start()
+            multiprocessing.get_context("fork").Process(target=time.sleep, args=(600,)).start()
+        if percept.step == 5 and self.agent == 2:
+            self.fail()
+        return Decision()
+
+    def fail(self):
+        raise BrokenPipeError(32, "Broken pipe")
+"""
+SHORT = ["run", "smoke", "--in-process", "--set", "run.duration_s=10", "--set", "control.mode=loud:Loud"]
+
+
+def test_standard_output_is_for_results_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever a controller prints, and by whatever means; its threads and processes do not keep the command alive."""
+    (tmp_path / "loud.py").write_text(LOUD)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    command = [*COMMAND, *SHORT, "--out", str(tmp_path / "run"), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert json.loads(done.stdout)["folder"] == str(tmp_path / "run")
+    for said in ("import", "step"):
+        for means in ("", " by the descriptor", " by a shell", " by the first stream"):
+            assert f"{said}{means}\n" in done.stderr
+    assert "loud.py:" in done.stderr
+    assert done.stderr.count("Traceback") == 1
+
+
+def test_the_debugger_stops_where_a_controller_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In its own frame; the run ends when the debugger is left."""
+    (tmp_path / "loud.py").write_text(LOUD)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    command = [*COMMAND, *SHORT, "--debug", "--out", str(tmp_path / "run"), "--json"]
+    asked = "p f'agent {self.agent}'\nup\np percept.step\nq\n"
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, input=asked)
+    assert json.loads(done.stdout)["steps"] < 10
+    assert "'agent 2'" in done.stderr
+    assert "(Pdb) 5\n" in done.stderr
