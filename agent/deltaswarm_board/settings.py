@@ -1,7 +1,6 @@
 """The settings file of a board."""
 
 import os
-import tomllib
 from argparse import ArgumentTypeError
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import controller_settings
+from deltaswarm_wire.reading import decoded, parsed_toml
 from deltaswarm_wire.session import QUIC, Pairs, RouterLink, Tls, air_pairs, endpoint_problem, protocol_of, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
@@ -280,8 +280,8 @@ def read_settings(file: Path) -> BoardSettings:
     if len(data) > MAX_FILE_BYTES:
         raise ValueError(f"must be at most {MAX_FILE_BYTES} bytes")
     try:
-        return _checked(file, tomllib.loads(data.decode("utf-8-sig")))
-    except RecursionError:
+        return _checked(file, parsed_toml(decoded(data)))
+    except RecursionError:  # while mistakes are shown
         raise ValueError("must not be nested so deeply") from None
 
 

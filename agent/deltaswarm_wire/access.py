@@ -15,6 +15,7 @@ from typing import Any
 
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, TAKEN, WORLD, Keys
+from deltaswarm_wire.reading import read_text
 
 TLS = "tls"
 REVOKED = "revoked.txt"
@@ -36,10 +37,10 @@ def revoked_beside(ca: str) -> frozenset[str]:
     """
     file = Path(ca).with_name(REVOKED)
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = read_text(file).splitlines()
     except FileNotFoundError:
         return frozenset()
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{file} cannot be read: {error}") from None
     names = {number: line.strip() for number, line in enumerate(lines, 1) if line.strip()}
     for number, name in names.items():

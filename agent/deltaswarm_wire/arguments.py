@@ -13,6 +13,7 @@ from deltaswarm_wire.access import TLS, revoked_beside, user_name
 from deltaswarm_wire.checked import did_you_mean
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import Keys
+from deltaswarm_wire.reading import paths_that_are_not_utf8, read_text
 from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls, endpoint_problem, protocol_of
 
 
@@ -27,7 +28,10 @@ class Parser(argparse.ArgumentParser):
         """Parse arguments; end with a usage error at the first unknown option or command."""
         args = sys.argv[1:] if args is None else args
         self._refuse_unknown(args)
-        return super().parse_known_args(args, namespace)
+        found = super().parse_known_args(args, namespace)
+        for what, path in paths_that_are_not_utf8(args):
+            self.error(f"{what} must be UTF-8, also where it leads (got {path.encode(errors='surrogateescape')!r})")
+        return found
 
     def _refuse_unknown(self, args: Sequence[str]) -> None:
         commands = next((a.choices for a in self._actions if isinstance(a, argparse._SubParsersAction)), None)
@@ -157,7 +161,7 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
     file: Path | None = arguments.password_file
     if file and (problem := secret_problem(file)):
         raise ValueError(f"--password-file {file} {problem}")
-    password = file.read_text(encoding="utf-8").strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
+    password = read_text(file).strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
     user = user_name(role, number) if password else ""
     tls = tls_of([arguments.connect], arguments.ca, arguments.certificate, arguments.key)
     return RouterLink(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
@@ -182,7 +186,7 @@ def password_in(file: Path, user: str) -> str:
     """
     if problem := secret_problem(file):
         raise ValueError(problem)
-    for line in file.read_text(encoding="utf-8").splitlines():
+    for line in read_text(file).splitlines():
         name, sign, password = line.strip().partition(":")
         if sign and name == user:
             return password

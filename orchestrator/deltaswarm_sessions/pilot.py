@@ -1,6 +1,5 @@
 """The number of participants for a study, from the table of a pilot's runs."""
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from deltaswarm_sessions.power import (
 )
 from deltaswarm_sessions.settings import CROSSED, SessionSettings
 from deltaswarm_sessions.variables import KEYS, RUN_ITSELF
+from deltaswarm_wire.reading import read_text, rows_of
 
 MIN_DEGREES = 3
 """Degrees of freedom of a pilot's differences: with fewer, they say nothing about how much people differ."""
@@ -119,12 +119,14 @@ def _read(runs: Path) -> tuple[list[Row], list[str]]:
     """Return the complete runs after the training, and the columns with numbers that measure them."""
     seal.checked(runs.with_name(seal.RECORD))
     try:
-        with runs.open(newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(stream, delimiter="\t")
-            rows, columns = list(reader), list(reader.fieldnames or [])
+        columns, lines = rows_of(read_text(runs), "\t")
         if missing := {*KEYS, "complete"} - {*columns}:
             raise ValueError(f"it lacks {', '.join(sorted(missing))}")
-        rows = [row for row in rows if row["complete"] == "1" and int(row["participant"]) and int(row["position"]) > 0]
+        for line, row in lines:
+            for name in ("participant", "position"):
+                if not row[name].isdecimal():
+                    raise ValueError(f"line {line}, column {name}: must be a whole number (got {row[name]!r:.40})")
+        rows = [row for _, row in lines if row["complete"] == "1" and int(row["position"]) > 0]
     except (OSError, ValueError) as error:
         raise CommandError(
             f"{runs} must be the table of runs that `deltaswarm session --table` writes: {error}"

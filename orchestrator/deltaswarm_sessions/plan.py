@@ -33,6 +33,7 @@ from deltaswarm_sessions.settings import (
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.reading import read_text
 from deltaswarm_wire.seeds import agent_seed
 
 MAX_RUNS = (MAX_PARTICIPANT + 2) * (MAX_CONDITIONS + 1)
@@ -200,7 +201,7 @@ def _text(name: str, beside: Path) -> str:
     if not name:
         return ""
     try:
-        return (beside / name).read_text(encoding="utf-8-sig")
+        return read_text(beside / name)
     except (OSError, ValueError) as error:
         raise SettingsError([Problem("session.consent", repr(name), f"must be a text file: {error}")]) from None
 

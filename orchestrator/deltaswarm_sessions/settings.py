@@ -16,6 +16,7 @@ from deltaswarm_scenario.techniques import measures
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
+from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
 
 MAX_CONDITIONS, MAX_PARTICIPANT = 50, 9999
 TRAINING = "training"
@@ -118,9 +119,9 @@ class ConditionSettings:
 
     def problems(self) -> list[Problem]:
         """Check the label, which becomes a folder's name."""
-        if self.label and self.label.isprintable() and "/" not in self.label and self.label.strip(" .") == self.label:
+        if is_file_name(self.label):
             return []
-        return [Problem("label", repr(self.label), "must be a name that a folder can have")]
+        return [Problem("label", repr(self.label), FILE_NAME_RULE)]
 
 
 @dataclass(frozen=True)

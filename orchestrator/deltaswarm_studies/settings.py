@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 
 from deltaswarm_studies.metrics import MetricSettings
 from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
 
 ClaimVerdict = Literal["holds", "refuted", "undecided", "no data"]
 ContrastVerdict = Literal["higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "no data"]
@@ -233,8 +234,8 @@ class FigureSettings:
 
     def problems(self) -> Iterator[Problem]:
         """List tables with values of the wrong form."""
-        if not self.name:
-            yield Problem("name", "missing", "a figure needs a name")
+        if not is_file_name(self.name):
+            yield Problem("name", repr(self.name[:60]) if self.name else "missing", FILE_NAME_RULE)
         forms: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
             ("published", _is_pair_of_numbers, "must be a list of a median and an interquartile range"),
             ("lines", lambda value: _is_number(value) or isinstance(value, str), "must be a number, or a variant"),

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -18,6 +17,7 @@ from scipy import stats
 
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.density import Component
+from deltaswarm_scenario.grid import read_grid
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import AgentState, EventState
 from deltaswarm_studies import style
@@ -225,7 +225,7 @@ def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
     if density.kind == "uniform":
         fields = [np.ones((cells, cells))]
     elif density.kind == "grid":
-        weights = _weights(density.file)
+        weights = read_grid(density.file)
         rows, columns = ((shares * side).astype(int) for side in weights.shape)
         fields = [weights[np.ix_(rows, columns)]]
     else:
@@ -254,9 +254,3 @@ def level_holding(field: Floats, share: float) -> float | None:
     falling = np.sort(field, axis=None)[::-1]
     held = np.cumsum(falling) / falling.sum()
     return float(falling[np.searchsorted(held, share)])
-
-
-def _weights(file: str) -> Floats:
-    if file.endswith(".npy"):  # not by np.load, which would also accept zip files
-        return np.atleast_2d(np.array(np.lib.format.open_memmap(file, mode="r"), dtype=np.float64))
-    return np.loadtxt(Path(file), delimiter=",", ndmin=2)

@@ -5,7 +5,6 @@ The file is CSV with a header: `event,x_m,y_m` and optionally `from_s,until_s,wo
 work: `until_s` ends an event for all boards, `work_s` for each board separately.
 """
 
-import csv
 import math
 import os
 from collections.abc import Collection, Iterable
@@ -15,6 +14,7 @@ from typing import NamedTuple
 from deltaswarm_wire.checked import Problem
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
 from deltaswarm_wire.messages import MAX_SENSED, Event
+from deltaswarm_wire.reading import read_text, rows_of
 
 _NEEDED = ("event", "x_m", "y_m")
 _OPTIONAL = ("from_s", "until_s", "work_s")
@@ -32,39 +32,29 @@ class ScheduledEvent(NamedTuple):
     work_s: float = math.inf
 
 
-def read_events(lines: Iterable[str]) -> tuple[ScheduledEvent, ...]:
+def read_events(text: str) -> tuple[ScheduledEvent, ...]:
     """Read the rows of an events file.
 
     Raises:
         ValueError: a mistake, with its line.
     """
-    reader = csv.DictReader(lines)
-    try:
-        return _scheduled(reader)
-    except csv.Error as error:
-        raise ValueError(f"line {reader.line_num + 1}: {error}") from None
-
-
-def _scheduled(reader: "csv.DictReader[str]") -> tuple[ScheduledEvent, ...]:
-    names = tuple(reader.fieldnames or ())
+    names, lines_of_rows = rows_of(text)
     unknown = [name for name in names if name not in _NEEDED + _OPTIONAL]
     if unknown or any(name not in names for name in _NEEDED):
         rule = f"must be {', '.join(_NEEDED)} and optionally {', '.join(_OPTIONAL)}"
         raise ValueError(f"line 1: columns {rule} (got {', '.join(names) or 'none'})")
     rows: dict[int, ScheduledEvent] = {}
-    for row in reader:
-        if None in row:
-            raise ValueError(f"line {reader.line_num} must have at most {len(names)} columns, as the header")
-        entry = _scheduled_event(row, reader.line_num)
+    for line, row in lines_of_rows:
+        entry = _scheduled_event(row, line)
         if entry.event in rows:
-            raise ValueError(f"line {reader.line_num}: event must be unique (got {entry.event} again)")
+            raise ValueError(f"line {line}: event must be unique (got {entry.event} again)")
         if len(rows) >= MAX_ROWS:
-            raise ValueError(f"line {reader.line_num}: events must be at most {MAX_ROWS}")
+            raise ValueError(f"line {line}: events must be at most {MAX_ROWS}")
         rows[entry.event] = entry
     return tuple(rows.values())
 
 
-def _scheduled_event(row: dict[str | None, str | None], line: int) -> ScheduledEvent:
+def _scheduled_event(row: dict[str, str], line: int) -> ScheduledEvent:
     def number(name: str, low: float, high: float, default: float = math.nan) -> float:
         text = row.get(name)
         try:
@@ -133,8 +123,7 @@ def event_field(file: str, sensing_range_m: float) -> EventField:
         return EventField((), sensing_range_m)
     if not os.path.isfile(file) or os.path.getsize(file) > MAX_BYTES:
         raise ValueError(f"must be an existing file of at most {MAX_BYTES} bytes")
-    text = Path(file).read_text("utf-8-sig")  # spreadsheets write a byte-order mark
-    return EventField(read_events(text.splitlines()), sensing_range_m)
+    return EventField(read_events(read_text(Path(file))), sensing_range_m)
 
 
 def file_problems(file: str) -> list[Problem]:

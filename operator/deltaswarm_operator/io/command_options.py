@@ -1,7 +1,6 @@
 """Command-line options for commands and the station of an operator in open air."""
 
 import argparse
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ABS_M
 from deltaswarm_wire.commands import CommandForm, forms_of, named
 from deltaswarm_wire.plugins import controller_settings, find_controller
+from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.signing import Sign, signer
 
@@ -100,7 +100,7 @@ def command_options_of(
 
 def _task(file: Path | None, mode: str | None) -> AgentSettings:
     """Read the boards' task; a given mode replaces its controller."""
-    table: Any = tomllib.loads(file.read_text(encoding="utf-8")) if file else {}
+    table: Any = _read(file) if file else {}
     table = table.get("agent", {})
     if mode:
         control = {"mode": mode} | ({} if not file else _options_of(table, mode))
@@ -120,7 +120,7 @@ def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandS
     """Read a file's commands and check them against what the controller accepts."""
     if file is None:
         return ()
-    commands = checked.load(_Script, tomllib.loads(file.read_text(encoding="utf-8"))).command
+    commands = checked.load(_Script, _read(file)).command
     for number, given in enumerate(commands):
         form = named(forms, given.name)
         if form is None:
@@ -129,6 +129,13 @@ def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandS
         if problem := form.problem(given.command(0).target, given.arguments):
             raise ValueError(f"{file}: command.{number}: {problem}")
     return commands
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        return read_toml(file)
+    except ValueError as error:
+        raise ValueError(f"{file} {error}") from None
 
 
 def _place(text: str) -> Place:

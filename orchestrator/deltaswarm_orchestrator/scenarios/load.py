@@ -21,6 +21,8 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import RADIO_MODELS, controller_settings, find_controller, own_settings
+from deltaswarm_wire.reading import parsed_toml
+from deltaswarm_wire.reading import read_toml as read_toml_file
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 
@@ -81,7 +83,7 @@ def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
 
 def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
     try:
-        table["command"] = tomllib.loads(file.read_text(encoding="utf-8"))["command"]
+        table["command"] = read_toml_file(file)["command"]
     except (OSError, ValueError, KeyError) as error:
         reason = _instead_of_file(file) or ("it has none" if isinstance(error, KeyError) else str(error))
         return [Problem("--commands", f"{str(file)!r}; {reason}", "must be a TOML file with [[command]] tables")]
@@ -190,15 +192,15 @@ def read_toml(
         SettingsError: there is no such file, it is not TOML, or it has no schema.
     """
     if name in built_in:
-        return tomllib.loads(built_in[name].read_text(encoding="utf-8")), None
+        return parsed_toml(built_in[name].read_text(encoding="utf-8")), None
     path = beside / name
     if obstacle := _instead_of_file(path):
         names = list(dict.fromkeys([*also, *built_in]))
         allowed = f"must be a TOML file{' or one of ' if names else ''}{', '.join(names)}"
         raise SettingsError([Problem(key, f"{name!r}; {did_you_mean(name, names)}{obstacle}", allowed)])
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors begin a file with a byte order mark
-    except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
+        table = read_toml_file(path)
+    except (ValueError, OSError) as error:  # also integers of thousands of digits
         raise SettingsError([Problem(str(path), str(error), "must be TOML")]) from None
     if "schema" not in table:
         raise SettingsError([Problem("schema", "missing", "add schema = 1")])
@@ -261,18 +263,13 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
         return []
     import numpy as np  # slow to import, and few scenarios need it
 
+    from deltaswarm_scenario.grid import read_grid
+
     try:
-        file = density.file
-        is_array = file.endswith(".npy")  # not np.load, which also reads zip files
-        grid = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(file, delimiter=",", ndmin=2)
-        fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and 0 < grid.sum() < np.inf)
-    except (OSError, ValueError, TypeError) as error:
-        return [
-            Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "give it a table of weights")
-        ]
-    allowed = "must be a table of finite weights >= 0 with a positive sum"
-    if not fits:
-        return [Problem("events.density.file", repr(density.file), allowed)]
+        grid = read_grid(density.file)
+    except (OSError, ValueError) as error:
+        allowed = "must be a table of finite weights >= 0 with a positive sum"
+        return [Problem("events.density.file", f"{density.file!r}: {error}", allowed)]
     if not (obstacles := scenario.arena.obstacles):
         return []
     rows, columns = grid.shape

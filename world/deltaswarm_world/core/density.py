@@ -1,12 +1,12 @@
 """Where events occur: positions drawn from the paper's density phi(x, y)."""
 
 from copy import copy
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from deltaswarm_scenario.density import Component, DensitySettings
+from deltaswarm_scenario.grid import read_grid
 from deltaswarm_scenario.scenario import ArenaSettings
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_world.core.arrays import Floats, Mask
@@ -194,12 +194,6 @@ def load_grid(file: str) -> Floats:
         SettingsError: the file cannot be read, or is no table of weights >= 0 with a positive sum.
     """
     try:
-        is_array = file.endswith(".npy")  # read as such only: np.load would take zips for arrays too
-        raw = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(Path(file), delimiter=",")
-        grid = np.atleast_2d(np.array(raw, dtype=np.float64))
-    except (OSError, ValueError, TypeError) as error:
-        raise SettingsError([Problem("events.density.file", repr(file), f"must be readable: {error}")]) from None
-    if grid.ndim != 2 or not np.all(np.isfinite(grid)) or np.any(grid < 0) or not 0 < grid.sum() < np.inf:
-        allowed = "must be a table of finite weights >= 0 with a positive sum"
-        raise SettingsError([Problem("events.density.file", repr(file), allowed)])
-    return grid
+        return read_grid(file)
+    except (OSError, ValueError) as error:
+        raise SettingsError([Problem("events.density.file", repr(file), f"must be a grid: {error}")]) from None

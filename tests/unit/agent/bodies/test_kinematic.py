@@ -142,11 +142,14 @@ def test_an_event_is_seen_from_the_believed_place(tmp_path: Path) -> None:
 @in_one_test(
     ("text", "word"),
     [
-        ("", "got none"),
-        ("event,x_m\n", "got event, x_m"),
-        ("event,x_m,y_m,size\n", "size"),
-        ("event,x_m,y_m\n1,2\n", "y_m must"),
-        ("event,x_m,y_m\n1,2,3,4\n", "3 columns"),
+        ("", "an empty file"),
+        ("event,x_m,y_m\n", "no row"),
+        ("event,x_m\n1,2\n", "got event, x_m"),
+        ("event,x_m,y_m,size\n1,2,3,4\n", "size"),
+        ("event,x_m,y_m,x_m\n1,2,3,4\n", "got x_m twice"),
+        ("event,x_m,y_m\n1,2,\n", "y_m must"),
+        ("event,x_m,y_m\n1,2\n", "3 cells"),
+        ("event,x_m,y_m\n1,2,3,4\n", "3 cells"),
         ("event,x_m,y_m\n1,nan,3\n", "'nan'"),
         ("event,x_m,y_m\n1.5,2,3\n", "'1.5'"),
         ("event,x_m,y_m\n-1,2,3\n", "'-1'"),
@@ -160,7 +163,7 @@ def test_an_event_is_seen_from_the_believed_place(tmp_path: Path) -> None:
 def test_a_bad_events_file_is_refused_with_its_line(text: str, word: str) -> None:
     """With what must hold and what was found."""
     with pytest.raises(ValueError, match=r"^line \d+") as caught:
-        read_events(text.splitlines())
+        read_events(text)
     assert word in str(caught.value)
 
 

@@ -1,0 +1,63 @@
+"""Read a grid of weights, the density of events as a file: a table of numbers as text, or an array of NumPy."""
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltaswarm_wire.reading import read_text
+
+Floats = np.ndarray[Any, np.dtype[np.float64]]
+
+ARRAY = ".npy"
+
+
+def read_grid(file: str) -> Floats:
+    """Return the weights of a grid, rows from y = 0 upwards, columns from x = 0.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no table of finite weights >= 0 with a positive sum; a wrong cell is named by its place.
+    """
+    is_array = file.endswith(ARRAY)  # read as such only: np.load would take zips for arrays too
+    try:
+        raw = np.lib.format.open_memmap(file, mode="r") if is_array else _parsed(read_text(Path(file)))
+        grid = np.atleast_2d(np.array(raw, dtype=np.float64))
+    except TypeError as error:  # an array of objects
+        raise ValueError(f"must hold numbers: {error}") from None
+    if grid.ndim != 2 or not grid.size:
+        raise ValueError(f"must be a table of at least one cell (got the shape {grid.shape})")
+    if len(wrong := np.argwhere(~(np.isfinite(grid) & (grid >= 0)))):
+        row, column = wrong[0]
+        raise ValueError(f"row {row + 1}, column {column + 1}: must be finite and >= 0 (got {grid[row, column]:g})")
+    if not 0 < grid.sum() < np.inf:
+        raise ValueError(f"must have a positive, finite sum (got {grid.sum():g})")
+    return grid
+
+
+def _parsed(text: str) -> Floats:
+    try:
+        with warnings.catch_warnings(action="ignore"):  # a file without a number is refused by its shape
+            return np.loadtxt(io.StringIO(text), delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise ValueError(_wrong_place(text) or str(error)) from None
+
+
+def _wrong_place(text: str) -> str:
+    """Say where the first cell is that is no number, or the first row of another length; empty if there is none."""
+    width = 0
+    for number, line in enumerate(text.splitlines(), 1):
+        if not (content := line.partition("#")[0].strip()):
+            continue
+        cells = content.split(",")
+        for column, cell in enumerate(cells, 1):
+            try:
+                float(cell)
+            except ValueError:
+                return f"line {number}, column {column}: must be a number (got {cell.strip()[:40]!r})"
+        width = width or len(cells)
+        if len(cells) != width:
+            return f"line {number}: must have {width} cells, as the first row (got {len(cells)})"
+    return ""
