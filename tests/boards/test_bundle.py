@@ -319,8 +319,8 @@ def test_the_agent_runs_with_the_32_bit_boards_wheels(made: Path, usual: str, tm
     python = sys.executable if sys.version_info[1] == minor else found_python(minor)
     if not python or os.uname().machine != "x86_64":
         pytest.skip(f"no Python 3.{minor} on an x86_64 machine")
-    pure = [wheel for wheel in wheels(made / ARM32) if wheel.name.endswith("-py3-none-any.whl")]
-    assert len(pure) == 2
+    pure = [wheel for wheel in wheels(made / ARM32) if wheel.name.startswith(("deltaswarm_agent-", "msgpack-"))]
+    assert [wheel.name.endswith("-py3-none-any.whl") for wheel in pure] == [True, True]
     zenoh = (made / PC / "wheels").glob("eclipse_zenoh-*")
     board = environment_of(python, tmp_path / "board", [*pure, *zenoh])
     used = [str(board), "-c", "import msgpack; print(msgpack.Packer.__module__)"]

@@ -21,7 +21,7 @@ from tests.support.tiers import nightly
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
 NAMES = ["paper", *nightly(*(folder.name for folder in PUBLISHED if folder.name != "paper"))]
-SHORTER = "--set run.duration_s=100 --repeats 7 --prove 0"
+SHORTER = "--set run.duration_s=100 --set metrics.horizon_s=50 --repeats 7 --prove 0"
 
 
 @pytest.mark.slow

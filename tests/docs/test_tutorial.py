@@ -13,7 +13,7 @@ from tests.support.pages import ROOT, blocks, files, shell
 PAGE = (ROOT / "docs" / "TUTORIAL.md").read_text()
 SHORTER = {
     "deltaswarm run smoke": "--set run.duration_s=100",
-    "deltaswarm study scout.toml\n": "--set run.duration_s=100 --repeats 7 --prove 0 -j 1",
+    "deltaswarm study scout.toml\n": "--set run.duration_s=100 --set metrics.horizon_s=50 --repeats 7 --prove 0 -j 1",
 }
 
 

@@ -15,6 +15,7 @@ from tests.support.tiers import in_one_test
 
 SIX = dict(zip(SCALES, (10, 20, 30, 40, 50, 60), strict=True))
 WEIGHTS = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
+NOTHING = {"open_events": 0, "agents_in_trees": 0, "trees": 0, "most_events": "top left"}
 ANSWERS = {"open_events": 3, "agents_in_trees": 2, "trees": 1, "most_events": "top left"}
 FORM = FormSettings(
     "f",
@@ -166,6 +167,7 @@ def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
             {},
         ),
         ({"sagat_at_s": (5.0,)}, 0, {"answers": ANSWERS}, ANSWERS, {"name": "sagat"}),
+        ({"sagat_at_s": (5.0,)}, 0, {"answers": NOTHING}, NOTHING, {"name": "sagat"}),
         ({"spam_at_s": (5.0,)}, 0, {"answers": {"open_events": 0}}, {"open_events": 0}, {"name": "spam"}),
         ({"spam_at_s": (5.0,)}, 5, {"answers": {"agents_in_trees": 9999}}, {"agents_in_trees": 9999}, {"name": "spam"}),
         ({"form": (FORM,)}, 0, {"answers": GIVEN}, {**GIVEN, "why": None}, {"name": "f"}),
