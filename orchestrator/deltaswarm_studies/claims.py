@@ -41,6 +41,7 @@ class _TestedClaim:
         self._values = np.zeros(0)
         self._error = stats.MEDIAN_ERROR * settings.iqr / math.sqrt(settings.n) if settings.n else 0.0
         self._least = settings.at_least
+        self._p_within = 1.0
         if settings.kind == "value":
             self._values = samples(settings.of).dropna().to_numpy(float)
             self.n = len(self._values)
@@ -56,8 +57,8 @@ class _TestedClaim:
         if not is_alike:
             self.p = contrast.p(self._least)
         else:
-            margin = settings.margin
-            self.p = min(contrast.p_within(margin), contrast.p_beyond(margin)) if scale == RATIO else 1.0
+            self._p_within, p_beyond = stats.p_of_margin(a, b, settings.margin)
+            self.p = min(self._p_within, p_beyond)
 
     def _interval(self, alpha: float) -> Interval:
         if self._contrast is not None:
@@ -79,7 +80,7 @@ class _TestedClaim:
         if self.p > alpha:
             return "undecided"
         if self.settings.kind == "alike":
-            return "holds" if contrast.p_within(self.settings.margin) <= alpha else "refuted"
+            return "holds" if self._p_within <= alpha else "refuted"
         return "holds" if contrast.p_above(self._least) < contrast.p_below(self._least) else "refuted"
 
     def row(self, p_holm: float, alpha: float, family: int) -> Row:

@@ -17,6 +17,7 @@ from deltaswarm_studies.stats import (
     Scale,
     contrast,
     holm,
+    p_of_margin,
     pairs_needed,
     scale_of,
     smallest_effect,
@@ -46,10 +47,13 @@ def _family(
     settings: ContrastSettings, metric: str, comparisons: Sequence[Comparison], samples: Samples
 ) -> Iterator[Row]:
     scale = _scale_of(comparisons, samples)
-    contrasts = [contrast(*_paired(row, samples, scale), scale) for row in comparisons]
-    margin = settings.margin if scale == RATIO else 0.0
+    pairs = [_paired(row, samples, scale) for row in comparisons]
+    contrasts = [contrast(a, b, scale) for a, b in pairs]
+    margin = settings.margin
     tests = holm([tested.p() for tested in contrasts])
-    for row, tested, (p_holm, alpha) in zip(comparisons, contrasts, tests, strict=True):
+    for row, (a, b), tested, (p_holm, alpha) in zip(comparisons, pairs, contrasts, tests, strict=True):
+        has_margin = margin > 0 and (scale == RATIO or len(row.sides) == 1)  # changes by differences have no ratio
+        p_within = p_of_margin(a, b, margin)[0] if has_margin else 1.0
         low, high = tested.interval(alpha)
         yield {
             "contrast": settings.id,
@@ -67,7 +71,7 @@ def _family(
             "p_holm": p_holm,
             "family": len(contrasts),
             "margin": margin,
-            "verdict": _verdict(tested, alpha, margin),
+            "verdict": _verdict(tested, alpha, p_within),
         }
 
 
@@ -85,8 +89,8 @@ def _paired(row: Comparison, samples: Samples, scale: Scale) -> tuple[pd.Series,
     return change, reference
 
 
-def _verdict(tested: Contrast, alpha: float, margin: float) -> ContrastVerdict:
-    is_small = margin > 0 and tested.p_within(margin) <= alpha
+def _verdict(tested: Contrast, alpha: float, p_within: float) -> ContrastVerdict:
+    is_small = p_within <= alpha
     if not tested.n:
         return "no data"
     if tested.p() > alpha:

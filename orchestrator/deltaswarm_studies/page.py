@@ -135,7 +135,7 @@ def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
         headings = {"level": "Level", "reference": "Against", **({"within": "Within"} if any(rows["within"]) else {})}
         scale = "ratios"
         if first["scale"] != RATIO:
-            scale = "differences, since values are 0 or below; a margin is a ratio and not tested"
+            scale = "differences, since values are 0 or below"
         title = f"{texts[str(name)] or name}: {about.title.lower()} ({first['family']} tests of {scale})"
         yield table(rows, {**headings, "n": "n", "shown": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}, title)
 

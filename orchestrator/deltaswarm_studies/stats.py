@@ -28,7 +28,7 @@ MAX_EXACT = 300
 """With more pairs, the normal approximation of the signed-rank distribution is used."""
 
 TIE = 1e-9
-"""Logarithms of ratios that differ by less are equal but for rounding."""
+"""Values that differ by a smaller share are equal but for rounding."""
 
 SIGNED_RANK_EFFICIENCY = 3 / math.pi
 """Of the signed-rank test relative to the t-test, for normal differences."""
@@ -194,11 +194,30 @@ def contrast(a: Values, b: Values, scale: Scale | None = None) -> Contrast:
         raise ValueError("values must be above 0 to have a ratio")
     if not len(first):
         return Contrast(scale, 0, missing, None, None, np.zeros(0))
-    walsh = _walsh(np.log(first) - np.log(second) if scale == RATIO else first - second)
+    differences = np.log(first) - np.log(second) if scale == RATIO else first - second
+    differences[np.abs(first - second) <= TIE * np.maximum(np.abs(first), np.abs(second))] = 0.0
+    walsh = _walsh(differences)
     shift = float(np.median(walsh))
     rank_sum = float(np.sum(walsh > 0) + np.sum(walsh == 0) / 2)  # the signed-rank statistic
     effect = 2 * rank_sum / len(walsh) - 1
     return Contrast(scale, len(first), missing, math.exp(shift) if scale == RATIO else shift, effect, walsh)
+
+
+def p_of_margin(a: Values, b: Values, margin: float) -> tuple[float, float]:
+    """Return the two-sided p-values of "a and b are within a margin above 1" and of "they are beyond it".
+
+    Where some values are 0 there is no ratio; that a is at most `margin` times b is then tested by differences. Both
+    are 1 if a value is negative.
+    """
+    if scale_of(a, b) == RATIO:
+        tested = contrast(a, b, RATIO)
+        return tested.p_within(margin), tested.p_beyond(margin)
+    first, second = _array(a), _array(b)
+    if min(np.nanmin(first, initial=0.0), np.nanmin(second, initial=0.0)) < 0:
+        return 1.0, 1.0
+    more, less = contrast(first, margin * second, DIFFERENCE), contrast(second, margin * first, DIFFERENCE)
+    within = 2 * max(more.p_below(), less.p_below())
+    return min(1.0, within), min(1.0, 2 * min(more.p_above(), less.p_above()))
 
 
 def holm(p_values: Sequence[float]) -> list[tuple[float, float]]:

@@ -167,12 +167,15 @@ def test_alike_needs_the_alpha_of_the_row(replicates: int, verdict: str) -> None
     assert found["verdict"].tolist() == [verdict] * 2
 
 
-def test_differences_have_no_margin() -> None:
-    """A value of 0 makes the family one of differences, and its margin 0."""
+def test_differences_have_a_margin_too() -> None:
+    """A value of 0 makes the family one of differences; being alike is still a matter of ratios."""
     study = made(OWN + ONE + "margin = 1.1\n")
+    alike = contrasts_of(study, runs_with(study, lambda level, _, r: float(r) * (1.01 if level == "loss=0.9" else 1)))
+    assert alike["scale"].tolist() == ["difference"] * 2
+    assert alike["verdict"].tolist() == ["slightly higher"] * 2
     found = contrasts_of(study, runs_with(study, lambda level, _, r: float(r) + (5 if level == "loss=0.9" else 0)))
     assert found["scale"].tolist() == ["difference"] * 2
-    assert found["margin"].tolist() == [0.0] * 2
+    assert found["margin"].tolist() == [1.1] * 2
     assert found[["estimate", "low", "high", "effect"]].to_numpy().tolist() == [[5.0, 5.0, 5.0, 1.0]] * 2
     assert found["verdict"].tolist() == ["higher"] * 2
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from deltaswarm_studies.stats import (
     describe,
     holm,
     median_interval,
+    p_of_margin,
     pairs_needed,
     scale_of,
     smallest_alpha,
@@ -115,6 +117,31 @@ def test_ratios_that_differ_only_by_rounding_are_ties() -> None:
     assert found.p(1.1) == found.p_within(1.1) == found.p_beyond(1.1) == 1.0
     assert found.p(1.09) < 1e-9
     assert found.p(1.11) < 1e-9
+
+
+@pytest.mark.parametrize("scale", ["ratio", "difference"])
+def test_rounding_is_no_difference_on_any_scale(scale: Any) -> None:
+    """Twenty sums that differ in the last digit, all in one direction, hold nothing."""
+    values = [0.1 * number + 0.3 for number in range(1, 21)]
+    found = contrast([value * (1 + 4e-16) for value in values], values, scale)
+    assert (found.p(), found.effect, found.estimate) == (1.0, 0.0, found.none)
+    assert contrast([value * (1 + 1e-6) for value in values], values, scale).p() < 0.001
+
+
+def test_one_zero_does_not_silence_a_margin() -> None:
+    """Where there is no ratio, a is still at most 1.2 times b and b at most 1.2 times a; or one of them is not."""
+    b = [0.0, *(float(value) for value in range(10, 20))]
+    alike, apart = [value * 1.05 for value in b], [value * 1.5 for value in b]
+    for first, second in ((alike, b), (b, alike)):
+        within, beyond = p_of_margin(first, second, 1.2)
+        assert within < 0.01 < 0.9 < beyond
+    for first, second in ((apart, b), (b, apart)):
+        within, beyond = p_of_margin(first, second, 1.2)
+        assert beyond < 0.01 < 0.9 < within
+    assert p_of_margin([-1.0] * 9, [-1.0] * 9, 1.2) == (1.0, 1.0)
+    ratios = p_of_margin(alike[1:], b[1:], 1.2)  # with ratios, by ratios
+    tested = contrast(alike[1:], b[1:])
+    assert ratios == (tested.p_within(1.2), tested.p_beyond(1.2))
 
 
 def test_quartiles_are_those_of_the_known_values() -> None:
