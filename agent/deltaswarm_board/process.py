@@ -7,6 +7,7 @@ import math
 import os
 import queue
 import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -23,9 +24,10 @@ from deltaswarm_board.service import Notifier, Stop, log_to, stop_on_signals
 from deltaswarm_board.settings import BoardSettings
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.commands import Signed
 from deltaswarm_wire.keys import RADIO, REPORT
 from deltaswarm_wire.messages import Heard
-from deltaswarm_wire.signing import SigningError, verifier
+from deltaswarm_wire.signing import SigningError, age_limit, verifier
 
 
 class StepTimer:
@@ -251,9 +253,24 @@ def _verify(settings: BoardSettings) -> Verify:
     if not public:
         return lambda _: False
     try:
-        return verifier(public, settings.run)
+        is_signed = verifier(public, settings.run)
     except SigningError as error:
         raise SettingsError([Problem("air.operator_key", repr(public), str(error))]) from None
+    is_young = age_limit(time.time)
+    told: set[Signed] = set()
+    """The first command that was too old."""
+
+    def verify(signed: Signed) -> bool:
+        if not is_signed(signed):
+            return False
+        if not (passes := is_young(signed)) and not told:
+            told.add(signed)
+            log.warning(
+                "refused a command whose life is over by this board's clock (more are only counted); is it right?"
+            )
+        return passes
+
+    return verify
 
 
 def _recorder_class() -> "type[FrameRecorder]":

@@ -47,7 +47,10 @@ class Ros2Body(GuardedBody):
         self._frame = frame
         self._topic = Topic(full_name(options.odometry, namespace), options.odometry_type)
         self._odometry = Odometry(
-            ExpectedOdometry(self._topic.name, options.frame, frame, options.position_s, options.fixed_frame)
+            ExpectedOdometry(
+                *(self._topic.name, options.frame, frame, options.position_s, options.fixed_frame),
+                options.max_speed_mps,
+            )
         )
         self._drive = Drive(options.drive == HOLONOMIC, options.turn_gain, options.max_turn_radps)
         self._detections = Detections(

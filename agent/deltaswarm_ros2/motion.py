@@ -4,6 +4,7 @@ All times in s by the board's clock; angles are counter-clockwise, as in ROS (RE
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -47,7 +48,47 @@ ROTATION_ERROR = 0.1
 CLOCK_BACK_S = 1.0
 """Stamps that go back by more are of a publisher that restarted; by less, of samples in another order."""
 
+TWO_STREAMS = "two streams of stamps or positions; leave one robot, then restart the agent"
+
 RESTARTED = "its odometry restarted, and the frame may have moved: restart the agent"
+
+
+TWIN_M, TWIN_SPEED = 0.3, 1.5
+"""A robot is farther from its last position only by this [m] and by this many times what its speed limit allows."""
+
+TWIN_SIGNS, TWIN_MESSAGES, TWIN_BACK = 5, 20, 4
+"""So many signs in so many messages show two robots; a position is compared with this many before it."""
+
+
+class Streams:
+    """Tells whether the messages of one topic are two robots', though they do not say who sent them.
+
+    A sign is a stamp that is not later than the newest (two clocks), or a position that is farther from the last one
+    than a robot drives in that time but not from an earlier one (two places). Two robots that are beside each other
+    and whose stamps come in order show neither.
+    """
+
+    def __init__(self, max_speed_mps: float) -> None:
+        self.are_two = False
+        """Whether two robots were seen; only a person knows which one is left."""
+        self._speed_mps = TWIN_SPEED * max_speed_mps
+        self._newest_s = -math.inf
+        self._places: deque[tuple[float, float, float]] = deque(maxlen=TWIN_BACK)
+        self._signs: deque[bool] = deque(maxlen=TWIN_MESSAGES)
+
+    def take(self, stamp_s: float, x_m: float, y_m: float) -> None:
+        """Take a message in the order of arrival."""
+        if self._places and self._places[-1] == (stamp_s, x_m, y_m):
+            return  # the same message by two ways
+        far = [
+            math.hypot(x_m - at[1], y_m - at[2]) > TWIN_M + self._speed_mps * max(0.0, stamp_s - at[0])
+            for at in self._places
+        ]
+        alternates = bool(far) and far[-1] and not all(far)
+        self._signs.append(stamp_s <= self._newest_s or alternates)
+        self._newest_s = max(self._newest_s, stamp_s)
+        self._places.append((stamp_s, x_m, y_m))
+        self.are_two = self.are_two or sum(self._signs) >= TWIN_SIGNS
 
 
 @dataclass(frozen=True)
@@ -62,6 +103,8 @@ class ExpectedOdometry:
     """A publisher that is silent for longer is gone."""
     survives_restart: bool
     """Whether the frame is the same after a restart of the publisher."""
+    max_speed_mps: float = math.inf
+    """How fast the robot is driven at most."""
 
 
 class Odometry:
@@ -81,6 +124,7 @@ class Odometry:
         self._gid: bytes | None = None
         self._heard_s = self._rival_heard_s = -math.inf
         self._stamp_s = 0.0
+        self._streams = Streams(expected.max_speed_mps)
 
     def reason_to_stand(self, now_s: float) -> str:
         """Why the robot must not move by this odometry, in a few words; "" if it may."""
@@ -88,14 +132,20 @@ class Odometry:
             return RESTARTED
         if now_s - self._rival_heard_s <= self._expected.lost_s:
             return f"two robots have its name: two publishers of {self._expected.topic}"
+        if self._streams.are_two:
+            return f"two robots have its name: {self._expected.topic} has {TWO_STREAMS}"
         return self._mistake
 
     def take(self, message: Mapping[str, Any], gid: bytes, now_s: float) -> bool:
         """Take a message; return whether it gives a new pose."""
-        if not self._is_of_the_robot(gid, now_s) or not self._is_new(message["header"]["stamp"]):
+        if not self._is_of_the_robot(gid, now_s):
             return False
         covariance = message["pose"].get("covariance", ())
         pose = message["pose"]["pose"] if covariance else message["pose"]
+        stamp_s = _seconds(message["header"]["stamp"])
+        self._streams.take(stamp_s or now_s, pose["position"]["x"], pose["position"]["y"])
+        if not self._is_new(stamp_s):
+            return False
         self._mistake = self._mistake_in(message["header"]["frame_id"], pose)
         if self._mistake:
             return False
@@ -115,9 +165,8 @@ class Odometry:
         self._gid, self._heard_s = gid, now_s
         return True
 
-    def _is_new(self, stamp: Mapping[str, int]) -> bool:
+    def _is_new(self, stamp_s: float) -> bool:
         """Whether a stamp is later than the last one; a publisher may send no stamps."""
-        stamp_s = stamp["sec"] + stamp["nanosec"] * 1e-9
         if stamp_s == 0.0:
             return True
         if self._stamp_s - stamp_s > CLOCK_BACK_S:
@@ -141,6 +190,10 @@ class Odometry:
         if not abs(length - 1.0) <= ROTATION_ERROR:
             return f"{expected.topic} has an orientation that is no rotation: a quaternion of length {length:.3g}"
         return ""
+
+
+def _seconds(stamp: Mapping[str, int]) -> float:
+    return stamp["sec"] + stamp["nanosec"] * 1e-9
 
 
 def _heading_rad(turn: Mapping[str, float]) -> float:

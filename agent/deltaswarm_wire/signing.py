@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltaswarm_wire.arguments import secret_problem
-from deltaswarm_wire.commands import Signed
+from deltaswarm_wire.commands import Signed, decode_command
 from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import Keys
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 PUBLIC_KEY_BYTES = 32
 PUBLIC_KEY_RULE = f"must be {2 * PUBLIC_KEY_BYTES} hexadecimal digits"
 NEEDS = "needs the package cryptography (extra commands of the board): pip install cryptography"
+
+CLOCK_ERROR_S = 120.0
+"""How far the clocks of operator and receiver may differ [s]."""
 
 Sign = Callable[[bytes], bytes]
 
@@ -64,6 +67,20 @@ def signer(file: Path, run: str) -> Sign:
     """
     key, context = _private_key(file), _context(run)
     return lambda body: key.sign(context + body)
+
+
+def age_limit(clock_s: Callable[[], float]) -> Callable[[Signed], bool]:
+    """What tells whether a signed command is within its life by a clock of this machine [Unix s].
+
+    Numbers of signed commands are seconds by the operator's clock. A command from the future passes: this clock may be
+    late, as that of a board that has just started without a battery for it.
+    """
+
+    def is_young(signed: Signed) -> bool:
+        command = decode_command(signed.body)
+        return clock_s() <= command.number + command.life_s + CLOCK_ERROR_S
+
+    return is_young
 
 
 def verifier(public: str, run: str) -> Callable[[Signed], bool]:

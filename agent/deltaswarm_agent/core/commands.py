@@ -34,6 +34,9 @@ MAX_KNOWN = 4096
 AHEAD_S = 128.0
 """Maximum lead of numbers over the operator's clock: several commands may be given in one second."""
 
+CLOCK_DRIFT = 1e-3
+"""Bound on the relative drift of an agent's clock from the operator's [s/s]."""
+
 Verify = Callable[[Signed], bool]
 
 
@@ -59,7 +62,8 @@ class CommandRelay(Saved):
         step_s: length of a step [s].
         forms: the commands that the agent's controller accepts.
         verify: whether a command's signature is the operator's; without it every command is believed. With it numbers
-            are seconds by the operator's clock, so a newer command shows that the life of an older one is over.
+            are seconds by the operator's clock. The newest one, and the time since it was heard, tell how late it is
+            there at least, and so whether the life of a command is over that a relay has held back.
     """
 
     def __init__(self, step_s: float, forms: Sequence[CommandForm], verify: Verify | None = None) -> None:
@@ -73,6 +77,8 @@ class CommandRelay(Saved):
         self._numbers: set[int] = set()
         self._forgotten_below = 0
         self._newest = 0
+        self._newest_heard = 0
+        """The newest number, and the step in which it was heard."""
 
     def hear(self, items: Sequence[bytes], now: int) -> list[Command]:
         """Take the commands that a frame relays; return the new ones that the controller accepts.
@@ -96,11 +102,12 @@ class CommandRelay(Saved):
         if number in self._numbers:
             return self._prolonged(number, signed, now + left_steps, now)
         if self._verify is not None:
-            is_over = number + command.life_s + AHEAD_S < self._newest
+            is_over = number + command.life_s + AHEAD_S < self._operators_clock_s(now)
             if is_over or not self._verify(signed):
                 self.rejected += 1
                 return None
-        self._newest = max(self._newest, number)
+        if number > self._operators_clock_s(now):
+            self._newest, self._newest_heard = number, now
         self._remember(number)
         form = named(self._forms, command.name)
         accepted = form is not None and form.problem(command.target, command.arguments) is None
@@ -111,6 +118,12 @@ class CommandRelay(Saved):
         known.state = HEARD if accepted else REFUSED
         self.known[number] = known
         return known
+
+    def _operators_clock_s(self, now: int) -> float:
+        """Return the operator's clock now, at the least [s]; 0 before anything is heard."""
+        if not self._numbers:
+            return 0.0
+        return self._newest + (now - self._newest_heard) * self._step_s * (1.0 - CLOCK_DRIFT)
 
     def _prolonged(self, number: int, signed: Signed, ends: int, now: int) -> _Known | None:
         """Return a known command if it now lives longer: a relay that shortens lives must not silence it."""

@@ -41,6 +41,17 @@ class GuardLimits:
     follow_s: float = math.inf
     """Time of set-points in which the vehicle must have begun to follow them."""
 
+    @property
+    def how_to_go_on(self) -> str:
+        """What a person does after a jump, once the frame is right again."""
+        if self.modes:
+            return "check its frame, then leave the flight mode and come back, or restart the agent"
+        return "check its frame, then restart the agent"
+
+    def leaves_to_agent(self, is_armed: bool, mode: str) -> bool:
+        """Whether a vehicle in this state is the agent's to move."""
+        return (is_armed or not self.needs_armed) and (not self.modes or mode in self.modes)
+
 
 class Obedience:
     """Compares where a vehicle is with where it was told to go; without an answer in time it is doubtful."""
@@ -54,6 +65,8 @@ class Obedience:
         self._from: tuple[float, float] | None = None
         self._from_s = -math.inf
         self._reason, self._uncertain_until_s = "", -math.inf
+        self._jumped = ""
+        """How the position jumped; "" if it did not. The frame may have moved, which only a person can see."""
 
     def locate(self, at: tuple[float, float], now_s: float) -> None:
         """Take a position [m]."""
@@ -62,7 +75,7 @@ class Obedience:
         if before is not None:
             far_m = math.dist(before, at)
             if far_m > self._limits.jump_m + self._limits.max_speed_mps * (now_s - before_s):
-                self._distrust(f"its position jumped by {far_m:.1f} m", now_s)
+                self._jumped = f"its position jumped by {far_m:.1f} m: {self._limits.how_to_go_on}"
 
     def send(self, velocity: Velocity, now_s: float) -> None:
         """Note a set-point [m/s]; standing begins anew."""
@@ -90,7 +103,11 @@ class Obedience:
 
     def reason_to_stand(self, now_s: float) -> str:
         """Why the vehicle must not move now, in a few words; "" if it may."""
-        return self._reason if now_s < self._uncertain_until_s else ""
+        return self._jumped or (self._reason if now_s < self._uncertain_until_s else "")
+
+    def trust(self) -> None:
+        """Take the position as right from now on: a person has looked."""
+        self._jumped, self._at = "", None
 
 
 class Guard:
@@ -135,7 +152,11 @@ class Guard:
             self._std_m = std_m
 
     def beat(self, is_armed: bool, mode: str, now_s: float) -> None:
-        """Take a heartbeat."""
+        """Take a heartbeat. A person who gives the vehicle to the agent again has looked where it is."""
+        if self._limits.leaves_to_agent(is_armed, mode) and not self._limits.leaves_to_agent(
+            self._is_armed, self._mode
+        ):
+            self._obedience.trust()
         self._is_armed, self._mode, self._heard_s = is_armed, mode, now_s
 
     def inhibit(self, reason: str) -> None:

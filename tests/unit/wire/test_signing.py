@@ -28,7 +28,7 @@ from deltaswarm_wire.commands import (
     encode_relayed,
 )
 from deltaswarm_wire.operator_messages import HEARD
-from deltaswarm_wire.signing import SigningError, is_public_key, make_key, public_key, signer, verifier
+from deltaswarm_wire.signing import SigningError, age_limit, is_public_key, make_key, public_key, signer, verifier
 
 RUN = "field"
 FORMS = (CommandForm("hold", (ALL,)),)
@@ -160,10 +160,10 @@ def test_a_command_that_is_played_again_is_old(keys: Keys) -> None:
     relay.note([start], [])
     assert relay.hear([first], 1) == []
     assert len(relay.hear([newer], 900)) == 1
-    assert relay.hear([first, keys.relayed(start + 1)], 1000) == []
+    assert relay.hear([first, keys.relayed(start + 1)], 905) == []
     assert relay.rejected == 1
     recent = start + 1000 - int(AHEAD_S) - 50
-    assert len(relay.hear([keys.relayed(recent)], 1000)) == 1
+    assert len(relay.hear([keys.relayed(recent)], 905)) == 1
 
 
 def test_a_forged_number_does_not_make_others_old(keys: Keys) -> None:
@@ -200,3 +200,44 @@ def _held(relay: CommandRelay) -> int:
     """Everything that it remembers."""
     containers: list[Any] = [value for value in vars(relay).values() if isinstance(value, dict | set | list)]
     return sum(map(len, containers))
+
+
+TEN_HOURS = 36_000
+START = 1_700_000_000
+
+
+@pytest.mark.parametrize("step_s", [0.1, 1.0, 5.0])
+@pytest.mark.parametrize(
+    ("held_s", "is_obeyed"),
+    [(0, True), (50, True), (50 + AHEAD_S, True), (70 + AHEAD_S, False), (TEN_HOURS, False), (86_400, False)],
+)
+def test_a_relay_cannot_keep_a_command(keys: Keys, step_s: float, held_s: float, is_obeyed: bool) -> None:
+    """Its age is bounded by the newest command heard and the agent's own steps since then, of whatever length."""
+    relay = CommandRelay(step_s, FORMS, keys.verify)
+    relay.hear([keys.relayed(START)], 100)
+    kept = keys.relayed(START + 1)
+    assert bool(relay.hear([kept], 100 + round((held_s + 1) / step_s))) == is_obeyed
+    assert relay.rejected == (not is_obeyed)
+
+
+def test_what_is_heard_late_does_not_set_the_clock_back(keys: Keys) -> None:
+    """A command that comes late but within its life is obeyed; the operator's time stays what it was known to be."""
+    relay = keys.relay()
+    relay.hear([keys.relayed(START)], 0)
+    assert relay.hear([keys.relayed(START + 10, life_s=3600.0)], 3000)
+    assert not relay.hear([keys.relayed(START + 11)], 3001)
+
+
+def test_a_fast_series_of_commands_is_obeyed(keys: Keys) -> None:
+    """Numbers may run ahead of the operator's clock, which makes none of them old."""
+    relay = keys.relay()
+    for number in range(int(AHEAD_S)):
+        assert relay.hear([keys.relayed(START + number)], 1)
+    assert relay.hear([keys.relayed(START + int(AHEAD_S))], 2)
+
+
+def test_a_board_that_has_heard_nothing_has_its_clock(keys: Keys) -> None:
+    """A command from the future passes: the clock of a board without a battery may be late."""
+    for late_s, passes in ((-1e9, True), (0.0, True), (170.0, True), (190.0, False), (TEN_HOURS, False)):
+        is_young = age_limit(lambda late_s=late_s: START + late_s)  # type: ignore[misc]
+        assert is_young(decode_relayed(keys.relayed(START)).signed) == passes

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import assume, given
@@ -252,6 +253,60 @@ def test_a_position_that_jumps_is_doubted() -> None:
         guard.command(0.1, 0.0, now_s)
         assert fault in guard.sensed(now_s).fault
         assert (guard.velocity(now_s) == STAND) == bool(fault)
+
+
+def jumped(**limits: Any) -> Guard:
+    """A guard whose vehicle's position has jumped by 15 m within its fence, some time ago."""
+    wide = Fence([(-50, -50), (50, -50), (50, 50), (-50, 50)])
+    guard = Guard(dataclasses.replace(CHECKED, **limits), wide, 0.1)
+    guard.beat(True, "GUIDED", 0.0)
+    for now_s, x_m in ((0.0, 1.0), (0.1, 16.0), (59.9, 16.0)):
+        guard.locate(x_m, 1.0, now_s)
+    return guard
+
+
+def moves(guard: Guard, now_s: float) -> bool:
+    """Whether it moves in a place that it has just told."""
+    guard.locate(16.0, 1.0, now_s)
+    guard.command(0.1, 0.0, now_s)
+    return guard.velocity(now_s) != STAND
+
+
+@pytest.mark.parametrize("now_s", [60.0, 3600.0])
+def test_after_a_jump_a_vehicle_stands_until_a_person_says_so(now_s: float) -> None:
+    """However long, and although its position is steady: the frame may have moved."""
+    guard = jumped()
+    guard.beat(True, "GUIDED", now_s)
+    assert not moves(guard, now_s)
+    assert "restart the agent" in guard.sensed(now_s).fault
+
+
+@pytest.mark.parametrize(
+    ("between", "goes_on"),
+    [
+        ([(True, "LOITER")], True),
+        ([(False, "GUIDED")], True),
+        ([(False, "LOITER"), (True, "LOITER")], True),
+        ([], False),
+        ([(True, "GUIDED")] * 20, False),
+    ],
+)
+def test_a_pilot_who_gives_it_back_says_so(between: list[tuple[bool, str]], goes_on: bool) -> None:
+    """By the flight mode, or by arming; heartbeats that say the same say nothing."""
+    guard = jumped(modes=("GUIDED",), needs_armed=True)
+    for state in [*between, (True, "GUIDED")]:
+        guard.beat(*state, 60.0)
+    assert moves(guard, 60.0) == goes_on
+
+
+def test_a_second_jump_stops_it_again() -> None:
+    """After a pilot gave it back."""
+    guard = jumped(modes=("GUIDED",))
+    guard.beat(True, "LOITER", 60.0)
+    guard.beat(True, "GUIDED", 60.0)
+    assert moves(guard, 60.0)
+    guard.locate(1.0, 1.0, 60.1)
+    assert not moves(guard, 120.0)
 
 
 def test_outside_its_fence_a_vehicle_stands_and_says_so() -> None:

@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import decode, encode
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED
-from deltaswarm_ros2.motion import RESTARTED, STOP, Drive, ExpectedOdometry, Odometry, PlanarFrame, Pose, beside
+from deltaswarm_ros2.motion import (
+    RESTARTED,
+    STOP,
+    Drive,
+    ExpectedOdometry,
+    Odometry,
+    PlanarFrame,
+    Pose,
+    Streams,
+    beside,
+)
 from tests.support.tiers import in_one_test
 
 ONE, TWO = b"one", b"two"
@@ -183,3 +193,65 @@ def test_a_differential_robot_ends_in_the_wanted_direction(
         heading_rad += 0.1 * twist.turn_radps
     assert abs(math.remainder(direction_rad - heading_rad, math.tau)) < 0.15
     assert DIFFERENTIAL.twist(velocity, heading_rad).forward_mps == pytest.approx(speed_mps, rel=0.02)
+
+
+def streams(*messages: tuple[float, float]) -> bool:
+    """Whether (stamp [s], x [m]) in the order of arrival are taken for two robots; the limit is 1 m/s."""
+    watched = Streams(1.0)
+    for stamp_s, x_m in messages:
+        watched.take(stamp_s, x_m, 2.0)
+    return watched.are_two
+
+
+def driving(start_s: float, x_m: float, count: int = 40, every_s: float = 0.05, mps: float = 1.0) -> list[Any]:
+    """A robot's messages."""
+    return [(start_s + n * every_s, x_m + mps * n * every_s) for n in range(count)]
+
+
+TWINS = {
+    "driving side by side": (driving(0.0, 0.0), driving(0.02, 1.0)),
+    "standing": (driving(0.0, 0.0, mps=0.0), driving(0.001, 0.5, mps=0.0)),
+    "at other rates": (driving(0.0, 0.0), driving(0.0, 9.0, count=10, every_s=0.2)),
+    "with clocks that differ": (driving(0.0, 0.0), [(at_s - 0.3, x_m) for at_s, x_m in driving(0.02, 0.05)]),
+    "with clocks an hour apart": (driving(0.0, 0.0), [(at_s + 3600.0, x_m) for at_s, x_m in driving(0.02, 0.0)]),
+    "with one simulated clock": (driving(0.0, 0.0, mps=0.0), driving(0.0, 0.1, mps=0.0)),
+}
+
+
+@pytest.mark.parametrize("twins", TWINS.values(), ids=TWINS.keys())
+def test_two_robots_that_do_not_say_who_they_are_are_told_apart(twins: tuple[list[Any], list[Any]]) -> None:
+    """By their stamps or by their places; each of them alone is one robot."""
+    arrived = {
+        (n * every_s + late_s, late_s): message
+        for late_s, every_s, stream in ((0.0, 0.05, twins[0]), (0.02, 2.0 / len(twins[1]), twins[1]))
+        for n, message in enumerate(stream)
+    }
+    assert streams(*(arrived[at] for at in sorted(arrived)))
+    assert not any(streams(*stream) for stream in twins)
+
+
+ALONE = {
+    "a jump": [*driving(0.0, 0.0), *driving(2.0, 20.0)],
+    "noise": [(at_s, x_m + (0.1 if n % 2 else -0.1)) for n, (at_s, x_m) in enumerate(driving(0.0, 0.0))],
+    "lost messages": driving(0.0, 0.0)[::5],
+    "each twice": [message for message in driving(0.0, 0.0) for _ in range(2)],
+    "three in another order": [driving(0.0, 0.0)[n + (n % 12 == 3) - (n % 12 == 4)] for n in range(36)],
+    "a restart": [*driving(100.0, 5.0), *driving(0.0, 5.0)[:4]],
+    "half the limit faster": driving(0.0, 0.0, mps=1.5),
+}
+
+
+@pytest.mark.parametrize("messages", ALONE.values(), ids=ALONE.keys())
+def test_one_robot_is_not_taken_for_two(messages: list[Any]) -> None:
+    """Whatever happens to its messages on the way."""
+    assert not streams(*messages)
+
+
+def test_two_robots_stand_until_a_person_says_so() -> None:
+    """Nobody knows which one is left when one goes."""
+    odometry = an_odometry(max_speed_mps=1.0)
+    for n in range(40):
+        odometry.take(a_message(1.0 + n * 0.05, x_m=9.0 * (n % 2)), b"", 1.0 + n * 0.05)
+    for n in range(400):
+        odometry.take(a_message(3.0 + n * 0.05, x_m=0.0), b"", 3.0 + n * 0.05)
+    assert "two robots have its name" in odometry.reason_to_stand(23.0)
