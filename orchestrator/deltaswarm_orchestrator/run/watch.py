@@ -225,10 +225,15 @@ class Watch:
         return status is not None and status.phase != "waiting"
 
     def _failed(self) -> list[RunPart]:
-        """Return the parts that have newly failed, in the order in which they ended; last those that lost the world."""
+        """Return the parts that have newly failed, in the order in which they ended.
+
+        Last come those that lost the world, unless that was asked to end.
+        """
         ended = self._newly_ended()
         self._noted.update(ended)
-        return sorted((part for part in ended if part.has_failed), key=lambda part: part.exit_code == WORLD_LOST)
+        failed = [part for part in ended if part.has_failed and part.exit_code != WORLD_LOST]
+        lost = [part for part in ended if part.has_failed and part.exit_code == WORLD_LOST]
+        return failed if lost and self._swarm.part(WORLD).was_asked_to_end else failed + lost
 
     def _newly_ended(self) -> list[RunPart]:
         return [part for part in self._swarm.ended() if part not in self._noted]
