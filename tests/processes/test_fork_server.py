@@ -42,6 +42,15 @@ def fork_servers_of(pid: int) -> Iterator[int]:
                 yield int(folder.name)
 
 
+def test_a_fork_server_killed_before_it_has_started_anything_is_replaced(tmp_path: Path) -> None:
+    """While it imports what all parts share."""
+    with running(tmp_path / "run", "--set", "run.duration_s=50") as swarm:
+        server = wait_until(lambda: next(fork_servers_of(swarm.process.pid), None), "the fork server")
+        os.kill(server, signal.SIGKILL)
+        swarm.end_well()
+    assert swarm.summary()["valid"]
+
+
 def test_a_terminals_ctrl_c_spares_a_fork_server_that_starts(tmp_path: Path) -> None:
     """It reaches that process, too, which would print a traceback and make the run fail for another reason."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
@@ -53,11 +62,13 @@ def test_a_terminals_ctrl_c_spares_a_fork_server_that_starts(tmp_path: Path) -> 
     assert "stopped by SIGINT" in errors
 
 
-def test_a_fork_server_killed_as_it_starts_is_replaced(tmp_path: Path) -> None:
-    """Those who are still to be started come from a new one, and the run goes on as if nothing had been."""
-    with running(tmp_path / "run", "--set", "run.duration_s=50") as swarm:
+@pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGSTOP]))
+def test_a_fork_server_lost_as_it_starts_is_replaced(number: signal.Signals, tmp_path: Path) -> None:
+    """Or continued; those who are still to be started come in time, and the run goes on as if nothing had been."""
+    short = ("--set", "run.duration_s=50", "--set", "run.start_timeout_s=8")
+    with running(tmp_path / "run", *short) as swarm:
         world = wait_until(lambda: pid_of(swarm, "world-0.log"), "the world")
-        os.kill(parent_of(world), signal.SIGKILL)
+        os.kill(parent_of(world), number)
         swarm.end_well()
     assert swarm.summary()["valid"]
 

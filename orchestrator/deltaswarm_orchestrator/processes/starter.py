@@ -25,6 +25,7 @@ from deltaswarm_orchestrator.processes.fork_server import (
     kill_fork_server,
     safe_path,
     shorten_socket_paths,
+    wake_fork_server,
 )
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION
@@ -62,6 +63,9 @@ BEFORE_READY = "before it was ready"
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
 """Time that a process may take to import its modules, on top of its start timeout [s]."""
+
+WAKE_EVERY_S = 0.5
+"""Interval at which a fork server that is starting a process is continued, in case somebody has stopped it [s]."""
 
 FORK_SERVERS = 4
 """Attempts to start a process, each after the first one with a new fork server."""
@@ -254,14 +258,24 @@ class Starter:
 
     @contextmanager
     def _start_deadline(self) -> Iterator[None]:
-        """Kill the fork server if a start takes too long: a stopped fork server would block the caller forever."""
-        timer = threading.Timer(self._timeout_s + PYTHON_S, kill_fork_server)
-        timer.daemon = True
-        timer.start()
+        """Continue a stopped fork server, which would block the caller forever; kill it if a start takes too long."""
+        started = threading.Event()
+        deadline = time.monotonic() + self._timeout_s + PYTHON_S
+
+        def watch() -> None:
+            while not started.wait(WAKE_EVERY_S):
+                wake_fork_server()
+                if time.monotonic() > deadline:
+                    kill_fork_server()
+                    return
+
+        thread = threading.Thread(target=watch, daemon=True)
+        thread.start()
         try:
             yield
         finally:
-            timer.cancel()
+            started.set()
+            thread.join()
 
 
 def room_for(agents: int) -> list[tuple[str, str]]:
