@@ -75,7 +75,7 @@ EARLY: dict[str, Callable[[RunningSwarm], Callable[[], object]]] = {
 
 
 @pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM]))
-@pytest.mark.parametrize("moment", EARLY)
+@pytest.mark.parametrize("moment", ["importing", "agents", *nightly("a folder", "a world")])
 def test_a_signal_while_it_starts_ends_it_with_a_line(moment: str, number: signal.Signals, tmp_path: Path) -> None:
     """Wherever it has come to: exit code 130, a line and no traceback, no process, no table of zeros."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:

@@ -176,7 +176,7 @@ def info(folder: Path) -> dict[str, Any]:
     return dict(json.loads(told.stdout))
 
 
-@pytest.mark.parametrize("fork_server_too", [False, True])
+@pytest.mark.parametrize("fork_server_too", first_of([True, False]))
 def test_no_orphan_survives_the_orchestrator(
     fork_server_too: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
