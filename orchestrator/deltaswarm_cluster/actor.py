@@ -4,8 +4,10 @@ Whatever ends it (the run, the loss of the client or of the scheduler, the death
 standard input, which ends the agents. Orchestrator and workers run the same version of this file.
 """
 
+import fcntl
 import json
 import os
+import secrets
 import shutil
 import subprocess
 import sys
@@ -28,6 +30,9 @@ MAX_LOG_BYTES = 1 << 20
 """Maximum number of bytes of an agent's log in one update."""
 
 STOP = b"stop\n"
+
+PREFIX = "deltaswarm-agents-"
+"""What the names of supervisors' folders begin with."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,8 @@ class SupervisorActor:
     """The agents of one job, from their start on. Releasing the object ends them."""
 
     def __init__(self, job: AgentsJob) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="deltaswarm-agents-"))  # of mode 0700
+        remove_left_folders()
+        self._folder, lock = _locked_folder()
         try:
             _write(self._folder, job)
             self._process = subprocess.Popen(
@@ -90,10 +96,13 @@ class SupervisorActor:
                 stdout=subprocess.PIPE,
                 bufsize=0,
                 start_new_session=True,  # a Ctrl-C in the worker's terminal is for the worker
+                pass_fds=(lock,),  # the supervisor holds it to its end
             )
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
+        finally:
+            os.close(lock)
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
         self._said, self._read = b"", dict.fromkeys(job.agents, 0)
@@ -142,6 +151,28 @@ class SupervisorActor:
                     logs[agent] = new
                     self._read[agent] += len(new)
         return logs
+
+
+def _locked_folder() -> tuple[Path, int]:
+    """Make a folder of mode 0700, and lock it; return it with the lock's descriptor."""
+    unlocked = Path(tempfile.mkdtemp(prefix="deltaswarm-new-"))
+    lock = os.open(unlocked, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    # It gets the name by which `remove_left_folders` finds it when the lock is held.
+    return unlocked.rename(unlocked.with_name(f"{PREFIX}{secrets.token_hex(8)}")), lock
+
+
+def remove_left_folders() -> None:
+    """Remove this user's folders whose supervisor and agents were all killed at once, so that nobody could."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError):  # another user's, in use, or it has just gone
+            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(lock).st_uid == os.getuid():
+                    shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(lock)
 
 
 def _write(folder: Path, job: AgentsJob) -> None:

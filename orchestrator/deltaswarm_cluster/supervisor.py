@@ -2,7 +2,7 @@
 
 It starts the agents of `job.json` from a fork server, each as a process of its own, and prints a JSON list for each
 end. Closing its standard input, which the death of its own parent does too, ends the agents and removes the folder with
-their keys.
+their keys. If it is killed, too, the agents remove their keys as they end.
 """
 
 import json
@@ -19,6 +19,7 @@ from typing import Any
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.kernel import adopt_orphans
+from deltaswarm_orchestrator.processes.entry_point import SECRETS_VARIABLE
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.processes.starter import LaunchError, Starter
@@ -43,6 +44,7 @@ def main(argv: Sequence[str]) -> int:
     """Start the agents of a folder, and end them when asked to."""
     folder = Path(argv[0])
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ[SECRETS_VARIABLE] = str(folder)
     try:
         _Supervisor(folder, json.loads((folder / JOB).read_text(encoding="utf-8"))).serve()
     finally:

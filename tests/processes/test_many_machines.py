@@ -5,6 +5,8 @@ import os
 import re
 import signal
 import socket
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -17,7 +19,14 @@ from distributed import Client
 
 import deltaswarm_wire
 from deltaswarm_cluster import dask_cluster as dask_cluster_module
-from deltaswarm_cluster.actor import AgentFiles, AgentsJob, SupervisorActor
+from deltaswarm_cluster.actor import (
+    PREFIX,
+    AgentFiles,
+    AgentsJob,
+    SupervisorActor,
+    _locked_folder,
+    remove_left_folders,
+)
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
@@ -184,6 +193,80 @@ def test_a_killed_supervisor_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.
         update = wait_until(lambda: (found := actor.poll()).is_over and found, "the update")
     assert update.failed == "its process ended with code -9"
     wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
+
+
+ACTOR = """
+import sys, tempfile, time
+from deltaswarm_cluster.actor import (
+    PREFIX,
+    AgentFiles,
+    AgentsJob,
+    SupervisorActor,
+    _locked_folder,
+    remove_left_folders,
+)
+tempfile.tempdir = sys.argv[1]
+files = {agent: AgentFiles(sys.argv[3], b"", b"SECRET") for agent in (3, 4)}
+actor = SupervisorActor(AgentsJob("run", sys.argv[2], "hybrid", 60.0, b"", files))
+print(actor._process.pid, flush=True)
+time.sleep(600)
+"""
+
+
+@contextmanager
+def an_actor(folder: Path, agents: int = 2) -> Iterator[tuple["subprocess.Popen[str]", int]]:
+    """The process of a worker whose agents are up, and its supervisor's number."""
+    settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
+        command = [sys.executable, "-P", "-c", ACTOR, str(folder), endpoint, settings]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as worker:
+            assert worker.stdout is not None
+            supervisor = int(worker.stdout.readline())
+            wait_until(lambda: len(list(folder.glob("*/logs/*.log"))) >= agents, "the agents")
+            try:
+                yield worker, supervisor
+            finally:
+                worker.kill()
+
+
+def keys_in(folder: Path) -> list[Path]:
+    return list(folder.rglob("*.key"))
+
+
+def test_a_worker_and_its_supervisor_killed_together_leave_no_keys(tmp_path: Path) -> None:
+    """The agents remove them as they end; the next worker removes the folder, and no other's."""
+    with an_actor(tmp_path) as (worker, supervisor):
+        assert len(keys_in(tmp_path)) == 2
+        os.kill(supervisor, signal.SIGSTOP)  # so that it cannot see the worker's end
+        worker.kill()
+        os.kill(supervisor, signal.SIGKILL)
+        wait_until(lambda: not keys_in(tmp_path), "no more keys")
+    (left,) = tmp_path.glob(f"{PREFIX}*")
+    with an_actor(tmp_path) as (worker, _):
+        assert not left.exists()
+        (own,) = tmp_path.glob(f"{PREFIX}*")
+        with an_actor(tmp_path, agents=4):
+            assert own.exists()
+            assert len(keys_in(tmp_path)) == 4
+
+
+def test_the_folder_of_those_who_were_all_killed_at_once_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the next worker; one whose lock is held stays, as does what is no folder of ours."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    held, lock = _locked_folder()
+    left, other = tmp_path / f"{PREFIX}left", tmp_path / "other"
+    for folder in (left, other):
+        folder.mkdir()
+        (folder / "3.key").write_bytes(b"SECRET")
+    (tmp_path / f"{PREFIX}link").symlink_to(other)
+    remove_left_folders()
+    assert (held.exists(), left.exists(), (other / "3.key").exists()) == (True, False, True)
+    os.close(lock)
+    remove_left_folders()
+    assert not held.exists()
 
 
 def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

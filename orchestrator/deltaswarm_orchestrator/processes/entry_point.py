@@ -26,6 +26,9 @@ GC_THRESHOLD = 100_000
 FORK_SERVER: Any = forkserver._forkserver
 """Python's fork server. That nothing outlives a run depends on private names of it, which `fork_server.py` checks."""
 
+SECRETS_VARIABLE = "DELTASWARM_SECRETS"
+"""The environment variable with the folder of private keys that go with whoever started this process."""
+
 GRACE_S = 3.0
 """Time that a part has to write its results after its orchestrator died [s]."""
 
@@ -111,10 +114,18 @@ def _follow(lifeline: Connection) -> None:
         lifeline.recv_bytes()
     except (EOFError, OSError):
         remove_socket_folder()
+        remove_secrets()
         os.killpg(0, signal.SIGCONT)  # wakes all parts: a frozen one cannot notice the end
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(GRACE_S)
         os._exit(1)
+
+
+def remove_secrets() -> None:
+    """Remove private keys that nobody else may be left to remove."""
+    if folder := os.environ.get(SECRETS_VARIABLE):
+        for file in Path(folder).glob("*.key"):
+            file.unlink(missing_ok=True)
 
 
 def remove_socket_folder() -> None:
