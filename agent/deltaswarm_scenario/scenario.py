@@ -59,6 +59,16 @@ class RunSettings:
         5.0, "wall time after which the world continues without an agent [s]", low=0.05, high=3600
     )
     start_timeout_s: float = key(60.0, "wall time within which all processes must be up [s]", low=1, high=3600)
+    accept_lost: float = key(
+        0.0,
+        "agents that may fail or hang in a valid run: a share of them below 1, else their number; faults do not count",
+        low=0,
+        high=10_000,
+    )
+
+    def accepts_lost(self, lost: int, agents: int) -> bool:
+        """Whether a run of so many agents is valid if so many of them fail or hang."""
+        return lost <= (self.accept_lost if self.accept_lost >= 1 else self.accept_lost * agents + 1e-9)
 
     @property
     def steps(self) -> int:
@@ -66,11 +76,15 @@ class RunSettings:
         return round(self.duration_s / self.step_s)
 
     def problems(self) -> list[Problem]:
-        """Check that a run has a whole number of steps."""
-        if self.steps >= 1 and abs(self.steps * self.step_s - self.duration_s) <= 1e-9 * self.duration_s:
-            return []
-        allowed = f"must be a whole number of steps of {self.step_s:.15g} s"
-        return [Problem("duration_s", f"{self.duration_s:.15g}", allowed)]
+        """Check that a run has a whole number of steps, and that a number of agents is whole."""
+        problems = []
+        if self.steps < 1 or abs(self.steps * self.step_s - self.duration_s) > 1e-9 * self.duration_s:
+            allowed = f"must be a whole number of steps of {self.step_s:.15g} s"
+            problems.append(Problem("duration_s", f"{self.duration_s:.15g}", allowed))
+        if self.accept_lost > 1 and not self.accept_lost.is_integer():
+            allowed = "must be a share below 1 or a whole number of agents"
+            problems.append(Problem("accept_lost", f"{self.accept_lost:.15g}", allowed))
+        return problems
 
 
 @dataclass(frozen=True)
@@ -153,6 +167,9 @@ class Scenario:
             problems.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
         if self.run.steps > MAX_STEP:
             problems.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
+        if self.run.accept_lost > self.agents.count:
+            allowed = f"must be at most the number of agents, {self.agents.count}"
+            problems.append(Problem("run.accept_lost", f"{self.run.accept_lost:.15g}", allowed))
         if self.run.bound != "none" and (self.arena.obstacles or self.fault):
             problems.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
         for technique in self.operator.probes.techniques:

@@ -145,11 +145,19 @@ class RemoteAgent(RunPart):
     def __init__(self, number: int, log_file: Path) -> None:
         super().__init__(AGENT, number, log_file)
         self.code: int | None = None
+        self.lost_with = ""
+        """The machine that it was lost with."""
 
     @property
     def exit_code(self) -> int | None:
         """The exit code: None while the agent runs, UNKNOWN if its worker is lost."""
         return self.code
+
+    def how_it_ended(self, when: str = "") -> str:
+        """Describe in one line how it ended."""
+        if self.lost_with:
+            return f"{self.name} was lost{when and f' {when}'} with {self.lost_with}"
+        return super().how_it_ended(when)
 
 
 class Machine(RunPart):
@@ -289,11 +297,13 @@ class RemoteAgents:
     def _lose(self, supervisor: Supervisor, why: str) -> None:
         """Note that a supervisor is lost with the agents that had not ended; its own line names them."""
         self._live.discard(supervisor)
+        machine = self._machines[supervisor]
         lost = [agent for agent in self.placement.blocks[supervisor] if self._agents[agent].code is None]
         for agent in lost:
             self._agents[agent].code, self._agents[agent].ends_as_planned = UNKNOWN, True
+            self._agents[agent].lost_with = (self._scheduler if self._scheduler.problem else machine).name
         if not self._scheduler.problem and lost:
-            self._machines[supervisor].problem = f" with {spans(lost)}{why}"
+            machine.problem = f" with {spans(lost)}{why}"
 
     def end(self, *, at_once: bool = False) -> None:
         """End all agents and take their last words; with `at_once`, without waiting for these."""

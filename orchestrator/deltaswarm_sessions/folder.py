@@ -30,14 +30,14 @@ def check_design(folder: Path, session: Session) -> None:
     """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one.
 
     Raises:
-        CommandError: the order of the conditions, or the scenario of a complete run, is another one.
+        CommandError: the order of the conditions, or the scenario of a valid run, is another one.
     """
     hint = "undo the change of the session's file, or choose another folder by --out"
     if (folder / RECORD).exists():
         before = [run["condition"] for run in read_record(folder)["runs"]]
         if before != (now := [run.label for run in session.runs]):
             raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
-    for attempt in (attempt for attempts in session.attempts.values() for attempt in attempts if attempt.is_complete):
+    for attempt in (attempt for attempts in session.attempts.values() for attempt in attempts if attempt.is_valid):
         file = folder / attempt.folder / SCENARIO
         if changed := changed_keys(attempt.scenario, load_scenario(str(file))):
             raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
@@ -94,7 +94,7 @@ def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
 
 def scenario_of(run: PlannedRun, folder: str, earlier: Sequence[Attempt]) -> Scenario:
     """Return the scenario of the attempt in a folder of this name, after these."""
-    return run.attempt(_attempt_number(folder, run), is_repeat=any(attempt.is_complete for attempt in earlier))
+    return run.attempt(_attempt_number(folder, run), is_repeat=any(attempt.is_valid for attempt in earlier))
 
 
 def summary_of(run: Path) -> dict[str, Any]:

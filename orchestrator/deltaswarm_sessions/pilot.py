@@ -116,7 +116,7 @@ def _conditions(settings: SessionSettings, question: Question) -> tuple[str, str
 
 
 def _read(runs: Path) -> tuple[list[Row], list[str]]:
-    """Return the complete runs after the training, and the columns with numbers that measure them."""
+    """Return the valid runs after the training, and the columns with numbers that measure them."""
     seal.checked(runs.with_name(seal.RECORD))
     try:
         columns, lines = rows_of(read_text(runs), "\t")
@@ -126,13 +126,17 @@ def _read(runs: Path) -> tuple[list[Row], list[str]]:
             for name in ("participant", "position"):
                 if not row[name].isdecimal():
                     raise ValueError(f"line {line}, column {name}: must be a whole number (got {row[name]!r:.40})")
-        rows = [row for _, row in lines if row["complete"] == "1" and int(row["position"]) > 0]
+        rows = [row for _, row in lines if _is_valid(row) and int(row["position"]) > 0]
     except (OSError, ValueError) as error:
         raise CommandError(
             f"{runs} must be the table of runs that `deltaswarm session --table` writes: {error}"
         ) from None
     own = [name for name in columns if name not in KEYS and name not in RUN_ITSELF]
     return rows, [name for name in own if _is_measured(rows, name)]
+
+
+def _is_valid(row: Row) -> bool:
+    return row["complete"] == "1" and row.get("valid", "1") != "0"
 
 
 def _is_measured(rows: Sequence[Row], metric: str) -> bool:

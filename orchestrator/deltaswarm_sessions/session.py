@@ -34,9 +34,9 @@ class Attempt(NamedTuple):
     """Names of the probes that have an answer."""
 
     @property
-    def is_complete(self) -> bool:
-        """Whether the run reached its last step."""
-        return bool(self.summary["complete"])
+    def is_valid(self) -> bool:
+        """Whether the run reached its last step and its numbers may be used; else it is done again."""
+        return bool(self.summary["complete"] and self.summary.get("valid", True))
 
     @property
     def answers_missing(self) -> int | None:
@@ -112,7 +112,7 @@ class Session:
     def steps(self) -> Iterator[DoRun | Ask | Say]:
         """Yield what is left to do, one step after the other: runs that are open, and answers that are missing."""
         for run in self.runs:
-            for attempt in self._complete(run):
+            for attempt in self._valid(run):
                 yield from self._asked(run, attempt)
             while self.outcome(run) == OPEN:
                 yield DoRun(run, f"run {run.position} of {len(self.runs) - 1}: {run.label}{self._repeated(run)}")
@@ -128,10 +128,10 @@ class Session:
 
     def outcome(self, run: PlannedRun) -> str:
         """Return OPEN if the run must be done, or done again; REACHED or NOT_REACHED if it is finished."""
-        complete = self._complete(run)
+        valid = self._valid(run)
         if run.criterion is None:
-            return REACHED if complete else OPEN
-        return run.criterion.outcome([run.criterion.value(attempt.summary) for attempt in complete])
+            return REACHED if valid else OPEN
+        return run.criterion.outcome([run.criterion.value(attempt.summary) for attempt in valid])
 
     @property
     def record(self) -> dict[str, Any]:
@@ -148,6 +148,7 @@ class Session:
             {
                 "folder": attempt.folder,
                 "complete": attempt.summary["complete"],
+                "valid": attempt.is_valid,
                 "digest": attempt.summary["digest"],
                 "answers_missing": attempt.answers_missing,
                 **({"training_value": criterion.value(attempt.summary)} if criterion else {}),
@@ -164,8 +165,8 @@ class Session:
         }
         return row | ({"outcome": self.outcome(run)} if criterion else {})
 
-    def _complete(self, run: PlannedRun) -> list[Attempt]:
-        return [attempt for attempt in self.attempts[run.folder] if attempt.is_complete]
+    def _valid(self, run: PlannedRun) -> list[Attempt]:
+        return [attempt for attempt in self.attempts[run.folder] if attempt.is_valid]
 
     def _after(self, run: PlannedRun, attempt: Attempt) -> Iterator[Ask | Say]:
         """Yield what follows a run that has just ended: the score, questions without an answer, and what they lack."""
@@ -183,13 +184,13 @@ class Session:
 
     def _repeated(self, run: PlannedRun) -> str:
         """Say why training is repeated, and how often; empty: it is not."""
-        count = len(self._complete(run))
+        count = len(self._valid(run))
         if run.criterion is None or not count:
             return ""
         return f" again ({count + 1} of at most {run.criterion.max_runs}), since {self._judged(run, run.criterion)}"
 
     def _judged(self, run: PlannedRun, criterion: CriterionSettings) -> str:
-        values = [criterion.value(attempt.summary) for attempt in self._complete(run)]
+        values = [criterion.value(attempt.summary) for attempt in self._valid(run)]
         got = ", ".join("none" if value is None else f"{value:g}" for value in values)
         return f"{criterion.metric} must be {criterion.bounds} (got {got})"
 

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_orchestrator.base.exits import CommandError, notice
+from deltaswarm_orchestrator.base.exits import CommandError, complain, notice
 from deltaswarm_orchestrator.results.run_tables import PROBES, read_rows
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_sessions.folder import RECORD, answers, read_record, summary_of, unsealed_in
 from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
+
+MAX_NAMED = 8
+"""Maximum number of runs named in a line."""
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
 
@@ -33,6 +36,8 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
     records = {folder: read_record(folder) for folder in folders}
     runs = [run for folder, record in records.items() for run in _runs(folder, record)]
+    if line := invalid_line(runs):
+        complain(line)
     out.mkdir(parents=True, exist_ok=True)
     (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
     files = [
@@ -55,6 +60,20 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     return files
 
 
+def invalid_line(runs: Iterable[tuple[Path, Row]]) -> str:
+    """Say how many complete runs are not valid, which, and why the first of them is not; empty if all are."""
+    complete = [(f"participant {row['participant']}, {row['run']}", row) for _, row in runs if row["complete"]]
+    invalid = [(name, row["invalid_because"]) for name, row in complete if not row["valid"]]
+    if not invalid:
+        return ""
+    more = f"; and {len(invalid) - MAX_NAMED} more" if len(invalid) > MAX_NAMED else ""
+    named = "; ".join(name for name, _ in invalid[:MAX_NAMED]) + more
+    return (
+        f"{len(invalid)} of {len(complete)} complete runs are not valid, and are no replicates: {named}. "
+        f"For example {invalid[0][0]}: {invalid[0][1]}"
+    )
+
+
 def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
     """Yield each finished attempt of a participant with its row of the table of runs."""
     for run in record["runs"]:
@@ -69,6 +88,7 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
                 "training_value": attempt.get("training_value"),
             }
             summary = summary_of(place) | own
+            summary["invalid_because"] = "; ".join(summary.get("invalid_because", ()))
             found = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
             values = {name: int(value) if isinstance(value, bool) else value for name, value in found.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
@@ -76,13 +96,16 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 def _participant(record: Row) -> Row:
     complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
+    invalid = [one for attempts in complete.values() for one in attempts if not one.get("valid", True)]
+    valid = {place: [one for one in attempts if one not in invalid] for place, attempts in complete.items()}
     return {
         "participant": record["participant"],
         "language": record.get("language", ""),
         "runs": len(record["runs"]),
-        "complete": sum(map(bool, complete.values())),
-        "answers_missing": sum(one.get("answers_missing") or 0 for attempts in complete.values() for one in attempts),
-        "training_runs": len(complete.get(0, ())),
+        "complete": sum(map(bool, valid.values())),
+        "invalid": len(invalid),
+        "answers_missing": sum(one.get("answers_missing") or 0 for attempts in valid.values() for one in attempts),
+        "training_runs": len(valid.get(0, ())),
         "training_outcome": next((run["outcome"] for run in record["runs"] if "outcome" in run), ""),
     }
 

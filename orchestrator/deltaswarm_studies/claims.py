@@ -14,14 +14,18 @@ from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import Row, Samples, column, end, samples_of
 
 
-def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
+def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.DataFrame:
     """Make a row per claim, with its verdict. Holm's correction is over all claims of the same source.
 
     A claim is about a region: ratios of at least a number, ratios within a margin, values within a tolerance. It holds
     if the interval lies in the region, is refuted if it lies outside, and is undecided otherwise. The interval has the
-    confidence at which Holm's procedure tests the claim; p is the two-sided p-value that agrees with it.
+    confidence at which Holm's procedure tests the claim; p is the two-sided p-value that agrees with it. Claims about
+    all variants have no data unless the runs are whole.
     """
-    claims = [_TestedClaim(settings, runs) for settings in study.file.claim]
+    claims = [
+        _TestedClaim(settings, runs if is_whole or settings.kind != "predicts" else runs.iloc[:0])
+        for settings in study.file.claim
+    ]
     rows: dict[str, Row] = {}
     for source in dict.fromkeys(claim.settings.source for claim in claims):
         family = [claim for claim in claims if claim.settings.source == source]

@@ -153,7 +153,8 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
         complain(f"{study.name}: refuted, and expected to hold: {line}")
     is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
     code = FAILED if evidence.incomplete else MISSED if is_missed else OK
-    return code, {"study": study.name, "page": str(files[0]), "claims": verdicts}
+    invalid = evidence.invalid.to_dict("records")
+    return code, {"study": study.name, "page": str(files[0]), "claims": verdicts, "invalid": invalid}
 
 
 def _repeated(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
@@ -193,6 +194,7 @@ def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "
         CommandError: the sweep could not start, or a run failed.
     """
     from deltaswarm_orchestrator.sweeps.folder import copy_runs
+    from deltaswarm_orchestrator.sweeps.table import invalid_line
     from deltaswarm_studies.evidence import Evidence
     from deltaswarm_studies.origin import provenance_of
 
@@ -202,11 +204,15 @@ def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "
         if count := copy_runs(study.sweep, runs, others):
             notice(f"{study.name}: {count} runs are taken from other studies")
     result = conduct_for(arguments, study.sweep, runs, with_series=bool(study.sweep.file.sweep.series_every_s))
-    if not result.is_well:
+    if not (result.is_well or result.has_all_but_invalid):
+        example = invalid_line(result.invalid, result.runs)
+        because = f": {example}" if example else ""
         raise CommandError(
-            f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page", exit_code_of(result)
+            f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page{because}",
+            exit_code_of(result),
         )
-    return Evidence.of_sweep(study, result.table, result.series), provenance_of(study, result.manifest)
+    evidence = Evidence.of_sweep(study, result.table, result.series, result.invalid)
+    return evidence, provenance_of(study, result.manifest)
 
 
 def add_report(command: argparse.ArgumentParser) -> None:
@@ -253,7 +259,7 @@ def report(arguments: argparse.Namespace) -> int:
         study = bare_study(
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
         )
-        evidence = Evidence.of_sweep(study, table, series)
+        evidence = Evidence.of_sweep(study, table, series, manifest.get("invalid", []))
         read = [file.name for file in folder.glob("*.csv") if file.stem in ("table", "series")]
         unsealed = seal.not_sealed(manifest, ["sweep.toml", *read])
         sealed = "" if unsealed else WITH_THE_RUNS

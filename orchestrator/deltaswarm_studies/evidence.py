@@ -1,13 +1,14 @@
 """All that a study's runs show, a table for each kind of result: besides contrasts and claims, fits and recovery."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from deltaswarm_orchestrator.sweeps.table import read_table, write_table
+from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_line, read_table, write_table
 from deltaswarm_studies import tables
 from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
@@ -30,33 +31,64 @@ FEWER_IS_BETTER = (*PER_EVENT, "open_events")
 class Evidence:
     """All results of a study's runs, a table for each kind."""
 
-    def __init__(self, study: Study, runs: pd.DataFrame, courses: pd.DataFrame, recovery: pd.DataFrame) -> None:
-        """Evaluate the runs; `courses` and `recovery`, which need the time series, are given."""
+    def __init__(
+        self,
+        study: Study,
+        runs: pd.DataFrame,
+        courses: pd.DataFrame,
+        recovery: pd.DataFrame,
+        invalid: Sequence[InvalidRun] = (),
+    ) -> None:
+        """Evaluate the runs; `courses` and `recovery`, which need the time series, are given.
+
+        `invalid` are the runs that are no replicates. A variant with too many of them is shown and not judged.
+        """
         self.runs, self.courses, self.recovery = runs, courses, recovery
+        self.invalid = tables.invalid_of(runs, invalid)
+        self.unjudged = tables.too_few(study, self.invalid)
+        """Variants that are not judged, with their number of valid replicates."""
+        judged = runs[~runs["variant"].isin(self.unjudged)]
         self.estimates = tables.estimates_of(study, runs)
-        self.contrasts = contrasts_of(study, runs)
-        self.claims = claims_of(study, runs)
-        self.fits, self.grids = fits_of(study, runs), grids_of(study, runs)
+        self.contrasts = contrasts_of(study, judged)
+        self.claims = claims_of(study, judged, is_whole=not self.unjudged)
+        self.fits, self.grids = fits_of(study, judged), grids_of(study, judged)
         self.findings = findings_of(study, {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits})
         self.arrivals = tables.same_arrivals(study, runs)
         """Whether compared runs saw the same arrivals, a clause for each thing that was checked."""
-        self.incomplete = [*tables.missing_runs(study, runs), *tables.missing_metrics(study, runs)]
+        self.incomplete = [
+            *self._invalid_lines(study),
+            *tables.missing_runs(study, runs, self.invalid),
+            *tables.missing_metrics(study, runs),
+        ]
         """What the tables lack of what the study asks."""
-        self.contradictions = disagreements(study, runs)
+        self.contradictions = disagreements(study, judged)
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
-        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, runs)]
+        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged)]
         """Contrasts with too few replicates, and claims that nothing could contradict."""
 
+    def _invalid_lines(self, study: Study) -> list[str]:
+        """Say which runs are no replicates, and which variants are not judged for that."""
+        if self.invalid.empty:
+            return []
+        left = "; ".join(f"{label} ({count} of {study.repeats})" for label, count in self.unjudged.items())
+        nothing = f"Too few replicates are left, so nothing is judged of {left}." if left else ""
+        line = invalid_line(self.invalid.to_dict("records"), study.repeats * len(study.levels))
+        return [line, *([nothing] if nothing else [])]
+
     @classmethod
-    def of_sweep(cls, study: Study, table: pd.DataFrame, series: pd.DataFrame) -> "Evidence":
-        """Evaluate the tables of a sweep.
+    def of_sweep(
+        cls, study: Study, table: pd.DataFrame, series: pd.DataFrame, invalid: Sequence[InvalidRun] = ()
+    ) -> "Evidence":
+        """Evaluate the tables of a sweep, and its runs that are no replicates.
 
         Raises:
             ValueError: If the tables lack a column that the study needs.
         """
         windows = tables.windows_with_levels(study, series)
         runs, courses = tables.runs_of(study, table, series), tables.courses_of(study, windows)
-        return cls(study, runs, courses, recovery_of(study, windows))
+        unjudged = tables.too_few(study, tables.invalid_of(runs, invalid))
+        recovery = recovery_of(study, windows[~windows["variant"].isin(unjudged)])
+        return cls(study, runs, courses, recovery, invalid)
 
     @classmethod
     def of_folder(cls, study: Study, folder: Path) -> "Evidence":
@@ -77,8 +109,11 @@ class Evidence:
             raise ValueError(
                 f"{folder / 'runs.csv'} must have runs of the study's variants, such as {next(iter(study.levels))!r}"
             )
-        beside = [folder / f"{name}.csv" for name in ("courses", "recovery")]
-        return cls(study, runs, *(read_table(file, labels) if file.exists() else pd.DataFrame() for file in beside))
+        courses, recovery, invalid = (
+            read_table(file, labels) if (file := folder / f"{name}.csv").exists() else pd.DataFrame()
+            for name in ("courses", "recovery", "invalid")
+        )
+        return cls(study, runs, courses, recovery, invalid.to_dict("records"))
 
     @property
     def surprises(self) -> list[str]:
@@ -101,8 +136,10 @@ class Evidence:
 
     def save(self, folder: Path) -> list[Path]:
         """Write every table that has rows, except the findings; return the files."""
-        names = ("runs", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids")
+        names = ("runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids")
         frames = {name: getattr(self, name) for name in names}
+        for file in folder.glob("invalid.*"):  # of earlier runs, which have been repeated
+            file.unlink()
         return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
 
 
@@ -125,7 +162,7 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 
     `distance` is from the median to the published one, in published interquartile ranges; `sum` adds the squares of a
     combination's distances. `closest` is the share of bootstrap samples of the replicates in which its sum is smallest;
-    `verdict` says whether its sum is the smallest of all replicates.
+    `verdict` says whether its sum is the smallest of all replicates, unless one of the combinations has no data.
     """
     rows: list[Row] = []
     for fit in study.file.fit:
@@ -135,7 +172,7 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
         winners = np.bincount(sums[:, 1:].argmin(axis=0), minlength=len(cells)) / FIT_RESAMPLES
         for rank, place in enumerate(sums[:, 0].argsort(kind="stable")):
             head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
-            verdict: FitVerdict = "farther" if rank else "closest"
+            verdict: FitVerdict = "farther" if rank else "closest" if np.isfinite(sums[:, 0]).all() else "no data"
             tail = {"sum": float(sums[place, 0]), "closest": float(winners[place]), "verdict": verdict}
             rows += [
                 {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
@@ -172,7 +209,7 @@ def grids_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
                 ]
                 medians = {str(level): describe(cell) for level, cell in cells}
                 known = {level: cell.median for level, cell in medians.items() if cell.median is not None}
-                if known:
+                if len(known) == len(levels):
                     best = min(known, key=known.__getitem__)
                     head = {"grid": grid.text, "metric": grid.metric, "row": row, "column": heading, "level": best}
                     rows.append(head | {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")})

@@ -12,7 +12,7 @@ from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
 ClaimVerdict = Literal["holds", "refuted", "undecided", "no data"]
 ContrastVerdict = Literal["higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "no data"]
 """Slightly higher or lower: there is a difference, and it is within the margin."""
-FitVerdict = Literal["closest", "farther"]
+FitVerdict = Literal["closest", "farther", "no data"]
 
 RESULT_KEYS = {
     "claim": ("claim", "is"),

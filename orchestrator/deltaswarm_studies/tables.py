@@ -1,6 +1,5 @@
 """The tables of a study's runs: a row per run, per window of time, per estimate; and what is missing in them."""
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -10,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
+from deltaswarm_orchestrator.sweeps.table import InvalidRun, ranges
 from deltaswarm_studies import metrics
 from deltaswarm_studies.checks import used_metrics
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL, StudyMetric, Timing
@@ -17,6 +17,12 @@ from deltaswarm_studies.stats import ALPHA, describe
 from deltaswarm_studies.study import Study
 
 Row = dict[str, Any]
+
+INVALID = ("variant", "replicate", "means", "reason")
+"""Columns of the table of runs that are no replicates."""
+
+MAX_INVALID = 0.2
+"""A variant is not judged if more than this share of its replicates is invalid."""
 
 Samples = Callable[[str], pd.Series]
 """A function from a variant to its values of a metric by replicate."""
@@ -163,23 +169,33 @@ def samples_of(runs: pd.DataFrame, metric: str) -> Samples:
     return lambda variant: wide[variant] if variant in wide else pd.Series(math.nan, index=wide.index)
 
 
-def missing_runs(study: Study, runs: pd.DataFrame) -> list[str]:
-    """Say which runs of the study are not there; empty if all are."""
-    finished = set(zip(runs["variant"], runs["replicate"], strict=True))
+def missing_runs(study: Study, runs: pd.DataFrame, invalid: pd.DataFrame) -> list[str]:
+    """Say which runs of the study are not there and not known to be invalid; empty if there is no such run."""
+    finished = {run for rows in (runs, invalid) for run in zip(rows["variant"], rows["replicate"], strict=True)}
     missing = {
         label: [replicate for replicate in range(study.repeats) if (label, replicate) not in finished]
         for label in study.levels
     }
     count, total = sum(map(len, missing.values())), study.repeats * len(study.levels)
-    named = [f"{label} (replicates {_ranges(replicates)})" for label, replicates in missing.items() if replicates]
+    named = [f"{label} (replicates {ranges(replicates)})" for label, replicates in missing.items() if replicates]
     return [f"{count} of {total} runs are missing: {'; '.join(named)}."] if named else []
 
 
-def _ranges(numbers: Sequence[int]) -> str:
-    """Shorten ascending numbers, such as 1, 2, 3, 7 to "1 to 3, 7"."""
-    groups = itertools.groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0])
-    runs = [[number for _, number in group] for _, group in groups]
-    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+def invalid_of(runs: pd.DataFrame, invalid: Sequence[InvalidRun]) -> pd.DataFrame:
+    """Make a row per run that is no replicate, without runs that were done by other means."""
+    done = set(zip(runs["variant"], runs["replicate"], strict=True))
+    rows = [row for row in invalid if (row["variant"], row["replicate"]) not in done]
+    return pd.DataFrame(rows, columns=[*INVALID])
+
+
+def too_few(study: Study, invalid: pd.DataFrame) -> dict[str, int]:
+    """Return the variants of which nothing can be judged, with their number of valid replicates.
+
+    Runs fail more often where something is special about them, so what is left is no sample of all.
+    """
+    counts = invalid["variant"].value_counts()
+    few = {label: int(counts.get(label, 0)) for label in study.levels}
+    return {label: study.repeats - lost for label, lost in few.items() if lost > MAX_INVALID * study.repeats}
 
 
 def missing_metrics(study: Study, runs: pd.DataFrame) -> list[str]:

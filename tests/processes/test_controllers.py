@@ -175,23 +175,30 @@ def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: 
     What it raised is shown once, from its own frame on.
     """
     code, found, errors = finished(module, name)
-    assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
-    (line,) = [line for line in errors.splitlines() if said in line and line.startswith("deltaswarm: ")]
+    assert (code, found["complete"], found["agents_lost"]) == (1, True, [3])
+    line = next(line for line in errors.splitlines() if said in line and line.startswith("deltaswarm: "))
     assert f"at_fault:{name} " in line
     assert "step 100" in line
     assert "at_fault.py:" in line
     raises = name in ("Raises", "Quits")
     assert (errors.count("Traceback"), errors.count(", in fail")) == (raises, raises)
     assert "deltaswarm_agent" not in errors
-    assert main(["run", "smoke", *sets(name), "--in-process", "--out", str(module / "one")]) == 0
+    assert main(["run", "smoke", *sets(name), "--in-process", "--out", str(module / "one")]) == 1
     alone = json.loads((module / "one" / "summary.json").read_text())
     assert (alone["agents_lost"], alone["digest"]) == ([3], found["digest"])
+    for summary in (found, alone):
+        due, answered = summary["agent_steps"]["due"], summary["agent_steps"]["answered"]
+        [failed] = summary["agents_failed"]
+        assert (failed["step"], due, answered) == (100, 6 * summary["steps"], due - (summary["steps"] - 100))
+        assert said in failed["cause"]
+        assert summary["invalid_because"][0].startswith("agent 3 failed in step 100 ")
 
 
 def test_an_agent_that_ends_early_is_named_though_its_exit_code_is_0(module: Path) -> None:
     """With the step, which the world knows; the run goes on without it."""
     code, found, _ = finished(module, "Vanishes")
-    assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
+    assert (code, found["complete"], found["agents_lost"]) == (1, True, [3])
+    assert [row["cause"] for row in found["agents_failed"]] == ["ended with exit code 0"]
     assert found["why"] == ["agent 3 ended with exit code 0 in step 100"]
 
 
@@ -228,7 +235,7 @@ def test_a_hanging_agent_among_sleeping_ones_stalls_nobody(module: Path) -> None
     """A step in which nobody is asked is over at once, although an agent hangs."""
     arguments = sets("SleepsAmongSleepers", "run.step_timeout_s=2", "run.duration_s=300", "events.rate_hz=0")
     code, found, _ = finished(module, "SleepsAmongSleepers", *arguments)
-    assert (code, found["complete"]) == (0, True)
+    assert (code, found["complete"], [row["agent"] for row in found["agents_hung"]]) == (1, True, [3])
     assert found["wall_s"] < 60  # not 2 s for each of 200 steps
 
 

@@ -78,7 +78,7 @@ def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
         wait_until(lambda: len(swarm.pids) == 8 and "agent 1 (kill)" in swarm.log("world"), "the fault")
         swarm.wait_for_steps(1)
         swarm.signal("agent 3", signal.SIGKILL)
-        errors = swarm.end_well()
+        errors = swarm.end_without(3)
         summary = swarm.summary()
         assert summary["agents_lost"] == [3]
         assert [fault["agents"] for fault in summary["faults"]] == [[1]]

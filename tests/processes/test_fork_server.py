@@ -82,7 +82,7 @@ def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
         pids = swarm.wait_until_under_way()
         os.kill(parent_of(pids["world"]), number)
         swarm.signal("agent 3", signal.SIGKILL)
-        swarm.end_well()
+        swarm.end_without(3)
     [why] = swarm.manifest()["why"]
     assert why.startswith("agent 3 was killed by SIGKILL in step ")
     assert swarm.summary()["agents_lost"] == [3]

@@ -85,13 +85,16 @@ def test_a_killed_worker_costs_its_agents_alone(cluster: Cluster, tmp_path: Path
         os.kill(pid_of_agent(cluster, 4), signal.SIGKILL)
         swarm.wait_for_steps(20)
         cluster.workers[0].kill()
-        swarm.end_well()
+        swarm.end_without(0, 1, 2, 4)
     nothing_is_left(cluster, tmp_path)
     summary = swarm.summary()
     assert (summary["complete"], summary["steps"], sorted(summary["agents_lost"])) == (True, 300, [0, 1, 2, 4])
     killed, lost = sorted(summary["why"])
     assert re.fullmatch(r"the Dask worker w0 at tcp://\S+ was lost after step \d+ with agents 0-2", lost)
     assert re.fullmatch(r"agent 4 was killed by SIGKILL in step \d+", killed)
+    causes = {row["agent"]: row["cause"] for row in summary["agents_failed"]}
+    assert causes[4] == "killed by SIGKILL"
+    assert causes[0].startswith("lost with the Dask worker w0 at ")
     assert swarm.manifest()["why"] == summary["why"]
 
 

@@ -30,10 +30,10 @@ def play_and_judge(folder: Path, rng: Random) -> tuple[Seen, list[str]]:
             return seen, [*found, f"a run whose {file.name} was edited is resumed: {refused.stderr}"]
         resumed = resume(run)
         seen.printed += resumed.stdout + resumed.stderr
-        if resumed.returncode != 0:
-            found.append(f"the resumed run ended with exit code {resumed.returncode}")
-        else:
-            found += [f"resumed: {problem}" for problem in _records(folder / "run", 0, was_killed=False)]
+        if not json.loads((folder / "run" / "summary.json").read_text())["complete"]:
+            found.append(f"the resumed run ended with exit code {resumed.returncode}, and is not complete")
+        problems = _records(folder / "run", resumed.returncode, was_killed=False)
+        found += [f"resumed: {problem}" for problem in problems]
     return seen, found
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -132,6 +133,17 @@ class RunningSwarm:
         """Standard error of a run that ends with exit code 0."""
         code, printed, errors = self.finish(within_s)
         assert code == 0, errors + printed
+        return errors
+
+    def end_without(self, *agents: int) -> str:
+        """Standard error of a run that is not valid because these agents failed."""
+        code, printed, errors = self.finish()
+        assert code == 1, errors + printed
+        summary = self.summary()
+        assert [row["agent"] for row in summary["agents_failed"]] == [*agents]
+        assert not summary["valid"]
+        for agent in agents:
+            assert re.search(rf"not valid: agent {agent} failed in step \d+ ", errors)
         return errors
 
     def summary(self) -> dict[str, Any]:

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.runner import SweepResult
 
 
+MAX_TOLD = 5
+"""Maximum number of failed runs of which each gets a line; the manifest has all."""
+
+
 def add_sweep(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm sweep`."""
     from deltaswarm_orchestrator.sweeps.load import built_in_files
@@ -69,6 +73,10 @@ def sweep(arguments: argparse.Namespace) -> int:
         return OK
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
     show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
+    if result.invalid:
+        from deltaswarm_orchestrator.sweeps.table import invalid_line  # needs pandas
+
+        complain(invalid_line(result.invalid, result.runs))
     return exit_code_of(result)
 
 
@@ -113,7 +121,7 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
         raise CommandError(str(error), FAILED) from None
     complaints = [
         *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
-        *(f"failed: {reason}" for reason in result.failed),
+        *(f"failed: {reason}" for reason in result.failed[:MAX_TOLD]),
         *(f"digests differ between one process and real processes: {name}" for name in result.differing),
     ]
     if (versions := len(result.manifest["code"])) > 1:

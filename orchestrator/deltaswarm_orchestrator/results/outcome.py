@@ -54,6 +54,8 @@ class Outcome:
     """Messages for the user: agents that failed, and why."""
     traces: dict[str, str] = field(default_factory=dict)
     """The traceback of each part whose plug-in raised, by the part's name."""
+    causes: dict[int, str] = field(default_factory=dict)
+    """Why agents failed, by agent, as far as the world does not know it."""
 
     @property
     def is_complete(self) -> bool:

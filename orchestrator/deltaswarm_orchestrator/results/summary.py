@@ -1,5 +1,6 @@
 """The summary of a run: its metrics, what its parts found, and whether its numbers may be used."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -13,6 +14,12 @@ from deltaswarm_wire.keys import WORLD
 
 MAX_NAMED = 5
 """Maximum number of agents named in a reason."""
+
+NO_LINK = "its process ended, or its link to the world was cut"
+"""The cause of a failure of which the world knows no more."""
+
+HUNG_STEPS = 20
+"""By the wall clock, an agent hangs that misses so many steps in a row, or as many as `run.step_timeout_s` has."""
 
 OFTEN = 5
 """Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
@@ -43,7 +50,11 @@ def real_time_factor(run: RunData) -> float | None:
 def why_invalid(run: RunData) -> list[str]:
     """Return why the run's numbers may not be used; empty if they may."""
     outcome = run.outcome
-    reasons = [] if outcome.is_complete else ["the run did not reach its last step"]
+    reasons = []
+    if not outcome.is_complete:
+        nobody = ": no agent was left" if outcome.world.get("deserted") else ""
+        reasons.append(f"the run did not reach its last step{nobody}")
+    reasons += missing_agents(run)
     if lost := lost_on_fabric(run):
         reasons.append(f"{lost} messages were lost on the fabric{_lost_by_agent(outcome)}")
     reasons += [
@@ -56,6 +67,50 @@ def why_invalid(run: RunData) -> list[str]:
         for agent, count in outcome.world.get("excess", {}).items()
     ]
     return reasons
+
+
+def failed_agents(run: RunData) -> list[dict[str, Any]]:
+    """Return the agents that failed, by nobody's plan: `agent`, `step`, `steps` missed, and `cause`."""
+    outcome, causes = run.outcome, run.outcome.causes
+    rows = {row["agent"]: row for row in outcome.world.get("agents_failed", [])}
+    step = len(run.steps)
+    rows = {agent: {"agent": agent, "step": step, "steps": 0, "longest": 0} for agent in causes} | rows
+    return [{**row, "cause": causes.get(agent, NO_LINK)} for agent, row in sorted(rows.items())]
+
+
+def hung_agents(run: RunData) -> list[dict[str, Any]]:
+    """Return the agents that were there and did not answer, as `failed_agents` does.
+
+    By the wall clock a step ends without agents that are slightly late; only those hang that miss several in a row.
+    """
+    settings, rows = run.scenario.run, run.outcome.world.get("agents_late", [])
+    cause = f"no answer within {settings.step_timeout_s:g} s (run.step_timeout_s)"
+    if settings.clock == "realtime":
+        tick_s = settings.step_s / settings.real_time_factor
+        least = min(HUNG_STEPS, math.ceil(settings.step_timeout_s / tick_s))
+        rows = [row for row in rows if row["longest"] >= least]
+        cause = f"no answer in {least} steps of {tick_s:g} s or more in a row"
+    return [{**row, "cause": cause} for row in rows]
+
+
+def missing_agents(run: RunData) -> list[str]:
+    """Name the agents that did not take part in the whole run, unless the scenario accepts so many."""
+    rows = [("failed", row) for row in failed_agents(run)] + [("hung", row) for row in hung_agents(run)]
+    agents = {row["agent"] for _, row in rows}
+    if run.scenario.run.accepts_lost(len(agents), run.scenario.agents.count):
+        return []
+    reasons = [
+        f"agent {row['agent']} {what} in step {row['step']} ({row['steps']} steps missed): {row['cause']}"
+        for what, row in rows[:MAX_NAMED]
+    ]
+    left = agents - {row["agent"] for _, row in rows[:MAX_NAMED]}
+    return reasons + ([f"{len(left)} more agents failed or hung"] if left else [])
+
+
+def answered_share(run: RunData) -> float | None:
+    """Return the share of agent-steps with an answer."""
+    counts = run.outcome.world.get("agent_steps")
+    return counts["answered"] / counts["due"] if counts and counts["due"] else None
 
 
 def lost_on_fabric(run: RunData) -> int:
@@ -89,7 +144,31 @@ ACCOUNT = (
         compute=lambda run: run.outcome.digest,
         label="digest",
     ),
-    Metric("agents_lost", "agents that failed or were lost", compute=of_world("agents_lost", [])),
+    Metric(
+        "agent_steps.due",
+        "agent-steps of which an answer is due: all of the steps done that no fault of the scenario takes",
+        compute=lambda run: run.outcome.world.get("agent_steps", {}).get("due"),
+    ),
+    Metric(
+        "agent_steps.answered",
+        "those with an answer in time; the last act counts while it holds",
+        compute=lambda run: run.outcome.world.get("agent_steps", {}).get("answered"),
+    ),
+    Metric(
+        "agent_steps.answered_share",
+        "their share",
+        compute=answered_share,
+        label="agent-steps answered",
+        session="answered_share",
+    ),
+    Metric(
+        "agents_failed",
+        "agents whose controller raised, or whose process or link ended, by no fault of the scenario: first `step`, "
+        "`steps` missed, the `longest` time of it in steps, `cause`",
+        compute=failed_agents,
+    ),
+    Metric("agents_hung", "agents that were there and did not answer, in the same way", compute=hung_agents),
+    Metric("agents_lost", "agents that failed, once for each time", compute=of_world("agents_lost", [])),
     Metric("boards", "agents on boards, with what is known of each", compute=of_world("boards", {})),
     Metric("faults", "injected faults", compute=of_world("faults", [])),
     Metric("agents_late", "late answers", compute=lambda run: sum(record.agents_late for record in run.steps)),

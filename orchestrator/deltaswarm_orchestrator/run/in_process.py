@@ -44,13 +44,18 @@ class InProcess:
     """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator.
 
     With a folder, the tables of a scripted or simulated operator are written there. `on_failure` gets the error of each
-    controller that fails.
+    controller that fails, and `failed` its newest text by agent, also if that ends the run.
     """
 
     def __init__(
-        self, scenario: Scenario, folder: Path | None = None, on_failure: Callable[[PluginError], None] = lambda _: None
+        self,
+        scenario: Scenario,
+        folder: Path | None = None,
+        on_failure: Callable[[PluginError], None] = lambda _: None,
+        failed: dict[int, str] | None = None,
     ) -> None:
         self.scenario = scenario
+        self.failed = {} if failed is None else failed
         self.world = WorldCore(scenario)
         self._restarts: Counter[int] = Counter()
         self._make_controller: Callable[[int, AgentSettings, int], Controller] = make_controller
@@ -68,8 +73,6 @@ class InProcess:
         self._tables = ActionLog(folder) if self.console is not None and folder is not None else None
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
-        self.failed: list[str] = []
-        """The errors of agents whose controller failed, one line each."""
         self.traces: dict[str, str] = {}
         """The traceback of each agent whose controller raised."""
         self._on_failure = on_failure
@@ -78,7 +81,12 @@ class InProcess:
 
     def _agent(self, agent: int) -> AgentCore:
         settings = self.scenario.for_agent(agent)
-        return AgentCore(agent, settings.step_s, self._make_controller(agent, settings, self._restarts[agent]))
+        try:
+            controller = self._make_controller(agent, settings, self._restarts[agent])
+        except ControllerError as error:
+            self.failed[agent] = str(error)
+            raise
+        return AgentCore(agent, settings.step_s, controller)
 
     def _inject(self, step: int, sink: Sink | None) -> None:
         """Inject the faults due before a step. Dead and frozen agents need no more than to get no frame."""
@@ -101,7 +109,7 @@ class InProcess:
             try:
                 self.exchanged.append((agent, frame, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
-                self.failed.append(f"agent {agent}: {error}")
+                self.failed[agent] = str(error)
                 self._note(f"agent {agent}", error, time_s=step * self.scenario.run.step_s, sink=sink)
                 world.participants.token_gone(agent)
         self.agents_s += time.perf_counter() - began
@@ -183,16 +191,18 @@ def run_in_process(
         """Note the failure of a plug-in that ends the run; raise any other error again."""
         if (plugin := blamed(error)) is None:
             raise error
-        outcome.messages.append(str(plugin))
+        if str(plugin) not in outcome.causes.values():  # else its agent is named
+            outcome.messages.append(str(plugin))
         outcome.traces[SWARM] = plugin.trace
         if sink is not None:
             sink.log(ERROR, SWARM, plugin.report, time_s)
         on_failure(plugin)
 
     try:
-        swarm = InProcess(scenario, folder, on_failure)
+        swarm = InProcess(scenario, folder, on_failure, outcome.causes)
     except BaseException as error:
         note(error, 0.0)
+        outcome.messages += _failures(outcome)
         return outcome
     steps = scenario.run.steps
     began = time.monotonic()
@@ -200,6 +210,7 @@ def run_in_process(
         last = step == steps - 1 or bool(stopped())
         try:
             record = swarm.step(step, last, sink)
+            last = swarm.world.is_last  # also if no agent is left
         except BaseException as error:  # of a radio model or a fault, or of an agent that is restarted
             note(error, step * scenario.run.step_s)
             break
@@ -225,10 +236,14 @@ def run_in_process(
         if last:
             break
     complete = len(outcome.step_records) == steps
-    outcome.messages += swarm.failed
+    outcome.messages += _failures(outcome)
     outcome.traces |= swarm.traces
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
     outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.finish()}
     outcome.told_s = swarm.operator.told_s
     return outcome
+
+
+def _failures(outcome: Outcome) -> list[str]:
+    return [f"agent {agent}: {cause}" for agent, cause in outcome.causes.items()]

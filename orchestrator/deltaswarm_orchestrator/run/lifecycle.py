@@ -274,6 +274,7 @@ class _Run:
         try:
             if self.outcome is None:
                 self.outcome = run_tables.read_outcome(self.folder.path)
+            self._note_causes(self.outcome)
             summary = summarise(self.outcome, self.scenario)
             summary |= score_answers(self.folder.path, self.outcome, self.scenario)
         except Exception as error:  # a table that is damaged or gone
@@ -293,6 +294,14 @@ class _Run:
         }
         self.manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
         return {**summary, **ending}
+
+    def _note_causes(self, outcome: Outcome) -> None:
+        """Note why the processes of agents ended that the world lost, or that failed before the first step."""
+        lost = {row["agent"] for row in outcome.world.get("agents_failed", ())}
+        for part in self.ending.agents:
+            is_early = not outcome.step_records and part.has_failed
+            if is_early or (part.number in lost and part.exit_code is not None):
+                outcome.causes[part.number] = part.how_it_ended().removeprefix(f"{part.name} ").removeprefix("was ")
 
     def _whys(self, outcome: Outcome) -> list[str]:
         """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""

@@ -11,7 +11,7 @@ import tempfile
 import time
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -83,7 +83,7 @@ def work(task: Task) -> Result:
         summary = summarise(outcome, scenario)
     if not summary["valid"]:
         traces = "".join(f"\n{trace}" for trace in distinct(outcome.traces))
-        raise RunError(f"not valid: {'; '.join(summary['invalid_because'])}{traces}")
+        raise RunError(f"not valid: {listed_reasons(summary)}{traces}")
     return {
         "variant": task.job.variant.label,
         "replicate": task.job.replicate,
@@ -122,15 +122,24 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         code, printed, errors = _run_awake(command)
         if code != OK:
             kind = RunError if code == USAGE else DisturbedError
-            raise kind(f"deltaswarm run {how_ended(code)}:\n{errors}")
+            raise kind(_not_valid(printed) or f"deltaswarm run {how_ended(code)}:\n{errors}")
         summary = orjson.loads(printed)
-        lost = summary["agents_lost"]
-        late = summary["agents_late"] if task.job.scenario.run.clock == "lockstep" else 0
-        if lost or late:  # a valid run, but not of this scenario's swarm
-            raise DisturbedError(f"agents lost: {lost or 'none'}, late: {late}\n{errors}")
         return run_tables.read_outcome(folder / "run"), summary
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def listed_reasons(summary: Mapping[str, Any]) -> str:
+    """Return why a run is not valid, in one line."""
+    return "; ".join(summary["invalid_because"])
+
+
+def _not_valid(printed: str) -> str:
+    """Say why the run with this output of `deltaswarm run --json` is not valid; empty if it does not tell."""
+    try:
+        return f"not valid: {listed_reasons(orjson.loads(printed))}"
+    except (ValueError, LookupError, TypeError):
+        return ""
 
 
 def _run_awake(command: Sequence[str]) -> tuple[int, str, str]:

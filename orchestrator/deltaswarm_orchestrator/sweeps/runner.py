@@ -19,6 +19,7 @@ from deltaswarm_orchestrator.sweeps.engine import Done, Engine, EngineLostError
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task
 from deltaswarm_orchestrator.sweeps.plan import Sweep, flattened
+from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_run
 from deltaswarm_wire import checked
 from deltaswarm_wire.files import write_whole
 
@@ -85,12 +86,22 @@ class SweepResult:
     series: pd.DataFrame
     """Empty unless it was asked for."""
     failed: list[str] = field(default_factory=list)
-    """Runs without a result, with the reason."""
+    """Runs without a result, and an engine that was lost, with the reason."""
+    invalid: list[InvalidRun] = field(default_factory=list)
+    """Runs that have failed or are not valid, and so are no replicates."""
     differing: list[str] = field(default_factory=list)
     """Runs whose digests by real processes and in one process differ."""
     damaged: list[str] = field(default_factory=list)
     """Files of runs that were truncated or changed, and are not used."""
     interrupted: bool = False
+
+    @property
+    def has_all_but_invalid(self) -> bool:
+        """Whether there are runs, none that is missing could be done, and every proof holds."""
+        done = set(zip(self.table["variant"], self.table["replicate"], strict=True)) if len(self.table) else set()
+        lacking = {(row["variant"], row["replicate"]) for row in self.invalid} - done
+        is_over = self.finished + len(lacking) == self.runs
+        return bool(done) and is_over and not (self.differing or self.interrupted)
 
     @property
     def is_well(self) -> bool:
@@ -130,6 +141,7 @@ def run_sweep(
         folder.write_manifest(manifest, {name: was for name, was in seal.files_of(before).items() if name != PLAN})
         write_whole(path / PLAN, tomli_w.dumps(checked.plain(sweep.file)).encode())
         failed: list[str] = []
+        invalid = {_run_of(row): row for row in before.get("invalid", [])}
         interrupted = False
         reporter.announce(len(wanted), len(wanted) - len(tasks))
         try:
@@ -139,11 +151,15 @@ def run_sweep(
                         folder.save(done.task.job, done.task.means, done.result)
                     else:
                         failed.append(f"{done.task.job.name} ({done.task.means}): {done.reason}")
+                        row = invalid_run(done.task.job, done.task.means, done.reason)
+                        invalid[_run_of(row)] = row
                     reporter.count(done)
         except KeyboardInterrupt:
             interrupted = True
         except EngineLostError as error:
             failed.append(str(error))
+        missing = {(job.variant.label, job.replicate, by) for job, by in wanted if not folder.has(job, by)}
+        invalid = {run: row for run, row in invalid.items() if run in missing}
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
         with_series |= (path / "series.csv").exists()  # else it would have fewer runs than the table
@@ -154,6 +170,7 @@ def run_sweep(
             "finished": len(runs),
             "digest": tables.digest_of(runs) if len(runs) == manifest["runs"] else None,
             "failed": failed,
+            "invalid": [*invalid.values()],
             "proofs": _proofs(table, differing),
         }
         written = {"table": table, "costs": tables.costs_of(runs), "senders": tables.senders_of(runs)}
@@ -161,7 +178,23 @@ def run_sweep(
         names = [file.name for name, frame in written.items() for file in tables.write_table(path / name, frame)]
         folder.write_manifest(manifest, seal.digests(path, [PLAN, *names]))
     finished = sum(folder.has(job, means) for job in jobs)
-    return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, damaged, interrupted)
+    return SweepResult(
+        folder=path,
+        runs=len(jobs),
+        finished=finished,
+        manifest=manifest,
+        table=table,
+        series=series,
+        failed=failed,
+        invalid=[*invalid.values()],
+        differing=differing,
+        damaged=damaged,
+        interrupted=interrupted,
+    )
+
+
+def _run_of(row: InvalidRun) -> tuple[Any, ...]:
+    return row["variant"], row["replicate"], row["means"]
 
 
 def check_folder(sweep: Sweep, path: Path, means: str) -> None:
@@ -202,6 +235,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
         "commit": provenance.commit(),
         "digest": state.get("digest"),
         "failed": state.get("failed", []),
+        "invalid": state.get("invalid", []),
         "proofs": state.get("proofs", {"checked": 0, "equal": 0}),
     }
 

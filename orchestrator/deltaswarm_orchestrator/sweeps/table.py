@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib.util
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,14 @@ from deltaswarm_wire.files import write_whole
 
 Finished = list[tuple[Job, Result]]
 
+InvalidRun = dict[Any, Any]
+"""A run that has failed or is not valid, and so is no replicate: `variant`, `replicate`, `means` and `reason`."""
+
 DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
 """Digest columns by means. The digests of one run by both means must be equal; the table has both."""
+
+MAX_NAMED = 8
+"""Maximum number of variants named in a line."""
 
 ORIGIN = ("code", "commit")
 """The version of deltaswarm that did a run: a digest of its sources, and the git commit if there is one."""
@@ -42,6 +49,36 @@ def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
         origin = {name: result.get(name) for name in ORIGIN}
         rows.append({**_head(job), **origin, **digests, **metrics_of(result)})
     return pd.DataFrame(rows)
+
+
+def invalid_run(job: Job, means: str, reason: str) -> InvalidRun:
+    """Make the row of a run without a result, with its reason in one line: of a traceback the last one."""
+    lines = [line for line in reason.strip().splitlines() if line.strip()] or ["for an unknown reason"]
+    line = lines[-1] if lines[0].startswith("Traceback") else lines[0]
+    return {"variant": job.variant.label, "replicate": job.replicate, "means": means, "reason": line.strip()}
+
+
+def invalid_line(invalid: Sequence[InvalidRun], runs: int) -> str:
+    """Say how many of the runs are no replicates, which, and why the first of them is none; empty if all are."""
+    if not invalid:
+        return ""
+    replicates: dict[str, set[int]] = {}
+    for row in invalid:
+        replicates.setdefault(row["variant"], set()).add(row["replicate"])
+    named = [f"{label} (replicates {ranges(sorted(numbers))})" for label, numbers in replicates.items()]
+    more = f"; and {len(named) - MAX_NAMED} more variants" if len(named) > MAX_NAMED else ""
+    first, count = invalid[0], sum(map(len, replicates.values()))
+    return (
+        f"{count} of {runs} runs failed or are not valid, and are no replicates: {'; '.join(named[:MAX_NAMED])}{more}. "
+        f"For example {first['variant']}, replicate {first['replicate']}: {first['reason']}"
+    )
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Shorten ascending numbers, such as 1, 2, 3, 7 to "1 to 3, 7"."""
+    groups = itertools.groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0])
+    runs = [[number for _, number in group] for _, group in groups]
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
 def row_of(job: Job, result: Result) -> pd.DataFrame:

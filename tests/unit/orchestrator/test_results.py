@@ -286,3 +286,74 @@ def test_the_main_rows_are_the_labelled_metrics() -> None:
     assert ("valid", True, "") in rows
     assert [row for row in rows if row[0].startswith("reports dropped: ")] == [("reports dropped: loss", 15, "")]
     assert all(label for label, _, _ in rows)
+
+
+def missing(failed: Sequence[int] = (), hung: Sequence[int] = (), longest: int = 3) -> Outcome:
+    """A whole run in which these agents missed steps."""
+    outcome = whole()
+    rows = [
+        [{"agent": agent, "step": 2, "steps": 4, "longest": longest} for agent in those] for those in (failed, hung)
+    ]
+    outcome.world |= {"agents_failed": rows[0], "agents_late": rows[1], "agent_steps": {"due": 60, "answered": 45}}
+    outcome.causes |= dict.fromkeys(failed, "killed by SIGKILL")
+    return outcome
+
+
+@pytest.mark.parametrize(
+    ("accepted", "failed", "hung", "is_valid"),
+    [
+        (0, [], [], True),
+        (0, [3], [], False),
+        (0, [], [3], False),
+        (1, [3], [], True),
+        (1, [3], [3], True),
+        (1, [3], [4], False),
+        (2, [3], [4], True),
+        (0.1, [3], [], True),
+        (0.1, [3], [4], False),
+        (0.19, [3, 4], [], False),
+        (0.3, [3, 4, 5], [], True),
+        (10, [*range(10)], [], True),
+    ],
+)
+def test_a_run_is_valid_if_no_more_agents_fail_or_hang_than_it_accepts(
+    accepted: float, failed: list[int], hung: list[int], is_valid: bool
+) -> None:
+    """Of ten agents: as a number, or below 1 as a share."""
+    scenario = load(Scenario, {"run": {"step_s": STEP_S, "accept_lost": float(accepted)}, "agents": {"count": 10}})
+    summary = summarise(missing(failed, hung), scenario)
+    assert summary["valid"] is is_valid
+    assert summary["agent_steps"] == {"due": 60, "answered": 45, "answered_share": 0.75}
+    assert [row["agent"] for row in summary["agents_failed"]] == failed
+
+
+def test_the_reasons_name_agent_step_and_cause_of_the_first_five() -> None:
+    """And count the others."""
+    reasons = summarise(missing([*range(6)], [9]), a_scenario())["invalid_because"]
+    assert reasons[0] == "agent 0 failed in step 2 (4 steps missed): killed by SIGKILL"
+    assert len(reasons) == 6
+    assert reasons[-1] == "2 more agents failed or hung"
+    [reason] = summarise(missing(hung=[7]), a_scenario(step_timeout_s=2.0))["invalid_because"]
+    assert reason == "agent 7 hung in step 2 (4 steps missed): no answer within 2 s (run.step_timeout_s)"
+
+
+@pytest.mark.parametrize(
+    ("factor", "timeout_s", "longest", "hangs"),
+    [(1.0, 5.0, 9, False), (1.0, 5.0, 10, True), (100.0, 5.0, 19, False), (100.0, 5.0, 20, True), (1.0, 0.4, 1, True)],
+)
+def test_by_the_wall_clock_an_agent_hangs_that_misses_several_steps_in_a_row(
+    factor: float, timeout_s: float, longest: int, hangs: bool
+) -> None:
+    """As many as the time-out has steps of 0.5 s at this pace, at most 20; one that is slightly late does not hang."""
+    run = {"step_s": STEP_S, "clock": "realtime", "real_time_factor": factor, "step_timeout_s": timeout_s}
+    found = summarise(missing(hung=[3], longest=longest), load(Scenario, {"run": run}))
+    assert ([row["agent"] for row in found["agents_hung"]], found["valid"]) == ([3] * hangs, not hangs)
+
+
+def test_a_run_of_a_deserted_swarm_says_so() -> None:
+    """It did not reach its last step."""
+    outcome = missing([0])
+    outcome.world |= {"complete": False, "deserted": True}
+    assert summarise(outcome, a_scenario())["invalid_because"][0] == (
+        "the run did not reach its last step: no agent was left"
+    )

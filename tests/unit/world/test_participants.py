@@ -178,3 +178,101 @@ def test_the_page_shows_the_table() -> None:
     """The diagram is drawn from the code's table."""
     [block] = PAGE.read_text().split("```mermaid\n")[1:]
     assert block.split("```")[0] == diagram()
+
+
+LEAVES, DIES, WAKES, KILLED, STARTED, FROZEN = "leaves", "dies", "wakes", "killed", "started", "frozen"
+
+
+def counted(days: list[dict[int, str]], boards: tuple[int, ...] = ()) -> Participants:
+    """Participants 0 to 2 after these steps, in which all answer to whom nothing happens.
+
+    Before a step an agent may be killed, started, or frozen (and thawed in the next) by an order, wake up or leave; in
+    the step it may die without an answer, or hang.
+    """
+    participants = Participants(range(3), boards)
+    for step, day in enumerate(days):
+        for agent, what in day.items():
+            if what == KILLED:
+                participants.kill(agent)
+            elif what in (STARTED, WAKES):
+                participants.token_back(agent) if what == STARTED else participants.answer_late(agent, step - 1)
+            elif what == LEAVES:
+                participants.token_gone(agent)
+        participants.freeze({agent for agent, what in day.items() if what == FROZEN})
+        begin(participants, step)
+        for agent in sorted(participants.asked):
+            if day.get(agent) == DIES:
+                participants.token_gone(agent)
+            elif day.get(agent) != "hangs":
+                participants.answer(agent, step)
+        participants.time_out()
+    return participants
+
+
+QUIET: dict[int, str] = {}
+
+
+@pytest.mark.parametrize(
+    ("days", "due", "answered", "failed", "late"),
+    [
+        ([QUIET] * 4, 12, 12, {}, {}),
+        # By nobody's plan
+        ([QUIET, {1: DIES}, QUIET, QUIET], 12, 9, {1: (1, 3)}, {}),
+        ([QUIET, QUIET, QUIET, {1: DIES}], 12, 11, {1: (3, 1)}, {}),
+        ([QUIET, {1: LEAVES}, QUIET, QUIET], 12, 9, {1: (0, 3)}, {}),
+        ([{0: DIES, 1: DIES, 2: DIES}], 3, 0, {0: (0, 1), 1: (0, 1), 2: (0, 1)}, {}),
+        ([QUIET, {1: "hangs"}, QUIET, QUIET], 12, 9, {}, {1: (1, 3)}),
+        ([QUIET, {1: "hangs"}, {1: WAKES}, QUIET], 12, 11, {}, {1: (1, 1)}),
+        ([{1: "hangs"}, {1: LEAVES}, QUIET], 9, 6, {1: (0, 2)}, {1: (0, 1)}),
+        ([{1: DIES}, {1: STARTED}, QUIET], 9, 8, {1: (0, 1)}, {}),
+        # By orders
+        ([QUIET, {1: KILLED}, QUIET, QUIET], 9, 9, {}, {}),
+        ([QUIET, {1: KILLED}, {1: STARTED}, QUIET], 11, 11, {}, {}),
+        ([{1: KILLED}, QUIET, {1: STARTED}, QUIET], 10, 10, {}, {}),
+        ([QUIET, {1: FROZEN}, {1: FROZEN}, QUIET], 10, 10, {}, {}),
+        ([{0: KILLED, 1: KILLED, 2: KILLED}, QUIET], 0, 0, {}, {}),
+        # Both
+        ([{1: "hangs"}, {1: KILLED}, QUIET], 7, 6, {}, {1: (0, 1)}),
+        ([{1: "hangs"}, {1: FROZEN}, QUIET], 8, 7, {}, {1: (0, 1)}),
+        ([{1: DIES}, {1: KILLED}, QUIET], 9, 6, {1: (0, 3)}, {}),
+        ([{1: KILLED}, {1: STARTED, 2: KILLED}, {1: DIES}], 6, 5, {1: (2, 1)}, {}),
+    ],
+)
+def test_agent_steps_are_due_unless_an_order_takes_them(
+    days: list[dict[int, str]],
+    due: int,
+    answered: int,
+    failed: dict[int, tuple[int, int]],
+    late: dict[int, tuple[int, int]],
+) -> None:
+    """And answered if the answer was there when the step was closed; each failure has its step and what it cost."""
+    participants = counted(days)
+    assert (participants.due, participants.answered) == (due, answered)
+    for found, expected in (participants.failed, failed), (participants.late, late):
+        assert {agent: (missed.step, missed.steps) for agent, missed in found.items()} == expected
+
+
+def test_a_board_that_is_away_or_late_misses_steps_like_any_agent() -> None:
+    """Its coming and going is no loss of a process; what it did not answer is missing."""
+    participants = counted([QUIET, {1: LEAVES, 2: "hangs"}, QUIET, {1: STARTED}], boards=(1, 2))
+    assert participants.lost == []
+    assert (participants.due, participants.answered) == (12, 7)
+    assert (participants.failed[1].steps, participants.late[2].steps, participants.late[2].longest) == (2, 3, 3)
+
+
+@pytest.mark.parametrize(
+    ("days", "is_deserted"),
+    [
+        ([{0: DIES, 1: DIES, 2: DIES}], True),
+        ([{0: KILLED, 1: DIES, 2: DIES}], True),
+        ([{0: KILLED, 1: KILLED, 2: KILLED}], False),
+        ([{0: DIES, 1: DIES, 2: "hangs"}], False),
+        ([{0: DIES, 1: DIES, 2: DIES}, {2: STARTED}], False),
+        ([{0: DIES, 1: DIES, 2: FROZEN}], False),
+    ],
+)
+def test_a_swarm_is_deserted_if_not_all_of_it_was_killed_by_orders(
+    days: list[dict[int, str]], is_deserted: bool
+) -> None:
+    """A run in which faults kill all goes on: that is what was asked for."""
+    assert counted(days).is_deserted is is_deserted

@@ -5,9 +5,12 @@ that exceeds the time-out is hung: it gets no more frames until it answers the o
 none until it is thawed, and an absent agent has no process. An agent changes its condition only through `TRANSITIONS`;
 what the table does not list changes nothing.
 
-Boards are agents on machines of their own. They may come and go, which is counted and no loss. A hung board is probed:
-it gets a frame now and then, for which nobody waits. Its process may go on behind a cut link and answer frames from
-before, so the number of answers still due is kept.
+Boards are agents on machines of their own. They may come and go. A hung board is probed: it gets a frame now and then,
+for which nobody waits. Its process may go on behind a cut link and answer frames from before, so the number of answers
+still due is kept.
+
+An agent-step is due unless a fault of the scenario takes it: the agent was killed or is frozen by an order. It is
+answered if the agent's act for that step is there when the step is closed, be it that of an earlier step that holds.
 """
 
 from collections import Counter
@@ -78,6 +81,27 @@ class Attendance(Saved):
     """Steps of absence."""
 
 
+@dataclass
+class Missed(Saved):
+    """The agent-steps that an agent missed for one cause."""
+
+    step: int
+    """The step in which it failed, or the first that it did not answer."""
+    steps: int = 0
+    """Number of agent-steps without an answer."""
+    longest: int = 0
+    """The largest number of them in a row."""
+    _in_a_row: int = 0
+    _newest: int = -1
+
+    def count(self, step: int) -> None:
+        """Count a missed step."""
+        self._in_a_row = self._in_a_row + 1 if self._newest == step - 1 else 1
+        self._newest = step
+        self.steps += 1
+        self.longest = max(self.longest, self._in_a_row)
+
+
 class Participants(Saved):
     """Keeps each agent's condition, and which acts are due. It has no clock; the caller has."""
 
@@ -90,9 +114,21 @@ class Participants(Saved):
         self.returned: set[int] = set()
         """Agents whose process reappeared, until the world handles it."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
+        self.failed: dict[int, Missed] = {}
+        """Agents whose process ended or whose link was cut, by no order."""
+        self.late: dict[int, Missed] = {}
+        """Agents that were there and did not answer in time."""
+        self.due = self.answered = 0
+        """Number of agent-steps in which an answer was due, and was there."""
+        self._killed: set[int] = set()
+        """Agents that an order has killed and none has started again."""
+        self._without: tuple[set[int], set[int]] = set(), set()
+        """Agents that cannot answer this step: failed ones, and hung ones."""
         self._in: dict[Condition, set[int]] = {condition: set() for condition in Condition}
         """The agents in each condition; each agent is in one."""
         self._in[IDLE] = set(agents)
+        self._due_now = 0
+        """Number of agents of which an answer to this step is due."""
         self._lost_before = 0
         """Number of lost agents at the start of this step."""
         self._missed: dict[int, int] = {}
@@ -129,6 +165,8 @@ class Participants(Saved):
         """Open a step, in which these agents get a frame."""
         self.step = step
         self._lost_before = len(self.lost)
+        self._without = self._in[ABSENT] - self._killed, set(self._in[HUNG])
+        self._due_now = sum(map(len, self._in.values())) - len(self._in[FROZEN]) - len(self._killed)
         for agent in asked:
             self._change(agent, ConditionCause.FRAME)
         for agent, attendance in self.boards.items():
@@ -173,30 +211,52 @@ class Participants(Saved):
             self._change(agent, ConditionCause.TIMEOUT)
         for agent in self._in[HUNG] & self.boards.keys():
             self.boards[agent].late_steps += 1
+        self._count(late)
         return late
+
+    def _count(self, late: Collection[int]) -> None:
+        """Count the answers of this step."""
+        failed, hung = self._without
+        hung = hung.union(late) - failed
+        for missed, agents in (self.failed, failed), (self.late, hung):
+            for agent in sorted(agents):
+                missed.setdefault(agent, Missed(self.step)).count(self.step)
+        self.due += self._due_now
+        self.answered += self._due_now - len(failed) - len(hung)
+
+    @property
+    def is_deserted(self) -> bool:
+        """Whether no agent is left, and not by orders alone."""
+        return len(self._in[ABSENT]) == sum(map(len, self._in.values())) > len(self._killed)
 
     # Processes
 
     def token_gone(self, agent: int) -> None:
         """Note that an agent's liveliness token disappeared: an agent is lost, a board is absent."""
-        is_due = agent in self._in[ASKED] or agent in self._in[HUNG]
+        is_asked, is_hung = agent in self._in[ASKED], agent in self._in[HUNG]
         if not self._change(agent, ConditionCause.TOKEN_GONE):
             return
+        if self.step >= 0:
+            self.failed.setdefault(agent, Missed(self.step))
+        if is_asked:
+            self._without[0].add(agent)
         if agent not in self.boards:
             self.lost[self._lost_before :] = sorted([*self.lost[self._lost_before :], agent])
             self.lost_in_step.append(self.step)
             return
-        self._answers_due[agent] += is_due  # its process may be well, and answer once its link is back
+        self._answers_due[agent] += is_asked or is_hung  # its process may be well, and answer once its link is back
         self.boards[agent].absences += self.step >= 0
 
     def token_back(self, agent: int) -> None:
         """Note that an agent's token reappeared; it takes part from the next step on, unless it died too often."""
         if self.lost.count(agent) <= MAX_RETURNS and self._change(agent, ConditionCause.TOKEN):
+            self._killed.discard(agent)
             self.returned.add(agent)
 
     def kill(self, agent: int) -> None:
         """Remove an agent killed by an order, which does not count as lost."""
-        self._change(agent, ConditionCause.KILLED)
+        if self._change(agent, ConditionCause.KILLED):
+            self._killed.add(agent)
 
     def freeze(self, frozen: Collection[int]) -> None:
         """Let these agents be frozen, and no others. A frame that a hung agent did not answer may be answered later."""

@@ -5,7 +5,7 @@ Inputs are processed in agent order, never in arrival order; `intake.py` takes a
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from itertools import accumulate
 from typing import Any
@@ -26,10 +26,18 @@ from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.environment import Coverage, Environment
 from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.intake import Intake
-from deltaswarm_world.core.participants import Participants
+from deltaswarm_world.core.participants import Missed, Participants
 from deltaswarm_world.core.sleep_schedule import SleepSchedule
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 from deltaswarm_world.core.uplink.uplink import Uplink
+
+
+def _rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
+    return [
+        {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
+        for agent, about in sorted(missed.items())
+    ]
+
 
 HEARD_BYTES = 6
 """Overhead of a heard frame in an agent's frame: its sender and length."""
@@ -84,6 +92,16 @@ class WorldCore(Saved):
         self._time_s = 0.0
         self._carried = Reception(0)
         self._no_drops = dict.fromkeys(self.air.reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
+
+    @property
+    def is_deserted(self) -> bool:
+        """Whether no agent is left that anything could happen to, and not by faults alone."""
+        return self.participants.is_deserted and not (self._faults and self._faults.may_start_agents)
+
+    @property
+    def is_last(self) -> bool:
+        """Whether this step is the last one, as planned, by a signal, or because no agent is left."""
+        return self._is_last
 
     # A step: inject and begin, then acts and radio frames as they arrive, then end
 
@@ -200,6 +218,7 @@ class WorldCore(Saved):
     def end(self) -> StepRecord:
         """Close the step: commands, work, completion, record, digest."""
         late = self.participants.time_out()
+        self._is_last |= self.is_deserted
         self.intake.drop_frames(late)
         observers: Counter[int] = Counter()
         for agent, data in self._delivered:
@@ -332,6 +351,10 @@ class WorldCore(Saved):
             "digest": self.digest.hex(),
             "agents_lost": list(self.participants.lost),
             "lost_in_step": list(self.participants.lost_in_step),
+            "agent_steps": {"due": self.participants.due, "answered": self.participants.answered},
+            "agents_failed": _rows(self.participants.failed),
+            "agents_late": _rows(self.participants.late),
+            "deserted": self.participants.is_deserted,
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.participants.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
             **self.intake.totals,

@@ -89,7 +89,10 @@ class WorldProcess:
             last = step == settings.steps - 1 or self._wakeup.stop_requested
             self._transport.frames(self._core.begin(step, last, self._is_probe_due(last)))
             self._collect()
+            if self._core.is_deserted:
+                self._await_anybody()
             record = self._core.end()
+            last = self._core.is_last
             output.write(record, self._core.environment.changed)  # a step is on file before it is announced
             self._close(record, last)
             if time.monotonic() >= self._loop.status_due:
@@ -231,6 +234,14 @@ class WorldProcess:
             while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
                 self._loop.take_next()
         self._transport.receive_waiting(self._loop.take_sample)  # late agents take part again in the next step
+
+    def _await_anybody(self) -> None:
+        """Wait for an agent to come back, whose link may have been cut; without one, this step is the last."""
+        participants, settings = self._core.participants, self._settings
+        patience_s = settings.start_timeout_s if participants.boards else settings.step_timeout_s
+        self._loop.wait_until(lambda: bool(participants.present or self._wakeup.stop_requested), patience_s)
+        if not participants.present and not self._wakeup.stop_requested:
+            log.error("no agent is left after step %d", participants.step)
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""

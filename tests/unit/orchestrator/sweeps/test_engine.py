@@ -212,7 +212,7 @@ def test_giving_up_ends_the_swarms_of_real_processes_too(tmp_path: Path, mark: s
 
 @pytest.mark.processes
 def test_a_swarm_that_lost_an_agent_is_run_again(tmp_path: Path, mark: str) -> None:
-    """It is a valid run, but of another swarm: it may not stand in the table."""
+    """It is not valid, and the machine may have been the cause."""
     paced = {"run.duration_s": 400.0, "run.clock": "realtime", "run.real_time_factor": 100.0}
     (job,) = made(ONE, scenario=paced).jobs()
 

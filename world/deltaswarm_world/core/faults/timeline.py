@@ -7,7 +7,7 @@ has its own generators, so adding a fault does not change others.
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from deltaswarm_scenario.fault import FREEZE, FaultSettings
+from deltaswarm_scenario.fault import FREEZE, NEVER_ENDS, FaultSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
@@ -49,6 +49,12 @@ class Faults:
     def frozen(self) -> frozenset[int]:
         """Agents with a stopped process."""
         return self._kinds[FREEZE].agents
+
+    @property
+    def may_start_agents(self) -> bool:
+        """Whether a fault that is to begin or to end may start an agent."""
+        faults = [self._faults[index] for _, index in self._due] + [active.fault for active in self._active]
+        return any(fault.to_process and self._kinds[fault.kind].lasts != NEVER_ENDS for fault in faults)
 
     def inject(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
         """End and begin faults before this step; return the resulting orders, to be executed in order."""
