@@ -63,7 +63,7 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
 def invalid_line(runs: Iterable[tuple[Path, Row]]) -> str:
     """Say how many complete runs are not valid, which, and why the first of them is not; empty if all are."""
     complete = [(f"participant {row['participant']}, {row['run']}", row) for _, row in runs if row["complete"]]
-    invalid = [(name, row["invalid_because"]) for name, row in complete if not row["valid"]]
+    invalid = [(name, row["invalid_because"]) for name, row in complete if row["valid"] == 0]
     if not invalid:
         return ""
     more = f"; and {len(invalid) - MAX_NAMED} more" if len(invalid) > MAX_NAMED else ""

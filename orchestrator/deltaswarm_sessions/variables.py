@@ -47,6 +47,9 @@ RUN_ITSELF = {
     "complete": Variable(WHOLE, Column("", "1: it reached its last step"), "complete"),
     "valid": Variable(WHOLE, Column("", "1: its numbers may be used"), "valid"),
     "invalid_because": Variable(TEXT, Column("", "if not, why: reasons, divided by semicolons"), "invalid_because"),
+    "answered_share": Variable(
+        NUMBER, Column("", "share of agent-steps that were answered in time"), "agent_steps.answered_share"
+    ),
     "stream": Variable(WHOLE, Column("", "stream of arrivals, from 0; empty: one of its own"), "stream"),
     "seed": Variable(WHOLE, Column("", "seed of the run"), "seed"),
     "digest": Variable(TEXT, Column("", "digest of all messages"), "digest"),

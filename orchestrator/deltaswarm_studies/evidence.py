@@ -1,7 +1,7 @@
 """All that a study's runs show, a table for each kind of result: besides contrasts and claims, fits and recovery."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
 from deltaswarm_studies.metrics import ID, PER_EVENT
 from deltaswarm_studies.origin import sealed_tables
-from deltaswarm_studies.settings import FitSettings, FitVerdict, RecoverySettings
+from deltaswarm_studies.settings import FitSettings, FitVerdict, GridSettings, RecoverySettings
 from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import Row, column, samples_of
@@ -51,7 +51,7 @@ class Evidence:
         self.estimates = tables.estimates_of(study, runs)
         self.contrasts = contrasts_of(study, judged)
         self.claims = claims_of(study, judged, is_whole=not self.unjudged)
-        self.fits, self.grids = fits_of(study, judged), grids_of(study, judged)
+        self.fits, self.grids = fits_of(study, judged), grids_of(study, judged, self.unjudged)
         self.findings = findings_of(study, {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits})
         self.arrivals = tables.same_arrivals(study, runs)
         """Whether compared runs saw the same arrivals, a clause for each thing that was checked."""
@@ -197,8 +197,11 @@ def _distances(study: Study, runs: pd.DataFrame, fit: FitSettings, cell: dict[st
     return np.stack(distances)
 
 
-def grids_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per grid, row and column: the lowest median of the column's levels, its interval, and the level."""
+def grids_of(study: Study, runs: pd.DataFrame, unjudged: Collection[str] = ()) -> pd.DataFrame:
+    """Make a row per grid, row and column: the lowest median of the column's levels, its interval, and the level.
+
+    A cell to which a variant belongs that is not judged is left out.
+    """
     rows: list[Row] = []
     for grid in study.file.grid:
         values = runs.assign(value=column(runs, grid.metric))
@@ -209,11 +212,15 @@ def grids_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
                 ]
                 medians = {str(level): describe(cell) for level, cell in cells}
                 known = {level: cell.median for level, cell in medians.items() if cell.median is not None}
-                if len(known) == len(levels):
+                if known and not any(_is_in(study.levels[name], grid, row, levels) for name in unjudged):
                     best = min(known, key=known.__getitem__)
                     head = {"grid": grid.text, "metric": grid.metric, "row": row, "column": heading, "level": best}
                     rows.append(head | {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")})
     return pd.DataFrame(rows)
+
+
+def _is_in(variant: Mapping[str, str], grid: GridSettings, row: str, levels: Collection[str]) -> bool:
+    return variant[grid.rows] == row and variant[grid.factor] in levels
 
 
 def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:

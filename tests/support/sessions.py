@@ -65,7 +65,7 @@ def do(session: Session, run: PlannedRun, *, answered: tuple[str, ...] = (), **s
     number = len(session.attempts[run.folder]) + 1
     name = run.folder if number == 1 else f"{run.folder}-{number}"
     whole = {"complete": True, "digest": "ff", **summary}
-    is_repeat = any(attempt.is_complete for attempt in session.attempts[run.folder])
+    is_repeat = any(attempt.is_valid for attempt in session.attempts[run.folder])
     attempt = Attempt(name, whole, run.attempt(number, is_repeat=is_repeat), frozenset(answered))
     session.attempts[run.folder].append(attempt)
     return attempt

@@ -159,7 +159,6 @@ ACCOUNT = (
         "their share",
         compute=answered_share,
         label="agent-steps answered",
-        session="answered_share",
     ),
     Metric(
         "agents_failed",

@@ -99,7 +99,7 @@ def test_attempts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for other in ("0-training-x", "1-A", "0-training.again-1", "0-trainings"):
         a_run(out / other, {"complete": True})
     found = attempts_at(out, training)
-    assert [(attempt.folder, attempt.is_complete, attempt.answered) for attempt in found] == [
+    assert [(attempt.folder, attempt.is_valid, attempt.answered) for attempt in found] == [
         ("0-training", False, frozenset()),
         ("0-training-3", True, frozenset({"tlx"})),
         ("0-training-10", True, frozenset()),

@@ -49,6 +49,18 @@ def test_a_run_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
     assert [attempt.folder for attempt in session.attempts["0-training"]] == ["0-training", "0-training-2"]
 
 
+def test_a_run_that_is_not_valid_is_done_again(tmp_path: Path) -> None:
+    """Although it reached its last step; nothing more is asked about it."""
+    session = a_session(tmp_path)
+    assert len(follow(session, {}, {"valid": False}, {})) == 3
+    assert follow(session, {}) == ["do run 1 of 2: A"]
+    rows = session.record["runs"][1]["attempts"]
+    assert [(row["folder"], row["complete"], row["valid"]) for row in rows] == [
+        ("1-A", True, False),
+        ("1-A-2", True, True),
+    ]
+
+
 def test_missing_answers_are_asked_for_after_the_run_and_in_the_next_sitting(tmp_path: Path) -> None:
     """NASA-TLX and forms with questions; then the experimenter is told what is still missing."""
     session = a_session(tmp_path, 1, FORMS.replace('name = "end"', 'name = "end"\ntext = "Thanks"'))
@@ -152,7 +164,8 @@ def test_the_record_has_the_order_and_all_attempts(tmp_path: Path) -> None:
     do(session, training, complete=False, person={"answers_missing": 1, "read": 0})
     do(session, training, person={"answers_missing": 0, "read": 7})
     do(session, first)
-    plain = {"digest": "ff", "complete": True}
+    plain = {"digest": "ff", "complete": True, "valid": True}
+    cut = {"complete": False, "valid": False}
     assert session.record == {
         "participant": 3,
         "language": "",
@@ -164,7 +177,7 @@ def test_the_record_has_the_order_and_all_attempts(tmp_path: Path) -> None:
                 "set": ["run.duration_s=60"],
                 "stream": None,
                 "attempts": [
-                    {**plain, "folder": "0-training", "complete": False, "answers_missing": 1, "training_value": 0.0},
+                    {**plain, "folder": "0-training", **cut, "answers_missing": 1, "training_value": 0.0},
                     {**plain, "folder": "0-training-2", "answers_missing": 0, "training_value": 7.0},
                 ],
                 "outcome": "reached",

@@ -104,6 +104,8 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, capsys: Printed) -> None:
 FULL = {
     "complete": True,
     "valid": False,
+    "invalid_because": ["too few", "too late"],
+    "agent_steps": {"answered_share": 0.75},
     "seed": 7,
     "digest": "00ff",
     "waiting_time_s": {"restricted_mean": 12.5, "mean": 1.0},
@@ -147,6 +149,8 @@ RUNS = {
     "set": "a=1; b=2",
     "complete": "1",
     "valid": "0",
+    "invalid_because": "too few; too late",
+    "answered_share": "0.75",
     "stream": "3",
     "seed": "7",
     "digest": "00ff",
@@ -192,9 +196,9 @@ NUMBERS = {
         "missed_share",
     ),
     *("acknowledge_s", "share_right", "d_prime", "criterion", "situation_right_share", "isa", "tlx_raw"),
-    "tlx_weighted",
+    *("tlx_weighted", "answered_share"),
 }
-TEXTS = {"condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
+TEXTS = {"invalid_because", "condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
 UNITS = dict.fromkeys(
     ("waiting_time_s", "told_s", "worked_s", "completion_s", "time_above_threshold_s", "acknowledge_s"), "s"
 )
@@ -245,6 +249,7 @@ def test_each_number_of_a_run_is_in_its_column(tmp_path: Path) -> None:
             "language": "de",
             "runs": "2",
             "complete": "1",
+            "invalid": "0",
             "answers_missing": "1",
             "training_runs": "1",
             "training_outcome": "reached",
@@ -258,7 +263,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 48
+    assert len(rows) == 51
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row
@@ -273,3 +278,22 @@ def test_a_value_is_found_by_its_dotted_name() -> None:
     assert value_at({"d": False}, "d") == 0
     assert value_at({"a": 1}, "a.b") is None
     assert value_at({}, "a.b") is None
+
+
+def test_the_command_ends_with_the_runs_that_are_not_valid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """How many, which, and why one of them is not; it does not count as complete, and a pilot leaves it out."""
+    a_full_run(tmp_path / "sessions")
+    here = tmp_path / "sessions" / "participant-012"
+    because = ["agent 3 failed in step 5 (25 steps missed): killed by SIGKILL"]
+    summary = FULL | {"valid": False, "invalid_because": because}
+    (here / "0-training-2" / "summary.json").write_text(json.dumps(summary))
+    record = json.loads((here / RECORD).read_text())
+    record["runs"][0]["attempts"][1]["valid"] = False
+    (here / RECORD).write_text(json.dumps(record))
+    write_tables(tmp_path / "sessions", tmp_path / "data")
+    name = "participant 12, 0-training-2"
+    line = f"1 of 1 complete runs are not valid, and are no replicates: {name}. For example {name}: {because[0]}"
+    assert capsys.readouterr().err.splitlines()[-1] == f"deltaswarm: {line}"
+    [participant] = rows_of(tmp_path / "data" / "participants.tsv")
+    assert (participant["complete"], participant["invalid"], participant["training_runs"]) == ("0", "1", "0")
+    assert rows_of(tmp_path / "data" / "runs.tsv")[1]["invalid_because"] == because[0]

@@ -241,3 +241,59 @@ def test_the_table_has_the_same_columns_whatever_the_swarm_is(done: Path) -> Non
     senders = pd.read_csv(done / "out" / "sweep" / "senders.csv")
     assert {"variant", "replicate", "sender", "name", "value"} <= set(senders)
     assert senders["sender"].nunique() == 6
+
+
+FAILING = """
+from deltaswarm_agent.controllers.potential import PotentialController, PotentialSettings
+
+
+class Failing(PotentialController):
+    Settings = PotentialSettings
+
+    def __init__(self, context):
+        super().__init__(context)
+        self._agent = context.agent
+
+    def step(self, percept):
+        if self._agent == 2 and percept.step == 5:
+            raise ValueError("the map is empty")
+        return super().step(percept)
+"""
+
+
+def test_a_variant_whose_agent_raises_is_named_and_not_judged(
+    tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the first line of the page and the last of the command, with one cause; also of a page that is made again."""
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "failing_agent.py").write_text(FAILING)
+    question = QUESTION.replace('"potential"]\n', '"failing_agent:Failing"]\n', 2).replace(
+        'label = ["decentralised", "failing_agent:Failing"]', 'label = ["decentralised", "potential"]'
+    )
+    question = question.replace(', decentralised"\nb =', ', potential"\nb =').replace("repeats = 7", "repeats = 2")
+    (tmp_path / "own.toml").write_text(question)
+    command = ["study", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out")]
+    said = (
+        "4 of 8 runs failed or are not valid, and are no replicates: loss=0.0, potential (replicates 0 to 1); "
+        "loss=0.9, potential (replicates 0 to 1). For example loss=0.0, potential, replicate 0: not valid: "
+        "agent 2 failed in step 5 (95 steps missed): controller failing_agent:Failing failed in step 5: "
+        "ValueError: the map is empty"
+    )
+    for more in ([], ["--render"]):
+        assert main([*command, *more]) == 1
+        printed = capsys.readouterr()
+        assert f"deltaswarm: own: {said}" in printed.err
+        assert "no data    Decentralised swarms report as much" in printed.out
+        page = (tmp_path / "out" / "page.md").read_text()
+        assert page.index(said) < page.index("## Verdicts")
+        assert "nothing is judged of loss=0.0, potential (0 of 2); loss=0.9, potential (0 of 2)" in page
+        assert FINDING not in page
+        assert said in (tmp_path / "out" / "page.html").read_text()
+    assert set(pd.read_csv(tmp_path / "out" / "contrasts.csv").query("within == 'potential'")["verdict"]) == {"no data"}
+    sweep = str(tmp_path / "out" / "sweep")
+    assert main(["report", sweep, "--out", str(tmp_path / "report")]) == 1
+    assert said in capsys.readouterr().err
+    assert said in (tmp_path / "report" / "page.md").read_text()
+    assert main(["sweep", f"{sweep}/sweep.toml", "--out", sweep]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == f"deltaswarm: {said}"

@@ -1,16 +1,20 @@
 """From made-up runs to estimates, contrasts, verdicts and findings: what must come out is known."""
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
 from deltaswarm_studies.claims import claims_of, findings_of
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
-from deltaswarm_studies.evidence import fits_of, grids_of, recovery_of, too_few
+from deltaswarm_studies.evidence import Evidence, fits_of, grids_of, recovery_of, too_few
 from deltaswarm_studies.tables import (
     courses_of,
     estimates_of,
+    invalid_of,
     missing_metrics,
     missing_runs,
     runs_of,
@@ -117,10 +121,11 @@ def test_what_has_no_value_has_no_verdict() -> None:
     assert contrasts.loc[("waiting_all", "loss=0.9", "hybrid 3"), "verdict"] == "no data"
     assert contrasts.loc[("waiting_all", "loss=0.9", "decentralised"), "n"] == 7
     assert missing_metrics(study, part) == ["The table of runs has no columns trees."]
-    assert missing_runs(study, part) == [
+    nothing = invalid_of(runs, [])
+    assert missing_runs(study, part, nothing) == [
         f"13 of 60 runs are missing: {FAST} (replicates 7 to 9); {SLOW} (replicates 0 to 9)."
     ]
-    assert missing_runs(study, runs) == []
+    assert missing_runs(study, runs, nothing) == []
 
 
 def test_whether_compared_runs_saw_the_same_arrivals_is_said() -> None:
@@ -384,3 +389,55 @@ def test_a_grid_shows_the_lowest_median_of_a_columns_levels() -> None:
     assert found.loc[("loss=0.9", "best"), "level"] == "decentralised"
     medians = runs.groupby("variant")["waiting_all"].median()
     assert found.loc[("loss=0.9", "hybrid"), "median"] == medians["loss=0.9, hybrid 3"]
+
+
+def lost(variant: str, replicates: Sequence[int]) -> list[dict[str, Any]]:
+    """Rows of runs that are no replicates."""
+    reason = "not valid: agent 3 failed in step 5 (25 steps missed): boom"
+    return [{"variant": variant, "replicate": number, "means": "in-process", "reason": reason} for number in replicates]
+
+
+CLAIMED = (
+    f'[[claim]]\nid = "same"\ntext = "t"\nkind = "alike"\nmetric = "waiting_all"\na = "{SAME}"\nb = "{SLOW}"\n'
+    'margin = 1.5\n[[finding]]\ntext = "Nothing matters."\nbecause = [{ claim = "same", is = "holds" }]\n'
+)
+
+
+@pytest.mark.parametrize(("invalid", "is_judged"), [(0, True), (1, True), (2, True), (3, False), (10, False)])
+def test_a_variant_with_more_than_a_fifth_invalid_runs_is_not_judged(invalid: int, is_judged: bool) -> None:
+    """By no contrast and no claim, and the first lines say so; what is left of it is shown."""
+    text = OWN + LIMIT + CLAIMED
+    runs = table()
+    slow = SLOW
+    rows = lost(slow, range(10 - invalid, 10))
+    kept = runs[(runs["variant"] != slow) | (runs["replicate"] < 10 - invalid)].reset_index(drop=True)
+    found = Evidence.of_sweep(made(text), kept, series(lambda *_: 20.0), rows)
+    contrasts = found.contrasts
+    is_of_it = (contrasts["level"] + ", " + contrasts["within"]) == slow
+    assert set(contrasts[is_of_it]["verdict"]) == ({"alike"} if is_judged else {"no data"})
+    assert set(contrasts[~is_of_it]["verdict"]) == {"alike"}
+    assert (found.claims["verdict"].tolist() == ["no data"]) == (not is_judged)
+    assert (found.findings["broken"] == "").all() == is_judged
+    if not invalid:
+        assert found.incomplete == []
+        return
+    assert found.incomplete[0].startswith(
+        f"{invalid} of 60 runs failed or are not valid, and are no replicates: {slow}"
+    )
+    assert found.incomplete[0].endswith("agent 3 failed in step 5 (25 steps missed): boom")
+    assert [line.startswith("Too few replicates are left") for line in found.incomplete[1:]] == [True] * (not is_judged)
+    assert set(found.estimates[found.estimates["variant"] == slow]["n"]) == ({10 - invalid} - {0})
+
+
+def test_invalid_runs_are_kept_with_the_tables_until_they_are_repeated(tmp_path: Path) -> None:
+    """So a page that is made again says the same."""
+    study = made(OWN + LIMIT)
+    runs = table()
+    kept = runs[runs["variant"] != SLOW].reset_index(drop=True)
+    found = Evidence.of_sweep(study, kept, series(lambda *_: 20.0), lost(SLOW, range(10)))
+    found.save(tmp_path)
+    again = Evidence.of_folder(study, tmp_path)
+    assert again.incomplete == found.incomplete
+    assert again.unjudged == {SLOW: 0}
+    Evidence.of_sweep(study, runs, series(lambda *_: 20.0)).save(tmp_path)
+    assert Evidence.of_folder(study, tmp_path).incomplete == []
