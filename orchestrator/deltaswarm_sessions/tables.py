@@ -36,8 +36,6 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
     records = {folder: read_record(folder) for folder in folders}
     runs = [run for folder, record in records.items() for run in _runs(folder, record)]
-    if line := invalid_line(runs):
-        complain(line)
     out.mkdir(parents=True, exist_ok=True)
     (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
     files = [
@@ -57,6 +55,8 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
         "not_sealed": unsealed,
     }
     seal.write_sealed(out / seal.RECORD, content, seal.digests(out, [file.name for file in files]))
+    if line := invalid_line(runs):
+        complain(line)
     return files
 
 

@@ -33,14 +33,14 @@ def a_study(out: Path, rng: Random) -> None:
         for place, (condition, stream) in enumerate(order_of(participant, 2, seed=1), 1):
             label = "AB"[condition]
             workload = person + EFFECT * condition + streams[stream] + rng.gauss(0, 2)
-            summary = {"complete": True, "waiting_time_s": {"restricted_mean": 20.0}}
+            summary = {"complete": True, "valid": True, "waiting_time_s": {"restricted_mean": 20.0}}
             run = folder / f"{place}-{label}"
             run.mkdir(parents=True)
             (run / "summary.json").write_text(json.dumps({**summary, "person": {"tlx": {"raw": workload}, "isa": 3.0}}))
             asked = ("you", "trust", "trust"), ("age", "reliable", "why"), ("30", "6", "It was quick.")
             rows = [ProbeRow(probe, 0, item, value, 60.0, None) for probe, item, value in zip(*asked, strict=True)]
             write_csv(run / "probes.csv", ProbeRow._fields, rows)
-            attempt = {"folder": run.name, "complete": True, "answers_missing": 0}
+            attempt = {"folder": run.name, "complete": True, "valid": True, "answers_missing": 0}
             runs.append({"place": place, "condition": label, "stream": stream, "attempts": [attempt]})
         (folder / RECORD).write_text(json.dumps({"participant": participant, "runs": runs}))
 

@@ -58,6 +58,20 @@ def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: 
         assert re.search("agent 3 .*SIGKILL", errors)
 
 
+def test_a_swarm_of_which_nobody_is_left_ends(tmp_path: Path) -> None:
+    """After the time in which a cut link may come back; it says so, and names agents."""
+    with running(tmp_path / "run", "--set", "run.step_timeout_s=0.5", *LONG) as swarm:
+        swarm.wait_until_under_way()
+        for agent in range(6):
+            swarm.signal(f"agent {agent}", signal.SIGKILL)
+        swarm.end_without(*range(6))
+        summary = swarm.summary()
+    assert "no agent was left" in summary["invalid_because"][0]
+    assert (summary["complete"], summary["steps"] < 1000000) == (False, True)
+    missed = sum(row["steps"] for row in summary["agents_failed"])
+    assert summary["agent_steps"]["due"] == 6 * summary["steps"] == summary["agent_steps"]["answered"] + missed
+
+
 def test_an_agent_that_hangs_is_left_behind_and_rejoins(tmp_path: Path) -> None:
     """SIGSTOP: the step's end does not wait for it for ever; SIGCONT: it takes part again."""
     with running(tmp_path / "run", *TWELVE, *LONG) as swarm:

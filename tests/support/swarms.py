@@ -142,7 +142,7 @@ class RunningSwarm:
         summary = self.summary()
         assert [row["agent"] for row in summary["agents_failed"]] == [*agents]
         assert not summary["valid"]
-        for agent in agents:
+        for agent in agents[:5]:
             assert re.search(rf"not valid: agent {agent} failed in step \d+ ", errors)
         return errors
 

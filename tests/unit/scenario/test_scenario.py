@@ -298,3 +298,16 @@ def test_a_table_as_deep_as_you_like_is_a_mistake_like_any_other() -> None:
     [problem] = check(Scenario, {"name": value})[1]
     assert problem.path == "name"
     assert problem.given == "list" or problem.given.startswith("[[")  # from Python 3.12 on it can be printed
+
+
+@pytest.mark.parametrize(
+    ("accepted", "said"), [(1.5, "whole number of agents"), (-0.1, "0"), (11, "at most"), (1e9, "10000")]
+)
+def test_accepted_losses_are_a_share_or_a_number_of_the_agents(accepted: float, said: str) -> None:
+    """Below 1 a share; a number is whole, and no larger than the swarm."""
+    table = {"agents": {"count": 10}, "run": {"accept_lost": float(accepted)}}
+    [problem] = problems(table)
+    assert problem.startswith("run.accept_lost ")
+    assert said in problem
+    for right in (0, 0.5, 1, 10):
+        assert load(Scenario, table_with(("run", "accept_lost"), right)).run.accept_lost == right
