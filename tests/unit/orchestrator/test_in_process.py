@@ -19,8 +19,7 @@ from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import decode_act
 from deltaswarm_wire.operator_messages import decode_report
-from deltaswarm_wire.plugins import OBSERVERS, find
-from deltaswarm_wire.plugins import NoSettings
+from deltaswarm_wire.plugins import OBSERVERS, NoSettings, find
 from tests.support.cores import play, swarm
 
 
@@ -191,6 +190,8 @@ def test_an_observer_that_raises_changes_no_run(plugin: Any, error: BaseExceptio
     assert plugin.Watcher.looks == 1
     assert [type(error).__name__ in text for text in said] == [True, True]
     assert "raising_plugin.py" in said[0]
+
+
 class Failing:
     """A controller that fails as it is told: the agents, the step, and what it raises or returns then."""
 

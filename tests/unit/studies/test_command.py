@@ -278,7 +278,7 @@ def test_a_variant_whose_agent_raises_is_named_and_not_judged(
         "4 of 8 runs failed or are not valid, and are no replicates: loss=0.0, potential (replicates 0 to 1); "
         "loss=0.9, potential (replicates 0 to 1). For example loss=0.0, potential, replicate 0: not valid: "
         "agent 2 failed in step 5 (95 steps missed): controller failing_agent:Failing failed in step 5: "
-        "ValueError: the map is empty"
+        f"ValueError: the map is empty ({tmp_path / 'failing_agent.py'}:14)"
     )
     for more in ([], ["--render"]):
         assert main([*command, *more]) == 1
