@@ -15,7 +15,6 @@ from typing import Any
 
 from deltaswarm_agent.__main__ import main as agent_in_world
 from deltaswarm_agent.body import BodyContext
-from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_board.bodies import find_body, make_body, options_of
 from deltaswarm_board.driver import Follower
@@ -27,6 +26,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
+from deltaswarm_wire.plugin_errors import blamed
 
 MAX_ACCELERATE = 10_000.0
 
@@ -77,10 +77,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     warn_of_certificate(settings)
     try:
         return begin()
-    except ControllerError as error:
-        logging.getLogger("deltaswarm.board").error("agent %d fails: %s", settings.id, error.report)
-        return 1
-    except Exception as error:
+    except BaseException as error:
+        if plugin := blamed(error):
+            logging.getLogger("deltaswarm.board").error("agent %d fails: %s", settings.id, plugin.report)
+            return 1
+        if not isinstance(error, Exception):
+            raise
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
         return 1
 

@@ -72,6 +72,11 @@ class AirSettings:
     operator_key: str = key(
         "", "public key of the operator, whose commands are obeyed; empty: every command is refused"
     )
+    has_clock: bool = key(
+        True,
+        "the board's clock is right within 2 min, and commands that are not of now are refused; false: the first "
+        "command after a start is obeyed, however old",
+    )
     credentials_file: str = key("", "`user:password` lines, readable by its owner only; the agent uses its own line")
     tls: TlsSettings = key(TlsSettings, "certificates")
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")

@@ -40,6 +40,9 @@ MAX_TEXT = 64
 MAX_IN_TURN = 16
 MAX_LIFE_S = 86_400.0
 
+AHEAD_S = 128.0
+"""Maximum lead of signed commands' numbers over the operator's clock: several may be given in one second."""
+
 ALL, CIRCLE, TREE, AGENT, PLACE = "all", "circle", "tree", "agent", "place"
 TARGET_NUMBERS = {ALL: 0, CIRCLE: 3, TREE: 1, AGENT: 1, PLACE: 2}
 """Kinds of targets, and how many numbers each has: x, y and radius [m]; a root; an agent; x and y [m]."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltaswarm_wire.arguments import secret_problem
-from deltaswarm_wire.commands import Signed, decode_command
+from deltaswarm_wire.commands import AHEAD_S, Signed, decode_command
 from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import Keys
 
@@ -72,15 +72,16 @@ def signer(file: Path, run: str) -> Sign:
 def age_limit(clock_s: Callable[[], float]) -> Callable[[Signed], bool]:
     """What tells whether a signed command is within its life by a clock of this machine [Unix s].
 
-    Numbers of signed commands are seconds by the operator's clock. A command from the future passes: this clock may be
-    late, as that of a board that has just started without a battery for it.
+    Numbers of signed commands are seconds by the operator's clock. A command from the future does not pass: it shows
+    that this clock is late, as after a start without a battery for it, and cannot tell how old the command is.
     """
 
-    def is_young(signed: Signed) -> bool:
-        command = decode_command(signed.body)
-        return clock_s() <= command.number + command.life_s + CLOCK_ERROR_S
+    def is_current(signed: Signed) -> bool:
+        command, now_s = decode_command(signed.body), clock_s()
+        earliest_s = command.number - AHEAD_S - CLOCK_ERROR_S
+        return earliest_s <= now_s <= command.number + command.life_s + CLOCK_ERROR_S
 
-    return is_young
+    return is_current
 
 
 def verifier(public: str, run: str) -> Callable[[Signed], bool]:

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,11 @@ from websockets.typing import Origin
 
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_board.inbox import RadioInbox
+from deltaswarm_board.process import _verify
+from deltaswarm_board.settings import BoardSettings
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base
+from deltaswarm_wire.checked import load
 from deltaswarm_wire.commands import BASE_ID, Command, Relayed, Signed, Target, encode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, Sent, encode_sample, encode_sent
 from deltaswarm_wire.keys import RADIO, REPORT, Keys
@@ -68,6 +72,23 @@ def forged(number: int, sign: Callable[[bytes], bytes]) -> bytes:
     """A command as somebody without the operator's key signs it."""
     body = encode_command(HOLD._replace(number=number))
     return encode_relayed(Relayed(500, Signed(body, sign(body))))
+
+
+@pytest.mark.parametrize(("has_clock", "obeyed"), [(True, [True, False, False]), (False, [True, True, True])])
+def test_a_board_refuses_what_is_not_of_now(
+    has_clock: bool, obeyed: list[bool], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Held back for ten hours, or by a clock that is late; without a clock only the signature counts. Said once."""
+    settings = table(0, tmp_path, make_key(tmp_path / "operator.key"), free_port())
+    settings["air"]["has_clock"] = has_clock
+    verify, sign = _verify(load(BoardSettings, settings)), signer(tmp_path / "operator.key", RUN)
+
+    def is_obeyed(ago_s: int) -> bool:
+        body = encode_command(HOLD._replace(number=int(time.time()) - ago_s, life_s=60.0))
+        return verify(Signed(body, sign(body)))
+
+    assert [is_obeyed(ago_s) for ago_s in (0, 36_000, -36_000)] == obeyed
+    assert len(caplog.records) == (obeyed.count(False) > 0)
 
 
 def script(folder: Path, commands: Sequence[dict[str, Any]] = SCRIPT) -> list[str]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import (
+    AHEAD_S,
     Command,
     CommandForm,
     Relayed,
@@ -30,9 +31,6 @@ ANSWERED_S = 600.0
 
 MAX_KNOWN = 4096
 """Numbers of commands that an agent remembers; when it has more, those below its newest ones count as known."""
-
-AHEAD_S = 128.0
-"""Maximum lead of numbers over the operator's clock: several commands may be given in one second."""
 
 CLOCK_DRIFT = 1e-3
 """Bound on the relative drift of an agent's clock from the operator's [s/s]."""
