@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.results.run_tables import PROBES, read_rows
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
-from deltaswarm_sessions.folder import RECORD, answers, read_record, summary_of, unsealed_in
+from deltaswarm_sessions.folder import RECORD, SUMMARY, answers, read_record, summary_of, unsealed_in
 from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
 
 MAX_NAMED = 8
@@ -31,6 +31,9 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     Raises:
         CommandError: there is no session, or a file of one cannot be read or has been changed.
     """
+    begun = {file.parent.parent for file in sessions.glob(f"participant-*/*/{SUMMARY}")}
+    if lacking := sorted(str(folder) for folder in begun if not (folder / RECORD).exists()):
+        raise CommandError(f"{lacking[0]} has runs and no {RECORD}; restore it, or move the folder away")
     folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
     if not folders:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")

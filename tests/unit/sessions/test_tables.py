@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
@@ -297,3 +298,12 @@ def test_the_command_ends_with_the_runs_that_are_not_valid(tmp_path: Path, capsy
     [participant] = rows_of(tmp_path / "data" / "participants.tsv")
     assert (participant["complete"], participant["invalid"], participant["training_runs"]) == ("0", "1", "0")
     assert rows_of(tmp_path / "data" / "runs.tsv")[1]["invalid_because"] == because[0]
+
+
+def test_a_participant_without_a_record_is_not_left_out(tmp_path: Path) -> None:
+    """Whose runs are there; tables without them would look whole."""
+    for number in (1, 2):
+        a_participant(tmp_path / "sessions", number, "AB")
+    (tmp_path / "sessions" / "participant-002" / RECORD).unlink()
+    with pytest.raises(CommandError, match="participant-002 has runs and no"):
+        write_tables(tmp_path / "sessions", tmp_path / "data")
