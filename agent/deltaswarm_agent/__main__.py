@@ -3,7 +3,6 @@
 import argparse
 import logging
 import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import described
 from deltaswarm_wire.plugins import controller_settings
+from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.settings import AgentSettings
 
 
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             run=arguments.run,
             agent=arguments.id,
             link=link_of(arguments, AGENT, arguments.id, arguments.low_latency),
-            settings=checked.load(AgentSettings, tomllib.loads(arguments.settings.read_text(encoding="utf-8"))),
+            settings=checked.load(AgentSettings, read_toml(arguments.settings)),
             restart=arguments.restart,
             world_lost_s=arguments.world_lost_s,
             checkpoints=arguments.checkpoints,

@@ -7,7 +7,6 @@ import argparse
 import logging
 import socket
 import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -37,6 +36,7 @@ from deltaswarm_wire.child import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import described
+from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.session import RouterLink, air_pairs, protocol_of, tls_pairs
 
 NO_WORLD = "--no-world"
@@ -144,9 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _world(arguments: argparse.Namespace) -> WorldSource:
-    briefing = arguments.briefing and checked.load(
-        Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8"))
-    )
+    briefing = arguments.briefing and checked.load(Briefing, read_toml(arguments.briefing))
     config = WorldSourceConfig(
         briefing=briefing,
         station=_end(arguments.channel_fd),

@@ -4,7 +4,6 @@ import argparse
 import logging
 import secrets
 import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import blamed, described
+from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.session import CERTIFIED, RouterLink, protocol_of
 from deltaswarm_world.io.process import run_world
 from deltaswarm_world.io.saving import WorldConfig, load
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
-        scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text(encoding="utf-8")))
+        scenario = checked.load(Scenario, read_toml(arguments.scenario))
         kinds = sorted({fault.kind for fault in scenario.fault if fault.to_process})
         if RECORDER not in (arguments.expect or ()) and kinds:
             raise ValueError(f"fault: {', '.join(kinds)} needs `deltaswarm run`, which controls the processes")

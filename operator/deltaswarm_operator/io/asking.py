@@ -7,7 +7,6 @@ import signal
 import socket
 import sys
 import time
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import Parser
+from deltaswarm_wire.reading import read_toml
 
 
 def parser() -> argparse.ArgumentParser:
@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Ask until all is answered, the time is over, the station has gone or a signal ends it."""
     arguments = parser().parse_args(argv)
-    briefing = checked.load(Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8")))
+    briefing = checked.load(Briefing, read_toml(arguments.briefing))
     console, inbox = Console(briefing), queue.SimpleQueue[bytes | None]()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     end, out = socket.socket(fileno=arguments.channel_fd), arguments.out
