@@ -140,6 +140,26 @@ def test_whether_compared_runs_saw_the_same_arrivals_is_said() -> None:
     assert "in 30 of 40 pairs" in places
 
 
+def test_evidence_is_the_same_from_its_saved_tables(tmp_path: Path) -> None:
+    """Rows of variants that the study no longer has are left out; a digest that is empty was not recorded."""
+    study = made(OWN + LIMIT)
+    runs = table(worse_at_90).assign(**{"arrivals.times": [f"t{row}" for row in range(60)], "arrivals.places": ""})
+    more = runs.head(1).assign(variant="loss=0.7, hybrid 3")
+    Evidence.of_sweep(study, runs, NONE).save(tmp_path)
+    saved = pd.read_csv(tmp_path / "runs.csv")
+    pd.concat([more[["variant", "replicate", "seed"]], saved]).to_csv(tmp_path / "runs.csv", index=False)
+    found = Evidence.of_folder(study, tmp_path)
+    assert (len(found.runs), found.runs.index[0], found.incomplete) == (60, 0, [])
+    assert found.runs["digest"].isna().all()
+    times, places = found.arrivals
+    assert "in 0 of 40 pairs" in times
+    assert "not recorded" in places
+    pd.testing.assert_frame_equal(found.contrasts, contrasts_of(study, runs_of(study, runs, NONE)))
+    saved.assign(variant="gone").to_csv(tmp_path / "runs.csv", index=False)
+    with pytest.raises(ValueError, match=r"/runs\.csv must have runs of the study's variants, such as 'loss=0\.0, dec"):
+        Evidence.of_folder(study, tmp_path)
+
+
 def test_a_finding_that_is_no_longer_carried_is_named() -> None:
     """By the result that fails it; one that is carried is not."""
     own = OWN + LIMIT + (
