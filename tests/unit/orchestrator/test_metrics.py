@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.results.outcome import (
     percentile_95,
     time_until,
 )
-from deltaswarm_orchestrator.results.summary import computed
+from deltaswarm_orchestrator.results.summary import EVERY_KEY, computed
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -318,3 +318,17 @@ def test_a_step_row_counts_completed_events() -> None:
     ]
     assert [t.events_completed for t in outcome.step_records] == done
     assert done[-1] > 5
+
+
+WHOLE = """
+completed person.items person.read person.missed person.replaced person.unread.max person.unread.last person.commands
+person.commands_by_state.done task.hits task.misses task.false_alarms task.correct_rejections task.unjudged task.events
+person.questions person.answers_missing autonomy.changes autonomy.vetoes operator_restarts
+"""
+
+
+def test_counts_are_whole_numbers() -> None:
+    """Tables of sessions write them without a point; only the share of right answers is known after the summary."""
+    assert {metric.key for metric in EVERY_KEY if metric.is_whole} == {*WHOLE.split()}
+    assert [metric.key for metric in EVERY_KEY if not metric.is_in_summary] == ["person.situation_right_share"]
+    assert {metric.study for metric in EVERY_KEY} >= {"person_isa", "person_load", "person_commands"}
