@@ -67,6 +67,10 @@ class AgentState(NamedTuple):
     delta: int = 0
 
 
+NOBODY_LEFT = "no agent was left"
+"""Why a run ends of which all agents have failed."""
+
+
 class EventState(NamedTuple):
     """One event that is incomplete or changed in this step. Times in s; None: not yet."""
 

@@ -10,6 +10,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome, RunData
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Measure
 from deltaswarm_scenario.techniques import measures
+from deltaswarm_scenario.truth import NOBODY_LEFT
 from deltaswarm_wire.keys import WORLD
 
 MAX_NAMED = 5
@@ -52,7 +53,7 @@ def why_invalid(run: RunData) -> list[str]:
     outcome = run.outcome
     reasons = []
     if not outcome.is_complete:
-        nobody = ": no agent was left" if outcome.world.get("deserted") else ""
+        nobody = f": {NOBODY_LEFT}" if outcome.world.get("deserted") else ""
         reasons.append(f"the run did not reach its last step{nobody}")
     reasons += missing_agents(run)
     if lost := lost_on_fabric(run):

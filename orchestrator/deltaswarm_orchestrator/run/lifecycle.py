@@ -31,6 +31,7 @@ from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses, tol
 from deltaswarm_orchestrator.run.debugger import Debugger
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import NOBODY_LEFT
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.plugin_errors import described, is_interrupt
@@ -285,7 +286,8 @@ class _Run:
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
         if not summary["complete"]:
             cause = self.ending.cause
-            summary["invalid_because"][0] += f": {reason if cause is None else self._line(cause, self.outcome)}"
+            line = reason if cause is None else self._line(cause, self.outcome).removeprefix(f"{NOBODY_LEFT}: ")
+            summary["invalid_because"][0] += f": {line}"
         ending = {
             "exit_reason": reason,
             "why": why,
@@ -301,7 +303,8 @@ class _Run:
         for part in self.ending.agents:
             is_early = not outcome.step_records and part.has_failed
             if is_early or (part.number in lost and part.exit_code is not None):
-                outcome.causes[part.number] = part.how_it_ended().removeprefix(f"{part.name} ").removeprefix("was ")
+                cause = part.how_it_ended().removeprefix(f"{part.name} ").removeprefix("was ")
+                outcome.causes[part.number] = cause.removeprefix(f"ended with exit code {part.exit_code}: ")
 
     def _whys(self, outcome: Outcome) -> list[str]:
         """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""

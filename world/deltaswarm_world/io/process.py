@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import Callable
 
-from deltaswarm_scenario.truth import StepRecord, encode_truth, encode_wire
+from deltaswarm_scenario.truth import NOBODY_LEFT, StepRecord, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.child import FAILED, GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
@@ -241,7 +241,7 @@ class WorldProcess:
         patience_s = settings.start_timeout_s if participants.boards else settings.step_timeout_s
         self._loop.wait_until(lambda: bool(participants.present or self._wakeup.stop_requested), patience_s)
         if not participants.present and not self._wakeup.stop_requested:
-            log.error("no agent is left after step %d", participants.step)
+            log.critical(NOBODY_LEFT)
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""
@@ -357,4 +357,6 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
                 transport.close()
                 wakeup.close()
                 slow_links.close()
+    if not complete and saved.core.is_deserted and not wakeup.stop_requested:
+        return GAVE_UP
     return 0 if complete else ended_by(wakeup.stopped_by)
