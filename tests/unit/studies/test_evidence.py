@@ -293,6 +293,32 @@ def test_a_swarm_that_says_too_little_is_not_back(loads: list[float], back_s: fl
     assert (found["high_s"] == found["back_s"]).all()
 
 
+@in_one_test(("fault", "reference", "back_s"), [(0, 0, 100.0), (0, 4, math.inf), (4, 0, math.inf), (1, 1, 100.0)])
+def test_nothing_is_like_nothing_and_unlike_something(fault: float, reference: float, back_s: float) -> None:
+    """Messages per step of the swarms with a fault and without it."""
+    study = made(
+        OWN + '[[recovery]]\nmetric = "messages"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
+        "after_s = 400.0\nwindows = 3\n"
+    )
+    told = series(lambda *_: 20.0)
+    told["operator_messages"] = told["variant"].str.startswith("loss=0.5").map({True: fault, False: reference})
+    assert recovery_of(study, windows_with_levels(study, told))["back_s"].tolist() == [back_s] * 2
+
+
+def test_means_over_events_are_compared_whatever_their_number() -> None:
+    """Twice as many events with the same waiting is like the other swarm; one long wait among many counts once."""
+    study = made(OWN + '[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\nafter_s = 400.0\n')
+    told = series(lambda *_: 20.0)
+    is_fault = told["variant"].str.startswith("loss=0.5")
+    told.loc[is_fault, "events_followed"] = 10.0
+    assert recovery_of(study, windows_with_levels(study, told))["back_s"].tolist() == [100.0] * 2
+    is_long = is_fault & (told["replicate"] == 0)
+    told.loc[is_long, ["events_followed", "waiting_time_s"]] = [1.0, 400.0]
+    assert recovery_of(study, windows_with_levels(study, told))["back_s"].tolist() == [100.0] * 2
+    told.loc[is_long, "events_followed"] = 10.0
+    assert recovery_of(study, windows_with_levels(study, told))["back_s"].tolist() == [math.inf] * 2
+
+
 def test_less_waiting_is_no_fault() -> None:
     """What should be little may be as little as it likes; a single run has no interval, too few windows no answer."""
     own = '[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\nafter_s = {}\n'
