@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.replay import write_steps
 from deltaswarm_orchestrator.results import resume
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
-from deltaswarm_orchestrator.sweeps.folder import SweepFolder
+from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.table import read_series, read_table
 from deltaswarm_scenario.person_tables import ProbeRow
@@ -77,6 +77,8 @@ def make_all(at: Path) -> dict[str, Store]:
         SweepFolder(folder).check("own")
         results = [SweepFolder(folder).result(job) for job in jobs]
         manifest = seal.checked(folder / seal.MANIFEST)
+        if "swept" not in manifest:  # as `deltaswarm report` does
+            raise SweepFolderError("no sweep")
         tables = read_table(folder / "table.csv"), read_series(folder / "series.csv"), read_table(folder / "costs.csv")
         plan_of = load_sweep(str(folder / "sweep.toml")).jobs()
         return FOUND if None in results else [results, manifest, [job.key for job in plan_of], *map(_cells, tables)]

@@ -237,7 +237,7 @@ def test_a_file_without_a_session_is_refused(tmp_path: Path) -> None:
         (1, '[[session.condition]]\nlabel = "training"\n', "session.condition", "training, training, A"),
         *(
             (1, f'[[session.condition]]\nlabel = "{label}"\n', "session.condition[0].label", repr(label))
-            for label in ("a/b", "", "a ", ".a", "a\u200b")
+            for label in ("a/b", "", "a ", ".a", "a\u200b", "..", "x" * 101)
         ),
         (1, FORMS.replace('"end"', '"you"'), "session.form", "you, trust, you"),
     ],

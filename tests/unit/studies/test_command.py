@@ -224,6 +224,31 @@ def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: P
     assert name in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["runs.csv", "runs.parquet", "provenance.csv", "estimates.csv", "seal.json"])
+@pytest.mark.parametrize("what", ["--render", "--check"])
+def test_an_edited_table_of_a_study_is_not_published(
+    done: Path, name: str, what: str, tmp_path: Path, capsys: Printed
+) -> None:
+    """Though it is well-formed. Without the seal, the page says that nothing vouches for it."""
+    folder = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    data = (folder / name).read_bytes()
+    place = max(data.rfind(digit) for digit in (b"1", b"2", b"4"))
+    (folder / name).write_bytes(data[:place] + b"7" + data[place + 1 :])
+    command = ["study", str(done / "own.toml"), "--out", str(folder)]
+    page = (folder / "page.md").read_bytes()
+    assert main([*command, what]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert name in line
+    assert "seal.json" in line
+    assert (folder / "page.md").read_bytes() == page
+    (folder / "seal.json").unlink()
+    if (what, name) == ("--render", "estimates.csv"):  # made from the runs again
+        assert main([*command, what]) == 0
+        assert "not sealed" in capsys.readouterr().err
+        assert "not sealed: not known whether they have changed" in (folder / "page.md").read_text()
+        assert not (folder / "seal.json").exists(), "what was not sealed must not get a seal by being read"
+
+
 def test_what_is_no_study_is_said(tmp_path: Path, capsys: Printed) -> None:
     """A name that is not known, a folder without tables."""
     assert main(["study", "papre"]) == 2

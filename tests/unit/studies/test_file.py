@@ -316,3 +316,10 @@ def test_a_study_file_is_a_sweep_too(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "own.toml").write_text(SWEEP + OWN)
     assert main(["sweep", str(tmp_path / "own.toml"), "--dry-run"]) == 0
     assert "6 variants x 10 replicates" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["", "..", "../page", "/tmp/x", "a/b", "a\\u0000", "x" * 300])
+def test_a_figures_name_stays_in_its_folder(name: str) -> None:
+    """It becomes the name of a file, so it is refused when the study is read."""
+    with pytest.raises(SettingsError, match=r"figure\[0\]\.name.*must be a file's name"):
+        made(f'{OWN}[[figure]]\nname = "{name}"\nmetric = "messages"\nx = "loss"\n')
