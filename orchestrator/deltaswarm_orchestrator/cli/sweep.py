@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     show,
     whole,
 )
+from deltaswarm_wire.plugin_errors import distinct
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
@@ -121,7 +122,7 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
         raise CommandError(str(error), FAILED) from None
     complaints = [
         *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
-        *(f"failed: {reason}" for reason in result.failed[:MAX_TOLD]),
+        *(f"failed: {reason}" for reason in each_trace_once(result.failed[:MAX_TOLD])),
         *(f"digests differ between one process and real processes: {name}" for name in result.differing),
     ]
     if (versions := len(result.manifest["code"])) > 1:
@@ -175,3 +176,11 @@ def described(result: "SweepResult") -> str:
             str(result.folder / "table.csv"),
         ]
     )
+
+
+def each_trace_once(reasons: Sequence[str]) -> Iterator[str]:
+    """Yield what failed; a traceback that was shown for an earlier one is left out."""
+    traces = {reason: trace for reason in reasons if (trace := reason.partition("\nTraceback ")[2])}
+    first = {whose[0] for whose in distinct(traces).values()}
+    for reason in reasons:
+        yield reason.partition("\nTraceback ")[0] if reason in traces.keys() - first else reason

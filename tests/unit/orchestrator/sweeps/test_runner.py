@@ -14,7 +14,7 @@ import pytest
 
 from deltaswarm_orchestrator.base.seal import SealError
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.sweep import described
+from deltaswarm_orchestrator.cli.sweep import described, each_trace_once
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work
@@ -371,3 +371,10 @@ def test_a_result_that_cannot_be_written_ends_the_sweep_as_a_failure(
         conducted(sweep, out, Here())
     assert str(SweepFolder(out).file(sweep.jobs()[0], IN_PROCESS)) in str(caught.value)
     assert caught.value.code == 1
+
+
+def test_the_traceback_of_many_runs_is_shown_once() -> None:
+    """Each run has its line; one that raised elsewhere has its own traceback, and other texts stay whole."""
+    here, there = (f'\nTraceback (most recent call last):\n  File "a.py", line {line}, in step\n' for line in (1, 2))
+    failed = [f"a{here}KeyError: 1", f"b{here}KeyError: 2", f"c{there}KeyError: 1", "d\nits log", "e\nits log"]
+    assert [*each_trace_once(failed)] == [failed[0], "b", *failed[2:]]
