@@ -1,33 +1,35 @@
 """Every metric of a run: its name, unit, meaning and computation, and where it is shown.
 
-A new metric is one entry of `METRICS`, with its computation in it. The summary of a run, the table and the time series
-of a sweep, studies, sessions, `deltaswarm info` and docs/RESULTS.md follow from the entry. `summary.py` has the other
-keys of the summary.
+A new metric is one entry of `METRICS`; computations that several share are in `outcome.py`. The summary of a run, the
+table and the time series of a sweep, studies, sessions, `deltaswarm info` and docs/RESULTS.md follow from the entry.
+`summary.py` has the other keys of the summary.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
 
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
     SENSED,
     TOLD,
     WORKED,
+    Compute,
     Moment,
-    RunData,
     arrival_digests,
+    by_reason,
     known,
+    mean,
     mean_of,
     median_of,
+    newest,
+    per_second,
     percentile_95,
+    share_beyond_horizon,
+    time_to,
+    total,
     waits,
 )
 from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS
-
-Compute = Callable[[RunData], Any]
 
 PER_STEP, RATE, COUNT, PER_EVENT = "per step", "rate", "count", "per event"
 
@@ -72,58 +74,6 @@ class Metric:
     """Whether it is a whole number."""
     is_restricted: bool = False
     """Whether the horizon is its ceiling: as large as that, it says nothing but that it is no less."""
-
-
-# Computations
-
-
-def mean(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgetter("steps")) -> Compute:
-    """Average a column over the steps that have a value."""
-    return lambda run: mean_of(known(rows(run), column))
-
-
-def per_second(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgetter("steps")) -> Compute:
-    """Average a count per step over the steps, per second."""
-
-    def compute(run: RunData) -> float | None:
-        per_step = mean_of(known(rows(run), column))
-        return None if per_step is None else per_step / run.scenario.run.step_s
-
-    return compute
-
-
-def total(column: str) -> Compute:
-    """Sum a column over the steps."""
-    return lambda run: sum(known(run.steps, column))
-
-
-def by_reason(drops: str, reasons: Iterable[str]) -> Compute:
-    """Sum drops over the run, by reason: these reasons first, then those of radio models from outside."""
-
-    def compute(run: RunData) -> dict[str, int]:
-        sums = Counter(dict.fromkeys(reasons, 0))
-        for record in run.steps:
-            sums.update(getattr(record, drops))
-        return dict(sums)
-
-    return compute
-
-
-def newest(column: str) -> Compute:
-    """Return a column's value in the last step."""
-    return lambda run: getattr(run.steps[-1], column) if run.steps else 0
-
-
-def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
-    """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
-    return lambda run: None if moment is TOLD and run.outcome.told_s is None else statistic(run.times_s(moment))
-
-
-def share_beyond_horizon(moment: Moment) -> Compute:
-    """Return the share of the followed events whose moment did not come within the horizon."""
-    return lambda run: time_to(
-        moment, lambda times_s: mean_of([time_s >= run.scenario.metrics.horizon_s for time_s in times_s])
-    )(run)
 
 
 def until(moment: Moment, state: str, mean: str, median: str, study: str, column: str, session: str) -> list[Metric]:

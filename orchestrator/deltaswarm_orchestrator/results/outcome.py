@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -148,3 +149,56 @@ def arrival_digests(events: Iterable[EventState]) -> tuple[str, str]:
     columns = ([event.arrived_s for event in ordered], [(event.x_m, event.y_m) for event in ordered])
     times, places = (hashlib.blake2b(repr(column).encode(), digest_size=8).hexdigest() for column in columns)
     return times, places
+
+
+Compute = Callable[[RunData], Any]
+"""The computation of a metric."""
+
+
+def mean(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgetter("steps")) -> Compute:
+    """Average a column over the steps that have a value."""
+    return lambda run: mean_of(known(rows(run), column))
+
+
+def per_second(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgetter("steps")) -> Compute:
+    """Average a count per step over the steps, per second."""
+
+    def compute(run: RunData) -> float | None:
+        per_step = mean_of(known(rows(run), column))
+        return None if per_step is None else per_step / run.scenario.run.step_s
+
+    return compute
+
+
+def total(column: str) -> Compute:
+    """Sum a column over the steps."""
+    return lambda run: sum(known(run.steps, column))
+
+
+def by_reason(drops: str, reasons: Iterable[str]) -> Compute:
+    """Sum drops over the run, by reason: these reasons first, then those of radio models from outside."""
+
+    def compute(run: RunData) -> dict[str, int]:
+        sums = Counter(dict.fromkeys(reasons, 0))
+        for record in run.steps:
+            sums.update(getattr(record, drops))
+        return dict(sums)
+
+    return compute
+
+
+def newest(column: str) -> Compute:
+    """Return a column's value in the last step."""
+    return lambda run: getattr(run.steps[-1], column) if run.steps else 0
+
+
+def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
+    """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
+    return lambda run: None if moment is TOLD and run.outcome.told_s is None else statistic(run.times_s(moment))
+
+
+def share_beyond_horizon(moment: Moment) -> Compute:
+    """Return the share of the followed events whose moment did not come within the horizon."""
+    return lambda run: time_to(
+        moment, lambda times_s: mean_of([time_s >= run.scenario.metrics.horizon_s for time_s in times_s])
+    )(run)

@@ -5,8 +5,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from deltaswarm_orchestrator.results.metrics import METRICS, Compute, Metric
-from deltaswarm_orchestrator.results.outcome import Outcome, RunData
+from deltaswarm_orchestrator.results.metrics import METRICS, Metric
+from deltaswarm_orchestrator.results.outcome import Compute, Outcome, RunData
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Measure
 from deltaswarm_scenario.techniques import measures
