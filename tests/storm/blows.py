@@ -125,7 +125,8 @@ def _told(summary: dict, manifest: dict, seen: Seen, blow: Blow) -> list[str]:
     expected, may_be_silent = f"{target} was (killed|ended) by {name}.*", is_complete
     if blow.target == FORK_SERVER or not seen.landed or blow.goes_on_at_s is not None:
         expected, may_be_silent = "", True  # nothing is lost: the run is as if nothing had been
-        found += [] if is_complete and summary["valid"] else [f"not complete and valid: {why}"]
+        may_hang = seen.landed and blow.target.startswith("agent")  # for longer than a step waits
+        found += [] if is_complete and (summary["valid"] or may_hang) else [f"not complete and valid: {why}"]
     elif blow.target == ORCHESTRATOR:
         expected, may_be_silent = "", True
         if not is_complete and manifest["exit_reason"] != f"stopped by {name}":
@@ -136,6 +137,12 @@ def _told(summary: dict, manifest: dict, seen: Seen, blow: Blow) -> list[str]:
             "operator": "operator was stopped by a signal; .*",
         }.get(blow.target, f"{target} was stopped by a signal; .*")
         may_be_silent = is_complete
+    counts, is_agent = summary["agent_steps"], blow.target.startswith("agent")
+    missed = (counts["due"] or 0) - (counts["answered"] or 0)
+    if is_complete and missed and not is_agent:
+        found.append(f"{missed} agent-steps without an answer, though no agent was struck")
+    if is_complete and not missed and is_agent and why:
+        found.append("every agent-step is answered, though an agent ended")
     if not why:
         return found if may_be_silent else [*found, "why is empty"]
     if not re.fullmatch(expected, why[0]):
