@@ -267,7 +267,9 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
 
     try:
         grid = read_grid(density.file)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        return [Problem("events.density.file", repr(density.file), f"must be readable ({error.strerror})")]
+    except ValueError as error:
         allowed = "must be a table of finite weights >= 0 with a positive sum"
         return [Problem("events.density.file", f"{density.file!r}: {error}", allowed)]
     if not (obstacles := scenario.arena.obstacles):

@@ -150,7 +150,6 @@ def test_the_version_is_the_packages(capsys: Printed) -> None:
         ["run", "smoke", "smoke"],
         ["info"],
         ["doctor", "smoke", "me"],
-        ["why", "runs/a", "1", "2"],
         ["why", "runs/a", "1", "b", "--at", "3"],
     ],
     ids=lambda value: " ".join(value) or "nothing",

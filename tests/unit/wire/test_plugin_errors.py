@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_wire import plugin_errors
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.plugin_errors import PluginError, blamed, distinct, is_interrupt
 from deltaswarm_wire.plugins import CONTROLLERS, RADIO_MODELS, find
@@ -43,6 +44,7 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """A module that was loaded as a plug-in."""
     (tmp_path / "own_plugin.py").write_text(PLUGIN)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(plugin_errors, "_plugins", set())  # other tests load plug-ins from the package of tests
     find(RADIO_MODELS._replace(needed=()), "own_plugin:raises", "radio.models")
     yield importlib.import_module("own_plugin")
     sys.modules.pop("own_plugin", None)

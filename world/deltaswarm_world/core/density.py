@@ -196,4 +196,5 @@ def load_grid(file: str) -> Floats:
     try:
         return read_grid(file)
     except (OSError, ValueError) as error:
-        raise SettingsError([Problem("events.density.file", repr(file), f"must be a grid: {error}")]) from None
+        why = f"must be readable ({error.strerror})" if isinstance(error, OSError) else f"must be a grid: {error}"
+        raise SettingsError([Problem("events.density.file", repr(file), why)]) from None

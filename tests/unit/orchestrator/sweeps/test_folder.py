@@ -24,12 +24,13 @@ def kept(folder: Path, sweep: Sweep, means: str = IN_PROCESS, **result: Any) -> 
     own = SweepFolder(folder)
     own.runs.mkdir(parents=True, exist_ok=True)
     for job in sweep.jobs():
-        own.save(job, means, result)
+        own.save(job, means, {"seed": job.scenario.seed, "means": means, **result})
     return folder
 
 
 def results(folder: Path, sweep: Sweep) -> list[dict[str, Any] | None]:
-    return [SweepFolder(folder).result(job) for job in sweep.jobs()]
+    found = [SweepFolder(folder).result(job) for job in sweep.jobs()]
+    return [result and {name: result[name] for name in result if name not in ("seed", "means")} for result in found]
 
 
 def test_a_run_is_taken_over_as_it_is(tmp_path: Path) -> None:

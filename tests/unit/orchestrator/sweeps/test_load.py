@@ -232,7 +232,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "not a number": ({"axes": {"radio.loss": [float("nan")]}}, "radio.loss: nan"),
     "grid not there": (
         {"variants": [{"events.density.kind": "grid", "events.density.file": "/no/such.csv"}]},
-        "events.density.file: '/no/such.csv' cannot be read",
+        "events.density.file must be readable (No such file or directory) (got '/no/such.csv')",
     ),
 }
 
