@@ -237,6 +237,7 @@ def keys_in(folder: Path) -> list[Path]:
     return list(folder.rglob("*.key"))
 
 
+@pytest.mark.slow
 def test_a_worker_and_its_supervisor_killed_together_leave_no_keys(tmp_path: Path) -> None:
     """The agents remove them as they end; the next worker removes the folder, and no other's."""
     with an_actor(tmp_path) as (worker, supervisor):

@@ -100,8 +100,10 @@ def test_real_time_is_never_faster_than_its_factor(tmp_path: Path, factor: int, 
     """100 simulated seconds take 100 s over the factor at least; where the machine is slower, the run says so."""
     options = ["--set", "run.clock=realtime", "--set", f"run.real_time_factor={factor}", "--set", "run.duration_s=100"]
     with running(tmp_path / "run", "--record", "off", *options) as swarm:
-        errors = swarm.end_well()
+        code, _, errors = swarm.finish()
         summary = swarm.summary()
+    assert code == (0 if summary["valid"] else 1)  # agents that cannot follow at all may count as hung
+    assert summary["valid"] or not can_be_held
     assert (summary["complete"], summary["steps"]) == (True, 100)
     assert summary["wall_s"] >= 100 / factor
     overruns = summary["realtime_overruns"]
