@@ -19,8 +19,9 @@ MAX_NAMED = 5
 NO_LINK = "its process ended, or its link to the world was cut"
 """The cause of a failure of which the world knows no more."""
 
-HUNG_STEPS = 20
-"""By the wall clock, an agent hangs that misses so many steps in a row, or as many as `run.step_timeout_s` has."""
+HUNG_STEPS, HUNG_S = 20, 1.0
+"""By the wall clock, an agent hangs that misses so many steps in a row and for so long [wall s], or for the whole of
+`run.step_timeout_s`."""
 
 OFTEN = 5
 """Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
@@ -88,7 +89,8 @@ def hung_agents(run: RunData) -> list[dict[str, Any]]:
     cause = f"no answer within {settings.step_timeout_s:g} s (run.step_timeout_s)"
     if settings.clock == "realtime":
         tick_s = settings.step_s / settings.real_time_factor
-        least = min(HUNG_STEPS, math.ceil(settings.step_timeout_s / tick_s))
+        longest_s = max(HUNG_S, HUNG_STEPS * tick_s)  # else a machine that is busy for a moment spoils a fast run
+        least = math.ceil(min(longest_s, settings.step_timeout_s) / tick_s)
         rows = [row for row in rows if row["longest"] >= least]
         cause = f"no answer in {least} steps of {tick_s:g} s or more in a row"
     return [{**row, "cause": cause} for row in rows]
