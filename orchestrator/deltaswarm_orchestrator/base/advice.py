@@ -1,9 +1,10 @@
-"""Command lines in advice to the user: those that were given, completed, and quoted for a shell."""
+"""Command lines for a shell and for processes, and in advice to the user: those that were given, completed."""
 
 import shlex
 from argparse import Namespace
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 
 def command_line(*words: object) -> str:
@@ -18,9 +19,13 @@ def as_given(arguments: Namespace, *, without: Collection[str] = ()) -> str:
 
 def options_given(arguments: Namespace, names: Iterable[str]) -> list[str]:
     """Return those of some options that were given, by the names of their values, as words of a command line."""
+    return option_words({f"--{name.replace('_', '-')}": getattr(arguments, name) for name in names})
+
+
+def option_words(options: Mapping[str, Any]) -> list[str]:
+    """Return options as words: those that are True alone, those with a value as `--name=value`, each item of a list."""
     words = []
-    for name in names:
-        option, value = f"--{name.replace('_', '-')}", getattr(arguments, name)
+    for option, value in options.items():
         for one in value if isinstance(value, list) else [value]:
             if one is True:
                 words.append(option)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import limits
+from deltaswarm_orchestrator.base.advice import option_words
 from deltaswarm_orchestrator.base.kernel import end_orphans
 from deltaswarm_orchestrator.base.signals import spared_by_ctrl_c
 from deltaswarm_orchestrator.processes import entry_point
@@ -181,7 +182,7 @@ class Starter:
         log_file = self._logs / f"{role}-{number}.log"
         log_begins_at = log_file.stat().st_size if log_file.exists() else 0
         held = None if lock is None else lock.shared()
-        environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
+        environment, argv = {PASSWORD_VARIABLE: password} if password else {}, option_words(options)
         process = self._context.Process(
             target=entry_point.main,
             args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channels, held),
@@ -289,14 +290,3 @@ def room_for(agents: int) -> list[tuple[str, str]]:
     if agents * LEASE_MS_PER_AGENT > ZENOH_LEASE_MS:
         rooms.append((LEASE, str(agents * LEASE_MS_PER_AGENT)))
     return rooms + [(f"transport/unicast/{side}_timeout", str(HANDSHAKE_MS)) for side in ("open", "accept")]
-
-
-def _command_line(options: Options) -> list[str]:
-    argv = []
-    for option, value in options.items():
-        for item in value if isinstance(value, list) else [value]:
-            if item is True:
-                argv.append(option)
-            elif item is not None and item is not False:
-                argv.append(f"{option}={item}")
-    return argv
