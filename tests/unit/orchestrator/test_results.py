@@ -277,6 +277,17 @@ def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) ->
     assert found["told_s"]["median"] > found["waiting_time_s"]["restricted_median"]
 
 
+def test_a_mean_at_the_horizon_is_shown_as_longer() -> None:
+    """What took longer than events are followed is no measured time; what is below it is."""
+    outcome = whole()
+    outcome.events = [event(1, 0.0, 0.5, None), event(2, 0.5, 1.0, None)]
+    shown = {label: value for label, value, _ in main_rows(summarise(outcome, a_scenario()))}
+    assert shown["mean time until complete"] is None  # no event could be followed for 600 s
+    scenario = load(Scenario, {"run": {"step_s": STEP_S}, "metrics": {"horizon_s": 2.0}})
+    shown = {label: value for label, value, _ in main_rows(summarise(outcome, scenario))}
+    assert (shown["mean time until sensed"], shown["mean time until complete"]) == (0.5, "> 2")
+
+
 def test_the_main_rows_are_the_labelled_metrics() -> None:
     """Each with its value and unit, and after the dropped reports a row for each reason that occurred."""
     summary = summarise(whole(reports_dropped_loss=range(6)), a_scenario(duration_s=3.0))

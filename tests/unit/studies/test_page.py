@@ -104,6 +104,18 @@ def test_a_surprise_is_a_claim_refuted_against_expectation() -> None:
         assert len(found.surprises) == count
 
 
+def test_a_page_says_how_many_tests_and_families_it_holds(evidence: Evidence) -> None:
+    """A family is a contrast with a metric, or all claims of one source; one in twenty may show what is not there."""
+    contrasts = {(row["contrast"], row["metric"]) for _, row in evidence.contrasts.iterrows()}
+    sources = {row["source"] for _, row in evidence.claims.iterrows()}
+    tests, families = len(evidence.contrasts) + len(evidence.claims), len(contrasts) + len(sources)
+    assert min(len(contrasts), len(sources)) > 0
+    said = pages(made(ASKED), evidence, PROVENANCE)[1]
+    assert f"{tests} tests in {families} families" in said
+    [expected] = re.findall(r"at most (\S+) families", said)
+    assert abs(float(expected) - families / 20) < 0.06
+
+
 def test_too_few_replicates_are_told(evidence: Evidence) -> None:
     """With how many are needed."""
     few = evidence.runs[evidence.runs["replicate"] < 3]
