@@ -1,10 +1,12 @@
 """The world's process: no step is lost at the end of a run, what it is told is bounded, and its tables stay."""
 
+import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
+import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,7 +14,7 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.core.participants import MAX_RETURNS, Participants
@@ -23,6 +25,7 @@ from deltaswarm_world.io.process import WorldProcess
 from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.transport import Transport
 from deltaswarm_world.io.wakeup import ControlInput, ControlQueue, Persisted, Token, Wakeup
+from tests.support.swarms import wait_until
 
 LAST = 3
 AGENTS = [Token(AGENT, agent, True) for agent in range(6)]
@@ -232,3 +235,27 @@ def test_what_a_resumed_run_needs_stays(complete: bool, may_resume: bool, tmp_pa
         output.finish(WorldCore(load(Scenario, {})), complete, 0, may_resume=may_resume)
     assert (tmp_path / EVENTS_SO_FAR).exists() == (may_resume or not complete)
     assert (tmp_path / "events.csv").exists()
+
+
+def test_no_sample_on_its_way_holds_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flood fills the queue again after the world's last look at it; Zenoh's thread must not wait there for ever."""
+    monkeypatch.setattr(Transport, "_relieve", lambda _: None)
+    settings = zenoh.Config()
+    settings.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(settings) as session:
+        keys = Keys("run")
+        transport = Transport(session, keys, 1)
+
+        sent: list[None] = []
+
+        def flood() -> None:
+            for _ in range(2 * transport.room):
+                session.put(keys.agent(0, "report"), b"x")
+                sent.append(None)
+
+        flooder = threading.Thread(target=flood, daemon=True)
+        flooder.start()
+        wait_until(lambda: len(sent) == transport.room, "a full queue")
+        transport.close()
+        flooder.join(10.0)
+        assert not flooder.is_alive()

@@ -134,6 +134,9 @@ class Transport:
         self._channel.undeclare()
         self._is_closed = True
         self._relief.join()
+        # A sample may still be on its way into the full queue, and would hold up Zenoh, and the end of the session, for
+        # ever: without its receiver the queue takes nothing.
+        del self._channel, self._handler
 
     def _relieve(self) -> None:
         """Empty the queue while the world does not, because sending or ending takes long.
