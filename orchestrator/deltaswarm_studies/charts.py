@@ -15,12 +15,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cbook import boxplot_stats
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.patheffects import withStroke
 
 from deltaswarm_studies import style
+from deltaswarm_studies.drawing import Drawing
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats, describe
 from deltaswarm_studies.study import Study
@@ -29,9 +31,6 @@ from deltaswarm_studies.swarm import snapshot, swarm
 
 COLUMNS = 3
 """Most panels side by side."""
-
-PLANES = ("plane", "frontier")
-"""Kinds of figures with a metric along each axis."""
 
 OUTLINE: dict[str, Any] = {"markeredgecolor": style.BLACK, "markeredgewidth": 0.4}
 
@@ -43,9 +42,9 @@ UPRIGHT = 7
 """With more categories than this, the names under the axis are rotated."""
 
 
-def boxes(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
+def boxes(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw one box per level of the factor `x` (and of the hue), with a point per replicate."""
-    shown = chosen(settings, runs, settings.variants)
+    shown = chosen(settings, evidence.runs, settings.variants)
     levels = levels_in(shown, settings.x, study)
     colours = levels_in(shown, settings.hue, study) if settings.hue else levels
     look_of = looks(study, settings.hue or settings.x)
@@ -66,12 +65,12 @@ def boxes(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
 
     legend = handles({name: look_of[name] for name in colours}, line=False) if settings.hue else []
     legend += [_PUBLISHED] if settings.published else []
-    return panels(settings, study, shown, draw, legend, study.factor_title(settings.x))
+    return panels(settings, study, evidence, shown, draw, legend, study.factor_title(settings.x))
 
 
-def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
+def levels(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw medians with exact 95 % intervals along a factor: at its levels' numbers if they have any, else evenly."""
-    shown = chosen(settings, runs, settings.variants)
+    shown = chosen(settings, evidence.runs, settings.variants)
     names = levels_in(shown, settings.x, study)
     places = study.numbers(settings.x)
     at = {name: places[name] if places else float(index) for index, name in enumerate(names)}
@@ -98,12 +97,14 @@ def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure
         if not places:
             _categories(axes, names)
 
-    return panels(settings, study, shown, draw, handles(look_of), study.factor_title(settings.x))
+    return panels(settings, study, evidence, shown, draw, handles(look_of), study.factor_title(settings.x))
 
 
-def time(settings: FigureSettings, study: Study, courses: pd.DataFrame) -> Figure:
+def time(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw means over the replicates with 95 % intervals, each over its window of time."""
-    courses = courses[courses["metric"] == settings.metric].rename(columns={"mean": settings.metric})
+    courses = evidence.courses
+    if len(courses):
+        courses = courses[courses["metric"] == settings.metric].rename(columns={"mean": settings.metric})
     shown = chosen(settings, courses, settings.variants)
     look_of = hues(settings, study, shown)
 
@@ -125,12 +126,12 @@ def time(settings: FigureSettings, study: Study, courses: pd.DataFrame) -> Figur
             axes.annotate(span.text, (span.from_s, 1.0), (3, -3), va="top", **place)
         axes.margins(x=0)
 
-    return panels(settings, study, shown, draw, handles(look_of, marker=False), "time [s]")
+    return panels(settings, study, evidence, shown, draw, handles(look_of, marker=False), "time [s]")
 
 
-def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
+def plane(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw a point per replicate, and an ellipse of one standard deviation around the mean of each level of the hue."""
-    shown = chosen(settings, runs, settings.variants)
+    shown = chosen(settings, evidence.runs, settings.variants)
     look_of = hues(settings, study, shown)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
@@ -146,12 +147,12 @@ def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
             number = style.delta_of(name)
             _annotate(axes, name if number is None else str(number), (x_at, y_at))
 
-    return panels(settings, study, shown, draw, handles(look_of), study.metrics[settings.x].label)
+    return panels(settings, study, evidence, shown, draw, handles(look_of), study.metrics[settings.x].label)
 
 
-def frontier(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
+def frontier(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw the median of each variant with its 95 % intervals, and join those of each path; lower left is better."""
-    shown = chosen(settings, runs, [*settings.variants, *itertools.chain(*settings.paths.values())])
+    shown = chosen(settings, evidence.runs, [*settings.variants, *itertools.chain(*settings.paths.values())])
     named = style.looks([*settings.paths, *settings.variants], repeat=True)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
@@ -176,7 +177,7 @@ def frontier(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figu
                     _annotate(axes, variant.rpartition(" ")[2], (x, y))
             axes.plot(*np.array(at).reshape(-1, 2).T, color=look.colour, linestyle=look.line, linewidth=1.0, zorder=1)
 
-    return panels(settings, study, shown, draw, handles(named), study.metrics[settings.x].label)
+    return panels(settings, study, evidence, shown, draw, handles(named), study.metrics[settings.x].label)
 
 
 _PUBLISHED = Line2D([], [], linestyle="none", marker="D", color=style.BLACK, markersize=3.2, label="published")
@@ -257,26 +258,28 @@ def _cloud(axes: Axes, points: Floats, look: Look) -> None:
     axes.scatter(points[:, 0], points[:, 1], s=14, marker=look.marker, color=look.colour, zorder=3, **edge_of)
 
 
-def swarms(settings: FigureSettings, study: Study) -> Figure:
+def swarms(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw the swarm of each variant at a moment of a run with the figure's seed."""
     scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
     runs = {name: replace(scenarios[name], seed=settings.seed) for name in settings.variants or scenarios}
-    return swarm({name: snapshot(scenario, settings.at_s) for name, scenario in runs.items()})
+    return Drawing(swarm({name: snapshot(scenario, settings.at_s) for name, scenario in runs.items()}))
 
 
 def panels(
     settings: FigureSettings,
     study: Study,
+    evidence: Evidence,
     rows: pd.DataFrame,
     draw: Callable[[Axes, pd.DataFrame], None],
     handles: Sequence[Line2D],
     x_label: str,
-) -> Figure:
+) -> Drawing:
     """Draw a panel per level of the facet, with shared axes, and a legend below all panels."""
     facets = levels_in(rows, settings.facet, study) if settings.facet else [""]
     columns = min(len(facets), COLUMNS)
     lines = math.ceil(len(facets) / columns)
     legend_rows = math.ceil(len(handles) / 3)
+    heights = lines_of(settings, evidence.runs)
     with style.drawing():
         figure = style.new_figure(style.TEXT_IN, 2.5 * lines + 0.18 * legend_rows)
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
@@ -288,11 +291,11 @@ def panels(
             axes.set_title(style.shown(facets[index]))
             axes.grid(True, axis="y", color=style.PALE, linewidth=0.5)
             axes.set_axisbelow(True)
-            for words, value in settings.lines.items():
+            for words, value in heights.items():
                 axes.axhline(value, color=style.BLACK, linewidth=0.7, linestyle=(0, (6, 3)), zorder=1)
                 axes.annotate(words, (0.995, value), (0, 2), xycoords=axes.get_yaxis_transform(),
                               textcoords="offset points", ha="right", va="bottom")  # fmt: skip
-        if (rows[settings.metric].min() >= 0) and settings.kind not in PLANES:
+        if (rows[settings.metric].min() >= 0) and not _has_metric_along_x(settings):
             grid[0, 0].set_ylim(bottom=0)
         for axes in grid[-1]:
             axes.set_xlabel(x_label)
@@ -300,7 +303,16 @@ def panels(
             axes.set_ylabel(study.metrics[settings.metric].label)
         if handles:
             figure.legend(handles=list(handles), loc="outside lower center", ncols=3, columnspacing=1.2)
-    return figure
+    over = left_out(settings, study)
+    note = f"Each value is the mean over {' and '.join(over)} within a replicate." if over else ""
+    return Drawing(figure, (note,))
+
+
+def lines_of(settings: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:
+    """Return the height of each line: a number, or the median of a variant; no line where that has no values."""
+    medians = runs.groupby("variant")[settings.metric].median() if settings.metric in runs else pd.Series(dtype=float)
+    heights = {name: medians.get(value) if isinstance(value, str) else value for name, value in settings.lines.items()}
+    return {name: float(value) for name, value in heights.items() if value is not None and not pd.isna(value)}
 
 
 def chosen(settings: FigureSettings, rows: pd.DataFrame, variants: Sequence[str]) -> pd.DataFrame:
@@ -309,14 +321,20 @@ def chosen(settings: FigureSettings, rows: pd.DataFrame, variants: Sequence[str]
     Raises:
         ValueError: If there are no rows, or a metric has no values.
     """
+    if rows.empty or (variants and not rows["variant"].isin(variants).any()):
+        raise ValueError("there are no runs for it")
     if variants:
         rows = rows[rows["variant"].isin(variants)]
         order = {name: place for place, name in enumerate(variants)}
         rows = rows.sort_values("variant", key=lambda names: names.map(order), kind="stable")
-    for metric in (settings.metric, *([settings.x] if settings.kind in PLANES else [])):
+    for metric in (settings.metric, *([settings.x] if _has_metric_along_x(settings) else [])):
         if metric not in rows or rows[metric].isna().all():
             raise ValueError(f"there are no values of {metric!r} to draw")
     return rows
+
+
+def _has_metric_along_x(settings: FigureSettings) -> bool:
+    return "x" in KINDS[settings.kind].metrics
 
 
 def per_replicate(rows: pd.DataFrame, factors: Iterable[str], metrics: Sequence[str]) -> pd.DataFrame:

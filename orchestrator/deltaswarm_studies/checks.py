@@ -10,6 +10,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, StudyMetric
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
@@ -42,8 +43,8 @@ def used_metrics(study: Study) -> list[str]:
     names += [target.metric for fit in file.fit for target in fit.targets]
     names += [grid.metric for grid in file.grid]
     for figure in file.figure:
-        names += [figure.metric] if figure.kind in ("boxes", "levels", "plane", "frontier") else []
-        names += [figure.x] if figure.kind in ("plane", "frontier") else []
+        kind = KINDS[figure.kind]
+        names += [] if kind.is_over_time else [getattr(figure, name) for name in kind.metrics]
     return list(dict.fromkeys(names))
 
 
@@ -88,12 +89,11 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         yield f"grid[{i}]", [grid.rows, grid.factor], [name for name in factors if len(factors) == 2]
         yield f"grid[{i}].columns", [*itertools.chain(*grid.columns.values())], factors.get(grid.factor, ())
     for i, figure in enumerate(file.figure):
-        where, kind = f"figure[{i}]", figure.kind
-        known = _over_time() if kind == "time" else metrics
-        yield f"{where}.metric", [figure.metric] if kind != "swarm" else [], known
-        yield f"{where}.x", [figure.x] if kind in ("plane", "frontier") else [], metrics
-        named = [figure.hue, figure.facet, *([figure.x] if kind in ("boxes", "levels") else [])]
-        yield where, [name for name in named if name], factors
+        where, drawn = f"figure[{i}]", KINDS[figure.kind]
+        for name in drawn.metrics:
+            yield f"{where}.{name}", [getattr(figure, name)], _over_time() if drawn.is_over_time else metrics
+        for name in drawn.factors:
+            yield f"{where}.{name}", [getattr(figure, name)] if getattr(figure, name) else [], factors
         paths = itertools.chain(*figure.paths.values())
         yield f"{where}.variants", [*figure.variants, *figure.path, *paths], variants
         levels, hues = factors.get(figure.x, ()), factors.get(figure.hue, ())

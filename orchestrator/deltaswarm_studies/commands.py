@@ -152,7 +152,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     for line in evidence.surprises:
         complain(f"{study.name}: refuted, and expected to hold: {line}")
     is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
-    code = FAILED if evidence.incomplete else MISSED if is_missed else OK
+    code = FAILED if evidence.incomplete or evidence.undrawn else MISSED if is_missed else OK
     invalid = evidence.invalid.to_dict("records")
     return code, {"study": study.name, "page": str(files[0]), "claims": verdicts, "invalid": invalid}
 
@@ -270,5 +270,5 @@ def report(arguments: argparse.Namespace) -> int:
     if unsealed:
         notice(f"{folder}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")
     for line in evidence.warnings:
-        (complain if line in evidence.incomplete else notice)(line)
-    return FAILED if evidence.incomplete else OK
+        (complain if line in (*evidence.incomplete, *evidence.undrawn) else notice)(line)
+    return FAILED if evidence.incomplete or evidence.undrawn else OK

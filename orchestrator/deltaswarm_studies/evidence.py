@@ -61,6 +61,8 @@ class Evidence:
             *tables.missing_metrics(study, runs),
         ]
         """What the tables lack of what the study asks."""
+        self.undrawn: list[str] = []
+        """Figures that could not be drawn, with the reason; known when the page is made."""
         self.contradictions = disagreements(study, judged)
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
         self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged)]
@@ -126,7 +128,7 @@ class Evidence:
     @property
     def warnings(self) -> list[str]:
         """Warnings that a reader must not miss."""
-        return [*self.incomplete, *self.contradictions, *self.doubts]
+        return [*self.incomplete, *self.undrawn, *self.contradictions, *self.doubts]
 
     @property
     def unsupported(self) -> list[str]:

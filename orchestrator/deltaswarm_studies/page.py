@@ -1,51 +1,48 @@
 """Build a study's page: its tables and figures, in the order in which a reader asks."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import charts, style
+from deltaswarm_studies import style
+from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, seal_tables, since_the_runs
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
-from deltaswarm_studies.settings import VERDICTS, FigureSettings
+from deltaswarm_studies.settings import VERDICTS
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.files import write_whole
-
-CHARTS: Mapping[str, Callable[[FigureSettings, Study, pd.DataFrame], Figure]] = {
-    draw.__name__: draw for draw in (charts.boxes, charts.levels, charts.time, charts.plane, charts.frontier)
-}
-"""The drawing function of each kind of figure in a study file; `time` takes courses, the others take runs."""
 
 
 def pages(
     study: Study, evidence: Evidence, provenance: pd.DataFrame, sealed: str = ""
 ) -> tuple[str, str, list[CaptionedFigure]]:
-    """Make the page as HTML and as Markdown, and its pictures. `sealed`: since when the tables are; empty: not."""
-    pictures, missing = [], []
+    """Make the page as HTML and as Markdown, and its pictures. `sealed`: since when the tables are; empty: not.
+
+    What cannot be drawn becomes a warning of the page and of the evidence: a page without a figure is better than none.
+    """
+    pictures, evidence.undrawn = [], []
     for figure in study.file.figure:
         try:
-            if drawing := _drawn(study, evidence, figure):
-                pictures.append(CaptionedFigure(figure.name, drawing, _caption(figure, study)))
-            else:
-                missing.append(f"The figure {figure.name!r} is missing: there are no runs for it.")
-        except ValueError as error:  # a page without a figure is better than none
-            missing.append(f"The figure {figure.name!r} is missing: {error}.")
+            drawing = draw(figure, study, evidence)
+        except ValueError as error:
+            evidence.undrawn.append(f"The figure {figure.name!r} is missing: {error}.")
+            continue
+        caption = " ".join(" ".join([figure.caption, *drawing.notes]).split())
+        pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
     supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
     verdicts = evidence.claims["verdict"].tolist() if len(evidence.claims) else []
     context: dict[str, Any] = {
         "title": study.title,
         "question": " ".join(study.file.study.question.split()),
         "findings": [" ".join(text.split()) for text in supported],
-        "warnings": [*evidence.warnings, *missing],
+        "warnings": evidence.warnings,
         "sections": list(_sections(study, evidence, pictures, provenance, sealed)),
         "facts": {
             "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
@@ -59,36 +56,12 @@ def pages(
     return render("page.html.jinja", context), render("page.md.jinja", context), pictures
 
 
-def _caption(figure: FigureSettings, study: Study) -> str:
-    """Return the caption, with the factors over which the figure averages."""
-    over = charts.left_out(figure, study)
-    note = f"Each value is the mean over {' and '.join(over)} within a replicate." if over else ""
-    return " ".join(f"{figure.caption} {note}".split())
-
-
-def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure | None:
-    """Draw a figure; return None if there is no data for it."""
-    if figure.kind == "swarm":
-        return charts.swarms(figure, study)
-    rows = evidence.courses if figure.kind == "time" else evidence.runs
-    if rows.empty or (figure.variants and not rows["variant"].isin(figure.variants).any()):
-        return None
-    return CHARTS[figure.kind](replace(figure, lines=_lines(figure, evidence.runs)), study, rows)
-
-
 def _tests(evidence: Evidence) -> dict[str, int]:
     """Count the page's tests and the families in which they are corrected."""
     contrasts, claims = evidence.contrasts, evidence.claims
     families = len(contrasts[["contrast", "metric"]].drop_duplicates()) if len(contrasts) else 0
     families += claims["source"].nunique() if len(claims) else 0
     return {"tests": len(contrasts) + len(claims), "families": families}
-
-
-def _lines(figure: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:
-    """Return the height of each line: a number, or the median of a variant; no line where that has no values."""
-    medians = runs.groupby("variant")[figure.metric].median() if figure.metric in runs else pd.Series(dtype=float)
-    heights = {name: medians.get(value) if isinstance(value, str) else value for name, value in figure.lines.items()}
-    return {name: float(value) for name, value in heights.items() if value is not None and not pd.isna(value)}
 
 
 def _sections(

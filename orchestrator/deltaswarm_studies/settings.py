@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
+from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import MetricSettings
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
@@ -212,12 +213,7 @@ class FigureSettings:
     """A table `[[figure]]`."""
 
     name: str = key("", "name of its files, without a suffix")
-    kind: str = key(
-        "boxes",
-        "boxes: quartiles and a point per replicate; levels: medians along a factor; time: means over windows; plane: "
-        "two metrics, a point per replicate; frontier: medians of two metrics; swarm: agents and events at a moment",
-        choices=("boxes", "levels", "time", "plane", "frontier", "swarm"),
-    )
+    kind: str = key("boxes", "; ".join(f"{name}: {kind.about}" for name, kind in KINDS.items()), choices=tuple(KINDS))
     caption: str = key("", "below the figure")
     metric: str = key("waiting", "the metric of the vertical axis; time: one with a time series")
     x: str = key("", "boxes, levels: the factor along the axis; plane, frontier: the metric of the horizontal axis")
@@ -233,7 +229,7 @@ class FigureSettings:
     seed: int = key(1, "swarm: the run's seed", low=0, high=2**63 - 1)
 
     def problems(self) -> Iterator[Problem]:
-        """List tables with values of the wrong form."""
+        """List tables with values of the wrong form, what the figure lacks, and what it would not show."""
         if not is_file_name(self.name):
             yield Problem("name", repr(self.name[:60]) if self.name else "missing", FILE_NAME_RULE)
         forms: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
@@ -245,18 +241,14 @@ class FigureSettings:
             for name, value in getattr(self, table).items():
                 if not is_well_formed(value):
                     yield Problem(f"{table}.{name}", repr(value)[:60], allowed)
-        for name in NEEDED.get(self.kind, ()):
+        kind, default = KINDS[self.kind], type(self)
+        for name in kind.needs:
             if not getattr(self, name):
                 yield Problem(name, "missing", f"a figure of kind {self.kind!r} needs it")
-
-
-NEEDED = {
-    "boxes": ("x",),
-    "levels": ("x",),
-    "plane": ("x", "hue"),
-    "frontier": ("x", "paths"),
-}
-"""What a figure of each kind cannot be drawn without."""
+        for spec in fields(self):
+            value = getattr(self, spec.name)
+            if spec.name not in kind.keys and value and value != getattr(default, spec.name, None):
+                yield Problem(spec.name, repr(value)[:60], f"must be left out: kind {self.kind!r} does not show it")
 
 
 def listed(value: Any) -> list[Any]:

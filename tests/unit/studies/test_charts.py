@@ -12,7 +12,9 @@ from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
 from deltaswarm_studies import style
 from deltaswarm_studies.charts import ellipse, left_out
-from deltaswarm_studies.page import CHARTS
+from deltaswarm_studies.drawing import Drawing, draw
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import LEVELS, MODES, OWN, made, series, table
 
@@ -21,12 +23,16 @@ NONE = pd.DataFrame()
 
 def drawn(figure: str, runs: pd.DataFrame | None = None) -> Figure:
     """The figure of a `[[figure]]` table."""
-    study = made(f'{OWN}[[figure]]\nname = "f"\n{figure}')
+    return drawing(figure, runs).figure
+
+
+def drawing(figure: str, runs: pd.DataFrame | None = None, study: Study | None = None) -> Drawing:
+    """The figure of a `[[figure]]` table, with what its caption must say."""
+    study = study or made(f'{OWN}[[figure]]\nname = "f"\n{figure}')
     settings = study.file.figure[0]
-    if settings.kind == "time":
-        windows = windows_with_levels(study, series(lambda level, mode, replicate, time_s: time_s + replicate))
-        return CHARTS["time"](settings, study, courses_of(study, windows))
-    return CHARTS[settings.kind](settings, study, runs_of(study, table(), NONE) if runs is None else runs)
+    windows = windows_with_levels(study, series(lambda level, mode, replicate, time_s: time_s + replicate))
+    runs = runs_of(study, table(), NONE) if runs is None else runs
+    return draw(settings, study, Evidence(study, runs, courses_of(study, windows), NONE))
 
 
 def words(axes: Axes) -> list[str]:

@@ -123,6 +123,16 @@ def test_what_tables_lack_stands_at_the_top_of_the_page(
     assert told in (tables / "page.md").read_text().partition("## ")[0]
 
 
+def test_a_figure_that_cannot_be_drawn_is_named_last(done: Path, tmp_path: Path, capsys: Printed) -> None:
+    """By the command too, not only on the page, with exit code 1; a run that lacks one metric lacks nothing else."""
+    tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    (tables / "seal.json").unlink()
+    runs = pd.read_csv(tables / "runs.csv")
+    runs.assign(waiting_all=float("nan")).to_csv(tables / "runs.csv", index=False)
+    assert main(["study", str(done / "own.toml"), "--out", str(tables), "--render"]) == 1
+    assert "The figure 'waiting' is missing" in capsys.readouterr().err
+
+
 def test_a_published_run_is_repeated_and_compared(done: Path, tmp_path: Path, capsys: Printed) -> None:
     """Exit code 0 if every number is the same, 3 if one differs in its last digit, 1 without tables."""
     command = ["study", str(done / "own.toml"), "--check", "--out"]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -16,9 +15,9 @@ from matplotlib.figure import Figure
 from benchmarks import plots as benchmarks
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_studies import style, swarm
-from deltaswarm_studies.page import CHARTS
+from deltaswarm_studies.drawing import draw
+from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.swarm import KINDS, snapshot
-from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import OWN, made, series, table
 
 ROOT = Path(__file__).parents[3]
@@ -198,10 +197,9 @@ def test_matplotlib_is_left_as_it_was(tmp_path: Path) -> None:
 def draw_all(folder: Path) -> None:
     """Save a figure of each kind."""
     study = made(OWN + FIGURES)
-    runs = runs_of(study, table(), pd.DataFrame())
-    courses = courses_of(study, windows_with_levels(study, series(lambda *_: 20.0)))
+    evidence = Evidence.of_sweep(study, table(), series(lambda *_: 20.0))
     figures = [
-        *(CHARTS[one.kind](one, study, courses if one.kind == "time" else runs) for one in study.file.figure),
+        *(draw(one, study, evidence).figure for one in study.file.figure),
         benchmarks.scale([{"agents": n, "steps_per_s": 1000 / n, "peak_memory_mb": n} for n in (10, 100)]),
         swarm.swarm({"hybrid 3": snapshot(load_scenario("smoke"), 50)}),
     ]

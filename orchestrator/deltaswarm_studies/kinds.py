@@ -1,0 +1,68 @@
+"""The kinds of figures that a study file may ask for: what each needs and heeds, and the function that draws it.
+
+A new kind is an entry of `KINDS`, and a function in a file of its own. Nothing here imports Matplotlib, so that a study
+can be checked and planned without it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a figure of one kind is asked for by; the names are those of keys of `[[figure]]`."""
+
+    about: str
+    drawn_by: str
+    """The function that draws it, a `Draw` of `drawing.py`, as `module:name` within this package."""
+    metrics: tuple[str, ...] = ("metric",)
+    """Keys that name metrics."""
+    is_over_time: bool = False
+    """Whether its metrics must have a time series; others have a number per run."""
+    factors: tuple[str, ...] = ("hue", "facet")
+    """Keys that name factors."""
+    needs: tuple[str, ...] = ()
+    """Keys without which there is nothing to draw."""
+    heeds: tuple[str, ...] = ("variants", "lines")
+    """Further keys; those that a figure of this kind would not show are refused."""
+
+    @property
+    def keys(self) -> set[str]:
+        """All keys that a figure of this kind may have."""
+        return {"name", "kind", "caption", *self.metrics, *self.factors, *self.needs, *self.heeds}
+
+
+ALONG = ("x", "hue", "facet")
+
+KINDS: Mapping[str, Kind] = {
+    "boxes": Kind(
+        "quartiles and a point per replicate",
+        "charts:boxes",
+        factors=ALONG,
+        needs=("x",),
+        heeds=("variants", "lines", "published"),
+    ),
+    "levels": Kind("medians along a factor", "charts:levels", factors=ALONG, needs=("x",)),
+    "time": Kind("means over windows", "charts:time", is_over_time=True, heeds=("variants", "lines", "spans")),
+    "plane": Kind(
+        "two metrics, a point per replicate",
+        "charts:plane",
+        metrics=("metric", "x"),
+        needs=("x", "hue"),
+        heeds=("variants", "lines", "path"),
+    ),
+    "frontier": Kind(
+        "medians of two metrics",
+        "charts:frontier",
+        metrics=("metric", "x"),
+        factors=("facet",),
+        needs=("x", "paths"),
+    ),
+    "swarm": Kind(
+        "agents and events at a moment",
+        "charts:swarms",
+        metrics=(),
+        factors=(),
+        heeds=("variants", "at_s", "seed"),
+    ),
+}
