@@ -318,10 +318,12 @@ def keys_of(settings: Any, prefix: str) -> Iterator[tuple[str, "dataclasses.Fiel
     hints = typing.get_type_hints(type(settings))
     for spec in dataclasses.fields(settings):
         value = getattr(settings, spec.name)
+        items = [item for item in typing.get_args(hints[spec.name]) if dataclasses.is_dataclass(item)]
+        if value is None and items:
+            value = typing.cast(Any, items[0])()
         if dataclasses.is_dataclass(value):
             yield from keys_of(value, f"{prefix}{spec.name}.")
             continue
         yield f"{prefix}{spec.name}", spec, hints[spec.name], value
-        for item in typing.get_args(hints[spec.name]):
-            if dataclasses.is_dataclass(item):
-                yield from keys_of(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")
+        for item in items:
+            yield from keys_of(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")

@@ -15,6 +15,7 @@ import orjson
 
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFile, SweepSettings, Variant
+from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings, SensitivitySettings, corners, drawn
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.plugins import SWEEPS, find
@@ -89,22 +90,35 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     for override in overrides:
         problems += scenarios.apply(base, override)
     has_variants = file.sweep.axes or file.sweep.paired or file.sweep.variants
-    choices, wrong = _choices(file.sweep, beside) if has_variants or not problems else ([], [])
+    ranges = file.sensitivity.range if file.sensitivity else ()
+    if file.sensitivity:
+        file, wrong = _with_points(file, table.get("sweep"))
+        problems += wrong
+    choices, wrong = _choices(file.sweep, beside, ranges) if has_variants or not problems else ([], [])
     problems += wrong
     rows = [_joined(row) for row in itertools.product(*choices)] if choices else []
     set_here = [(f"scenario.{name}", name) for name in shared]
     set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
     in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
+    in_all |= {one.name for one in ranges}
     for reason, names in (("the sweep sets it for each run", OWN), ("it varies in this sweep", in_all)):
         problems += [Problem(path, name, f"must not be set: {reason}") for path, name in set_here if name in names]
     if ("--set", GRID) in set_here and not problems:  # a path on the command line is relative to the working folder
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
-    variants, wrong = _variants({**base, "record": "off"}, rows)
+    base["record"] = "off"
+    points: list[list[Variant]] = []
+    if file.sensitivity and not problems:
+        points, wrong = _points(base, rows, file.sensitivity, beside)
+        points = points[: file.sweep.repeats]
+        variants = points[0] if points else []
+    else:
+        variants, wrong = _variants(base, rows)
     problems += wrong if rows else scenarios.check_table(base)[1]
+    problems += _repeated_labels(rows)
     problems += [
         Problem("sweep.series_every_s", f"{every_s:.15g}", f"must be a whole number of steps of {step_s:.15g} s")
         for every_s in [file.sweep.series_every_s]
-        for step_s in dict.fromkeys(variant.scenario.run.step_s for variant in variants)
+        for step_s in dict.fromkeys(variant.scenario.run.step_s for row in points or [variants] for variant in row)
         if not math.isclose(every_s / step_s, round(every_s / step_s), rel_tol=1e-9)
     ]
     if problems:
@@ -113,7 +127,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
     kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
     factors = [[_label(row) for row in rows] for rows in choices]
-    return Sweep(replace(file, base=kept, scenario=shared), variants, factors)
+    return Sweep(replace(file, base=kept, scenario=shared), variants, factors, points)
 
 
 def read_file(name: str, key: str = "sweep", also: Iterable[str] = ()) -> tuple[dict[str, Any], Path]:
@@ -178,7 +192,9 @@ def _absolute(named: Any, beside: Path) -> Any:
     return str(beside.absolute() / named) if isinstance(named, str) and named else named
 
 
-def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], list[Problem]]:
+def _choices(
+    settings: SweepSettings, beside: Path, ranges: Sequence[RangeSettings] = ()
+) -> tuple[list[list[Row]], list[Problem]]:
     """Return the rows of each axis, each paired table and the single variants, and all mistakes in their form."""
     problems: list[Problem] = []
     axes = _flat(settings.axes, "sweep.axes", beside, problems)
@@ -188,7 +204,7 @@ def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], li
     columns += [(f"sweep.paired[{index}]", table) for index, table in enumerate(paired)]
     for path, keys in columns:
         problems += _problems_of_lists(path, keys)
-    problems += [*_problems_of_labels(axes, paired, single), *_problems_of_places(columns, single)]
+    problems += [*_problems_of_labels(axes, paired, single), *_problems_of_places(columns, single, ranges)]
     if problems:
         return [], problems
     lengths = [len(next(iter(table.values()))) for _, table in columns] + [len(single) or 1]
@@ -231,10 +247,14 @@ def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row])
             yield Problem(path, _shown(label), "must be a string of one line")
 
 
-def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row]) -> Iterator[Problem]:
+def _problems_of_places(
+    columns: Sequence[tuple[str, Row]], single: Sequence[Row], ranges: Sequence[RangeSettings]
+) -> Iterator[Problem]:
     """Report keys given in two places, keys that cannot vary, and a sweep in which nothing varies."""
     places = [(path, name) for path, table in columns for name in table if name != LABEL]
     places += [("sweep.variants", name) for name in {name: None for row in single for name in row if name != LABEL}]
+    has_variants = bool(places or single)
+    places += [(f"sensitivity.range[{i}]", one.name) for i, one in enumerate(ranges)]
     times = Counter(name for _, name in places)
     for path, name in places:
         if times[name] > 1:
@@ -245,7 +265,7 @@ def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row
         if name in OWN + SAME:
             reason = "the sweep sets it for each run" if name in OWN else "it has no effect on a run"
             yield Problem(f"{path}.{name}", "cannot vary", reason)
-    if not places:
+    if not has_variants:
         allowed = "must have [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"
         yield Problem("sweep", "nothing varies", allowed)
 
@@ -277,7 +297,7 @@ def _shown(value: Any) -> str:
 
 
 def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant], list[Problem]]:
-    """Make a checked scenario for each row; report unknown keys, invalid values and duplicate labels."""
+    """Make a checked scenario for each row; report unknown keys and invalid values."""
     swept = {name: None for row in rows for name in row if name != LABEL}
     variants = []
     problems: dict[Problem, None] = {}  # each once, in order
@@ -293,10 +313,71 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant],
         if scenario is not None:
             effective = checked.plain(scenario)
             variants.append(Variant(row[LABEL], {name: _at(effective, name) for name in swept}, scenario))
+    return ([], list(problems)) if problems else (variants, [])
+
+
+def _repeated_labels(rows: Sequence[Row]) -> Iterator[Problem]:
     for label, times in Counter(row[LABEL] for row in rows).items():
         if times > 1:
-            problems[Problem("sweep", f"{times} variants called {label!r}", "must have different labels")] = None
-    return ([], list(problems)) if problems else (variants, [])
+            yield Problem("sweep", f"{times} variants called {label!r}", "must have different labels")
+
+
+def _with_points(file: SweepFile, given: Any) -> tuple[SweepFile, list[Problem]]:
+    """Return a sensitivity sweep's file with a replicate per point, unless its table `[sweep]` is `given` fewer."""
+    assert file.sensitivity is not None
+    points = file.sensitivity.points
+    if not (isinstance(given, Mapping) and "repeats" in given):
+        return replace(file, sweep=replace(file.sweep, repeats=points)), []
+    if (repeats := file.sweep.repeats) <= points:
+        return file, []
+    allowed = f"must be at most sensitivity.points, {points}: each point is run once"
+    return file, [Problem("sweep.repeats", str(repeats), allowed)]
+
+
+def _points(
+    base: dict[str, Any], rows: Sequence[Row], settings: SensitivitySettings, beside: Path
+) -> tuple[list[list[Variant]], list[Problem]]:
+    """Make the variants at each point; report ends that a key cannot have, or else the first point that is not legal.
+
+    Besides the points, every pair of ranges is checked at its corners.
+    """
+
+    def at(point: Row) -> tuple[list[Variant], list[Problem]]:
+        values = {name: _absolute(value, beside) if name == GRID else value for name, value in point.items()}
+        return _variants(base, [{**row, **values} for row in rows])
+
+    points = drawn(settings)
+    ends = [(i, one, at({**points[0], one.name: end})[1]) for i, one in enumerate(settings.range) for end in one.ends]
+    problems = [
+        Problem(f"sensitivity.range[{i}] ({one.name})", problem.given, problem.allowed)
+        for i, one, wrong in ends
+        for problem in wrong
+        if _is_at(problem.path, one.name)
+    ]
+    everywhere = set.intersection(*(set(wrong) for _, _, wrong in ends))
+    drawn_keys = [one.name for one in settings.range]
+    problems += [
+        problem
+        for problem in ends[0][2]
+        if problem in everywhere and not any(_is_at(problem.path, name) for name in drawn_keys)
+    ]
+    if problems:
+        return [], problems
+    made = []
+    named = [("at a corner", corner) for corner in corners(settings, points[0])]
+    for place, point in [*named, *((f"at point {number}", point) for number, point in enumerate(points))]:
+        variants, wrong = at(point)
+        if wrong:
+            values = ", ".join(f"{name} = {_shown(value)}" for name, value in point.items())
+            where = f"{place} of [sensitivity] ({values})"
+            return [], [Problem(f"{problem.path}, {where},", problem.given, problem.allowed) for problem in wrong]
+        made.append(variants)
+    return made[len(named) :], []
+
+
+def _is_at(path: str, name: str) -> bool:
+    """Return whether the path of a problem is that of a key, or within it."""
+    return path == name or path.startswith((f"{name}.", f"{name}["))
 
 
 def _at(table: dict[str, Any], dotted: str) -> Any:

@@ -11,6 +11,7 @@ from typing import Any
 import orjson
 
 from deltaswarm_orchestrator.base.provenance import sources
+from deltaswarm_orchestrator.sweeps.sensitivity import SensitivitySettings
 from deltaswarm_scenario.scenario import NAME, Scenario, content_of
 from deltaswarm_wire.checked import Problem, key
 
@@ -27,7 +28,9 @@ class SweepSettings:
     """The table `[sweep]` of a sweep file."""
 
     seed: int = key(1, "the replicates' seeds are derived from it", low=0, high=2**63 - 1)
-    repeats: int = key(20, "replicates of each variant", low=1, high=MAX_RUNS)
+    repeats: int = key(
+        20, "replicates of each variant; of a sensitivity sweep, points to run (default: all)", low=1, high=MAX_RUNS
+    )
     prove: int = key(1, "runs that real processes do too, to compare the digests", low=0, high=MAX_RUNS)
     series_every_s: float = key(60.0, "length of a window of the time series [s]; 0: none", low=0, high=1e8)
     axes: dict[str, Any] = key(dict, "dotted scenario keys with lists of values: every combination is run")
@@ -44,6 +47,7 @@ class SweepFile:
     base: str = key("paper-25", "the scenario that all runs start from: a TOML file or a built-in one")
     scenario: dict[str, Any] = key(dict, "scenario keys that all variants share")
     sweep: SweepSettings = key(SweepSettings, "what varies, and how often it is repeated")
+    sensitivity: SensitivitySettings | None = key(None, "keys drawn from ranges: each replicate has values of its own")
 
     def problems(self) -> Iterator[Problem]:
         """Check the name, which becomes part of a folder's name."""
@@ -93,6 +97,13 @@ class Sweep:
     variants: Sequence[Variant]
     factors: Sequence[Sequence[str]] = ()
     """The labels of each axis, each paired table and the single variants; every combination is a variant."""
+    points: Sequence[Sequence[Variant]] = ()
+    """Of a sensitivity sweep, the variants at each point, a point for each replicate; `variants` are the first's."""
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """The scenarios of all variants, at all points."""
+        return [variant.scenario for variants in self.points or [self.variants] for variant in variants]
 
     @property
     def name(self) -> str:
@@ -102,7 +113,7 @@ class Sweep:
     @property
     def size(self) -> str:
         """The number of runs, for people."""
-        return size(self.name, len(self.variants), self.file.sweep.repeats)
+        return size(self.name, len(self.variants), self.file.sweep.repeats, "points" if self.points else "replicates")
 
     @property
     def swept(self) -> list[str]:
@@ -116,7 +127,7 @@ class Sweep:
         return [
             Job(variant, number, replace(variant.scenario, seed=seed), settings.series_every_s)
             for number, seed in enumerate(seeds)
-            for variant in self.variants
+            for variant in (self.points[number] if self.points else self.variants)
         ]
 
     def sample(self, jobs: Sequence[Job]) -> list[Job]:
@@ -133,9 +144,9 @@ def replicate_seed(sweep_seed: int, replicate: int) -> int:
     return int(state) >> (64 - SEED_BITS)
 
 
-def size(name: str, variants: int, repeats: int) -> str:
+def size(name: str, variants: int, repeats: int, each: str = "replicates") -> str:
     """Tell the number of runs."""
-    return f"{name}: {variants} variants x {repeats} replicates, {variants * repeats} runs"
+    return f"{name}: {variants} variants x {repeats} {each}, {variants * repeats} runs"
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -220,6 +220,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
         "base": sweep.file.base,
         "scenario": sweep.file.scenario,
         **checked.plain(sweep.file.sweep),
+        **({"sensitivity": checked.plain(sweep.file.sensitivity)} if sweep.file.sensitivity else {}),
         "swept": sweep.swept,
         "labels": [variant.label for variant in sweep.variants],
         "factors": sweep.factors,
@@ -262,7 +263,8 @@ def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any]
 def _plan(manifest: dict[str, Any]) -> dict[str, Any]:
     """Return the entries of a manifest that determine a sweep's runs, by dotted names as in its file."""
     settings = {name: manifest.get(name) for name in ("seed", "series_every_s", "axes", "paired", "variants")}
-    return dict(flattened({name: manifest.get(name) for name in ("base", "scenario")} | {"sweep": settings}))
+    others = {name: manifest.get(name) for name in ("base", "scenario", "sensitivity") if name in manifest}
+    return dict(flattened(others | {"sweep": settings}))
 
 
 def _proofs(table: pd.DataFrame, differing: Sequence[str]) -> dict[str, int]:
