@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_line, read_table, write_table
-from deltaswarm_studies import tables
+from deltaswarm_studies import montecarlo, tables
 from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
 from deltaswarm_studies.metrics import ID, PER_EVENT
@@ -176,9 +176,11 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
             head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
             verdict: FitVerdict = "farther" if rank else "closest" if np.isfinite(sums[:, 0]).all() else "no data"
             tail = {"sum": float(sums[place, 0]), "closest": float(winners[place]), "verdict": verdict}
+            tail |= {"sum_mcse": montecarlo.of_resampled(sums[place, 1:])}
             rows += [
-                {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
-                for target, distance in zip(fit.targets, distances[place, :, 0], strict=True)
+                {**head, "level": target.level, "metric": target.metric, "distance": float(own[0])}
+                | {"mcse": montecarlo.of_resampled(own[1:]), **tail}
+                for target, own in zip(fit.targets, distances[place], strict=True)
             ]
     return pd.DataFrame(rows)
 
@@ -217,7 +219,8 @@ def grids_of(study: Study, runs: pd.DataFrame, unjudged: Collection[str] = ()) -
                 if known and not any(_is_in(study.levels[name], grid, row, levels) for name in unjudged):
                     best = min(known, key=known.__getitem__)
                     head = {"grid": grid.text, "metric": grid.metric, "row": row, "column": heading, "level": best}
-                    rows.append(head | {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")})
+                    shown = {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")}
+                    rows.append(head | shown | {"mcse": montecarlo.of_median(cells.get_group(best))})
     return pd.DataFrame(rows)
 
 
@@ -267,9 +270,9 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
     sums = np.stack([table.loc[replicates, times_s].to_numpy(float) for table in tables])
     count = len(replicates)
     if not count or len(times_s) < settings.windows:
-        return {"n": count, "back_s": math.nan, "low_s": math.nan, "high_s": math.nan}
+        return {"n": count, "back_s": math.nan, "mcse_s": math.nan, "low_s": math.nan, "high_s": math.nan}
     ends_s = times_s.to_numpy(float) + window_s
-    low_s, high_s = math.nan, math.nan
+    low_s, high_s, mcse_s = math.nan, math.nan, math.nan
     if count > 1:
         generator = np.random.default_rng(0)
         drawn = (generator.integers(count, size=count) for _ in range(RECOVERY_RESAMPLES))
@@ -277,7 +280,9 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
         # By rank, not by interpolation: there is no value between 300 s and never.
         ranks = math.floor(TAIL * (RECOVERY_RESAMPLES - 1)), math.ceil((1 - TAIL) * (RECOVERY_RESAMPLES - 1))
         low_s, high_s = (float(resampled_s[rank]) for rank in ranks)
-    return {"n": count, "back_s": _back_s(settings, sums, ends_s), "low_s": low_s, "high_s": high_s}
+        mcse_s = montecarlo.of_resampled(resampled_s)
+    back_s = _back_s(settings, sums, ends_s)
+    return {"n": count, "back_s": back_s, "mcse_s": mcse_s, "low_s": low_s, "high_s": high_s}
 
 
 def _back_s(settings: RecoverySettings, sums: Floats, ends_s: Floats) -> float:

@@ -1,6 +1,7 @@
 """Make studies, from TOML files, from built-in ones, or for a sweep without a study file, each checked as a whole."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, load_sweep, read_file
@@ -8,7 +9,7 @@ from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_studies import FOLDERS, files
 from deltaswarm_studies.checks import problems_of
 from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
-from deltaswarm_studies.settings import ContrastSettings, FigureSettings, StudyFile, StudySettings
+from deltaswarm_studies.settings import EXPLORATORY, ContrastSettings, FigureSettings, StudyFile, StudySettings
 from deltaswarm_studies.study import Study, default_factors, numbers_in
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -48,7 +49,7 @@ def load_study(
         raise SettingsError([*error.problems, *problems]) from None
     if file is None:
         raise SettingsError(problems)
-    return make_study(sweep.name, file, sweep)
+    return replace(make_study(sweep.name, file, sweep), is_built_in=name in COLLECTIONS["all"])
 
 
 def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
@@ -96,6 +97,7 @@ def bare_study(
     file = StudyFile(
         StudySettings(
             title=f"Sweep {sweep.name}",
+            kind=EXPLORATORY,
             question="How do the levels of what was swept differ?",
             factors={name: name for name in factors},
             metrics=(*recorded, *more),

@@ -39,6 +39,7 @@ class Study:
     """The levels of each factor, in order."""
     metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
+    is_built_in: bool = False
 
     @property
     def title(self) -> str:

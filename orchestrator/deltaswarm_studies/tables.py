@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.stats import t
 
 from deltaswarm_orchestrator.sweeps.table import InvalidRun, ranges
-from deltaswarm_studies import metrics
+from deltaswarm_studies import metrics, montecarlo
 from deltaswarm_studies.checks import used_metrics
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL, StudyMetric, Timing
 from deltaswarm_studies.stats import ALPHA, describe
@@ -144,11 +144,17 @@ def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per variant and metric: median with interval, and quartiles."""
+    """Make a row per variant and metric: median with interval and standard error, and quartiles."""
     rows: list[Row] = [
-        {**group.iloc[0][["variant", *study.factors]], "metric": name, **asdict(describe(column(group, name)))}
+        {
+            **group.iloc[0][["variant", *study.factors]],
+            "metric": name,
+            **asdict(describe(values)),
+            "mcse": montecarlo.of_median(values),
+        }
         for _, group in runs.groupby("variant", sort=False)
         for name in metrics_by_run(study)
+        for values in [column(group, name)]
     ]
     return pd.DataFrame(rows)
 
