@@ -50,13 +50,17 @@ def _aims(study: Study) -> Iterator[str]:
 
 def _mechanism(study: Study) -> Iterator[str]:
     scenarios = [variant.scenario for variant in study.sweep.variants]
-    world = [f"{_values(scenarios, name)} {words}" for name, words in WORLD.items()]
+    drawn = [one.name for one in study.ranges]
+    world = [f"{_values(scenarios, name)} {words}" for name, words in WORLD.items() if name not in drawn]
     yield f"Scenario `{study.sweep.file.base.rpartition('/')[2]}`: {', '.join(world)}."
     swept = study.sweep.file.sweep
     yield (
         f"Replicates: {study.repeats} of each of {len(scenarios)} variants. Their seeds are derived from {swept.seed}; "
         "all variants of a replicate have the same seed and see the same arrivals."
     )
+    if sensitivity := study.sweep.file.sensitivity:
+        ranges = _joined(f"{_lower(one.label)}, {one.distribution}" for one in sensitivity.range)
+        yield f"A replicate is one of {sensitivity.points} points of {sensitivity.design}, drawn from: {ranges}."
     yield from _varied(study, is_method=False)
 
 

@@ -14,6 +14,7 @@ from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
 from deltaswarm_studies.metrics import ID, PER_EVENT
 from deltaswarm_studies.origin import sealed_tables
+from deltaswarm_studies.sensitivity import sensitivity_of
 from deltaswarm_studies.settings import FitSettings, FitVerdict, GridSettings, RecoverySettings
 from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
@@ -51,6 +52,7 @@ class Evidence:
         self.estimates = tables.estimates_of(study, runs)
         self.contrasts = contrasts_of(study, judged)
         self.claims = claims_of(study, judged, is_whole=not self.unjudged)
+        self.sensitivity = sensitivity_of(study, judged)
         self.fits, self.grids = fits_of(study, judged), grids_of(study, judged, self.unjudged)
         self.findings = findings_of(study, {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits})
         self.arrivals = tables.same_arrivals(study, runs)
@@ -65,7 +67,7 @@ class Evidence:
         """Figures that could not be drawn, with the reason; known when the page is made."""
         self.contradictions = disagreements(study, judged)
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
-        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged)]
+        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged), *tables.part_of_points(study)]
         """Contrasts with too few replicates, and claims that nothing could contradict."""
 
     def _invalid_lines(self, study: Study) -> list[str]:
@@ -103,6 +105,7 @@ class Evidence:
         """
         sealed_tables(folder, study)
         labels = ["variant", "metric", "level", "reference", "within", *tables.ORIGIN, *study.factors]
+        labels += [one.name for one in study.ranges if one.choices]
         runs = read_table(folder / "runs.csv", labels, needs=ID)
         for name in tables.ORIGIN:
             runs[name] = runs[name].where(runs[name] != "") if name in runs else None
@@ -140,6 +143,8 @@ class Evidence:
         """Write every table that has rows, except the findings; return the files."""
         names = ("runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids")
         frames = {name: getattr(self, name) for name in names}
+        if self.sensitivity:
+            frames |= {name: getattr(self.sensitivity, name) for name in ("points", "shares", "keys")}
         for file in folder.glob("invalid.*"):  # of earlier runs, which have been repeated
             file.unlink()
         return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]

@@ -9,7 +9,7 @@ import pandas as pd
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import style
+from deltaswarm_studies import sensitivity_page, style
 from deltaswarm_studies.design import design
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
@@ -17,6 +17,7 @@ from deltaswarm_studies.metrics import PER_EVENT
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, seal_tables, since_the_runs
 from deltaswarm_studies.protocol import Protocol, content, protocol_of
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
+from deltaswarm_studies.sensitivity import tests_in
 from deltaswarm_studies.settings import VERDICTS
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
@@ -50,6 +51,7 @@ def pages(
         pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
     supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
     verdicts = evidence.claims["verdict"].tolist() if len(evidence.claims) else []
+    sections = list(_sections(study, evidence, pictures, provenance, sealed, protocol))
     context: dict[str, Any] = {
         "title": study.title,
         "status": protocol.status,
@@ -57,16 +59,18 @@ def pages(
         "design": design(study),
         "findings": [" ".join(text.split()) for text in supported],
         "warnings": [*protocol.problems, *evidence.warnings],
-        "sections": list(_sections(study, evidence, pictures, provenance, sealed, protocol)),
+        "sections": sections,
         "facts": {
             "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
             "tests": _tests(evidence),
             "arrivals": evidence.arrivals,
-            "horizons_s": sorted({variant.scenario.metrics.horizon_s for variant in study.sweep.variants}),
+            "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
+            "horizons_s": sorted({scenario.metrics.horizon_s for scenario in study.sweep.scenarios}),
             "per_event": [study.metrics[name].title for name in PER_EVENT if name in set(evidence.estimates["metric"])],
         },
         "figures": "figures",
     }
+    pictures = [picture for section in sections for picture in section["pictures"]]
     return render("page.html.jinja", context), render("page.md.jinja", context), pictures
 
 
@@ -75,7 +79,10 @@ def _tests(evidence: Evidence) -> dict[str, int]:
     contrasts, claims = evidence.contrasts, evidence.claims
     families = len(contrasts[["contrast", "metric"]].drop_duplicates()) if len(contrasts) else 0
     families += claims["source"].nunique() if len(claims) else 0
-    return {"tests": len(contrasts) + len(claims), "families": families}
+    tests = len(contrasts) + len(claims)
+    if evidence.sensitivity and (correlations := tests_in(evidence.sensitivity.keys)):
+        tests, families = tests + correlations, families + 1
+    return {"tests": tests, "families": families}
 
 
 def _sections(
@@ -94,6 +101,8 @@ def _sections(
     )
     if len(evidence.claims):
         yield {"heading": "Verdicts", "tables": list(_claims(study, evidence.claims)), "pictures": []}
+    if evidence.sensitivity:
+        yield sensitivity_page.section(study, evidence.sensitivity)
     yield {"heading": "Protocol", "tables": list(_protocol(protocol, evidence.claims)), "pictures": []}
     if pictures:
         yield {"heading": "Figures", "tables": [], "pictures": pictures}

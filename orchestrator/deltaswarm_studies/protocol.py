@@ -72,10 +72,12 @@ def content(study: Study) -> Content:
     """Return all of a study that its protocol fixes: runs, outcomes, criteria, margins, expectations."""
     tables = {variant.label: dict(flattened(content_of(variant.scenario))) for variant in study.sweep.variants}
     first = next(iter(tables.values()))
+    drawn = study.sweep.file.sensitivity
+    ignored = (*RUN_ONLY, *(one.name for one in study.ranges))
     shared = {
         name: value
         for name, value in first.items()
-        if name not in RUN_ONLY and all(name in table and table[name] == value for table in tables.values())
+        if name not in ignored and all(name in table and table[name] == value for table in tables.values())
     }
     swept = study.sweep.file.sweep
     seeds = [job.scenario.seed for job in study.sweep.jobs()[:: len(tables)]]
@@ -94,10 +96,11 @@ def content(study: Study) -> Content:
     fixed = {
         "scenario": shared,
         "condition": {
-            label: {name: value for name, value in table.items() if name not in (*shared, *RUN_ONLY)}
+            label: {name: value for name, value in table.items() if name not in (*shared, *ignored)}
             for label, table in tables.items()
         },
         "runs": runs | {"extensions": extensions},
+        **({"sensitivity": _fixed(drawn) | {"range": _rows(drawn.range)}} if drawn else {}),
         "tests": {"alpha": ALPHA},
         **asked,
     }

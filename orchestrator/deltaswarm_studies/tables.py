@@ -32,12 +32,14 @@ ORIGIN = {"digest": "digest", "arrival_times": "arrivals.times", "arrival_places
 
 
 def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per run: columns that identify it, the level of each factor, every metric that the study uses.
+    """Make a row per run: columns that identify it, levels of factors, drawn keys, every metric that the study uses.
 
     Raises:
         ValueError: If the tables lack a column that a metric needs.
     """
     runs = with_levels(study, table[ID].assign(**{name: table.get(source) for name, source in ORIGIN.items()}))
+    for one in study.ranges:
+        runs[one.name] = table[one.name]
     for name in metrics_by_run(study):
         runs[name] = _values(study.metrics[name], table, series, study.timing).to_numpy()
     return runs
@@ -206,8 +208,16 @@ def too_few(study: Study, invalid: pd.DataFrame) -> dict[str, int]:
 
 def missing_metrics(study: Study, runs: pd.DataFrame) -> list[str]:
     """Say which metrics of the study the table lacks, because it is of an earlier version of the study."""
-    missing = [name for name in metrics_by_run(study) if name not in runs]
+    missing = [name for name in (*(one.name for one in study.ranges), *metrics_by_run(study)) if name not in runs]
     return [f"The table of runs has no columns {', '.join(missing)}."] if missing else []
+
+
+def part_of_points(study: Study) -> list[str]:
+    """Say that only some points of a sensitivity study are run; empty if all are."""
+    sensitivity = study.sweep.file.sensitivity
+    if not sensitivity or study.repeats == sensitivity.points:
+        return []
+    return [f"Only the first {study.repeats} of {sensitivity.points} points are run, so this is a look and no result."]
 
 
 def same_arrivals(study: Study, runs: pd.DataFrame) -> list[str]:
