@@ -8,9 +8,11 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_studies.design import design
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.plan import plan, text
+from deltaswarm_studies.protocol import content, differences
 from deltaswarm_studies.sensitivity import smallest_correlation
 from deltaswarm_studies.sensitivity_page import matrix, turning
 from deltaswarm_wire.checked import SettingsError
@@ -170,3 +172,14 @@ def test_a_study_is_looked_at_first_and_then_done(tmp_path: Path, capsys: pytest
     page = (out / "page.md").read_text()
     assert main(["study", str(file), "--repeats", "8", "--out", str(out), "--render"]) == 0
     assert (out / "page.md").read_text() == page
+
+
+def test_the_space_is_part_of_the_protocol_and_of_the_design() -> None:
+    """Another end of a range is an amendment; no value of the first point is fixed, and the head names the ranges."""
+    study, wider = made(CLAIMED, DRAWN), made(CLAIMED, DRAWN.replace("high = 15.0", "high = 16.0"))
+    [change] = differences(content(study), content(wider))
+    assert str(change) == "sensitivity.range.radio.range_m.high was 15.0, is 16.0"
+    mechanism = " ".join(dict(design(study))["Data-generating mechanism"])
+    assert "A replicate is one of 60 points of a Latin hypercube" in mechanism
+    assert "event rate [1/s], 0.05 to 0.5: uniform in the logarithm" in mechanism
+    assert "events per s" not in mechanism
