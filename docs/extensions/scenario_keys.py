@@ -13,6 +13,7 @@ from deltaswarm_orchestrator.scenarios.load import keys_of
 from deltaswarm_orchestrator.sweeps.plan import SweepFile
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.settings import StudyFile
+from deltaswarm_studies.study import UNITS
 from deltaswarm_wire import checked
 from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, find, find_controller
 
@@ -41,21 +42,6 @@ absent unless you set it. Limits of a list apply to its items.
 STUDY_TABLE = tuple(line.removesuffix(end) for line, end in zip(REFERENCE_TABLE, (" source |", " --- |"), strict=True))
 
 TYPES = {int: "integer", float: "number", str: "string", bool: "boolean"}
-
-UNITS = {
-    "_bytes_per_s": "bytes/s",
-    "_work_agent_s": "agent s",
-    "_per_s": "1/s",
-    "_mps": "m/s",
-    "_m2": "m2",
-    "_hz": "1/s",
-    "_dbm": "dBm",
-    "_db": "dB",
-    "_bytes": "bytes",
-    "_m": "m",
-    "_s": "s",
-}
-"""Units by the end of a key's name; the first that fits."""
 
 
 def reference() -> str:

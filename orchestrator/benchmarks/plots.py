@@ -31,7 +31,7 @@ def scale(rows: Sequence[Mapping[str, float]], *, width_in: float = style.TEXT_I
     """
     ordered = sorted(rows, key=lambda row: row["agents"])
     agents = np.array([row["agents"] for row in ordered], dtype=np.float64)
-    look = style.OTHERS[0]
+    look = next(style.others())
     with style.drawing():
         figure = style.new_figure(width_in, height_in)
         for axes, (key, label, power) in zip(figure.subplots(1, 2), PANELS, strict=True):
@@ -77,7 +77,7 @@ def coverage(measured: Mapping[str, Any], *, width_in: float = style.TEXT_IN, he
     """
     ranges_m = list(dict.fromkeys(row["range_m"] for row in measured["rows"]))
     losses = list(dict.fromkeys(row["loss"] for row in measured["rows"]))
-    looks = dict(zip(losses, style.OTHERS, strict=False))
+    looks = dict(zip(losses, style.others(), strict=False))
     with style.drawing():
         figure = style.new_figure(width_in, height_in)
         panels = figure.subplots(1, len(ranges_m), sharex=True, sharey=True, squeeze=False)[0]

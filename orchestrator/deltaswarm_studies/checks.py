@@ -10,6 +10,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, StudyMetric
 from deltaswarm_studies.settings import listed
@@ -18,9 +19,6 @@ from deltaswarm_wire.checked import Problem, did_you_mean
 
 PER_STEP = ("frames_sent", "frames_received", "senders")
 """Metrics that count what an agent does at most once a step."""
-
-TIMES = ("run.step_s", "run.duration_s")
-"""Keys on which windows of time depend."""
 
 REPORT_EVERY = "report_every_s"
 """The option by which a controller reports at times that do not depend on the step, if it has one."""
@@ -34,8 +32,7 @@ def problems_of(study: Study) -> Iterator[Problem]:
         yield from _results(study)
         yield from _times(study)
         yield from _columns(study)
-        yield from _one_line_of_many(study)
-        yield from _sensitivity(study)
+        yield from figure_problems(study)
         yield from _incomparable(study)
 
 
@@ -112,22 +109,6 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
             yield f"finding[{i}].because[{j}].{kind}", [str(name) for name in listed(result[kind])], ids[kind]
 
 
-def _one_line_of_many(study: Study) -> Iterator[Problem]:
-    """Report figures over time that would draw several variants as one line."""
-    for i, figure in enumerate(study.file.figure):
-        if figure.kind != "time":
-            continue
-        lines: dict[tuple[str, ...], str] = {}
-        for variant in figure.variants or study.levels:
-            levels = study.levels.get(variant, {})
-            line = tuple(levels.get(factor, "") for factor in (figure.hue, figure.facet))
-            other = lines.setdefault(line, variant)
-            if other != variant:
-                allowed = f"must tell all variants apart, with facet: {other!r} and {variant!r} would be one line"
-                yield Problem(f"figure[{i}].hue", repr(figure.hue) if figure.hue else "missing", allowed)
-                break
-
-
 def _over_time() -> list[str]:
     return [name for name, metric in BUILT_IN.items() if metric.series]
 
@@ -172,7 +153,7 @@ def _results(study: Study) -> Iterator[Problem]:
 def _times(study: Study) -> Iterator[Problem]:
     file, settings = study.file, study.file.study
     every_s = study.sweep.file.sweep.series_every_s
-    scenarios = study.sweep.scenarios
+    scenarios = [variant.scenario for variant in study.sweep.variants]
     end_s = min(scenario.run.duration_s for scenario in scenarios)
     windowed = [f"figure[{i}]" for i, figure in enumerate(file.figure) if figure.kind == "time"]
     windowed += [f"recovery[{i}]" for i in range(len(file.recovery))]
@@ -225,24 +206,6 @@ def _past_the_end(where: str, time_s: float, end_s: float) -> Problem:
 
 
 # Columns and comparisons
-
-
-def _sensitivity(study: Study) -> Iterator[Problem]:
-    """Report a sensitivity study without claims, with claims that a point cannot decide, or without common windows."""
-    file = study.file
-    if study.ranges and not file.claim:
-        yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
-    for i, claim in enumerate(file.claim if study.ranges else ()):
-        if claim.kind == "predicts":
-            allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
-            yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
-    windowed = [name for name in used_metrics(study) if study.metrics[name].kind != COLUMN]
-    windowed += [f"figure {figure.name!r}" for figure in file.figure if KINDS[figure.kind].is_over_time]
-    windowed += ["recovery"] if file.recovery else []
-    for i, one in enumerate(study.ranges):
-        if one.name in TIMES and windowed:
-            allowed = f"must not be drawn with {windowed[0]}, whose windows must be the same in all runs"
-            yield Problem(f"sensitivity.range[{i}].name", repr(one.name), allowed)
 
 
 def _columns(study: Study) -> Iterator[Problem]:

@@ -32,6 +32,9 @@ class Kind:
         return {"name", "kind", "caption", *self.metrics, *self.factors, *self.needs, *self.heeds}
 
 
+MOST_LOOKS = 12
+"""Most colours, markers and lines that a reader can tell apart in one figure."""
+
 ALONG = ("x", "hue", "facet")
 
 KINDS: Mapping[str, Kind] = {
@@ -46,14 +49,14 @@ KINDS: Mapping[str, Kind] = {
     "time": Kind("means over windows", "charts:time", is_over_time=True, heeds=("variants", "lines", "spans")),
     "plane": Kind(
         "two metrics, a point per replicate",
-        "charts:plane",
+        "planes:plane",
         metrics=("metric", "x"),
         needs=("x", "hue"),
         heeds=("variants", "lines", "path"),
     ),
     "frontier": Kind(
         "medians of two metrics",
-        "charts:frontier",
+        "planes:frontier",
         metrics=("metric", "x"),
         factors=("facet",),
         needs=("x", "paths"),

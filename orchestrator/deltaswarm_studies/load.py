@@ -1,16 +1,18 @@
 """Make studies, from TOML files, from built-in ones, or for a sweep without a study file, each checked as a whole."""
 
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, load_sweep, read_file
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_studies import FOLDERS, files
 from deltaswarm_studies.checks import problems_of
+from deltaswarm_studies.kinds import MOST_LOOKS
 from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
-from deltaswarm_studies.settings import EXPLORATORY, ContrastSettings, FigureSettings, StudyFile, StudySettings
-from deltaswarm_studies.study import Study, default_factors, numbers_in
+from deltaswarm_studies.settings import ContrastSettings, FigureSettings, StudyFile, StudySettings
+from deltaswarm_studies.study import Study, default_factors, numbers_of
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 
@@ -24,12 +26,6 @@ MAIN = (WAITING, WAITING_ALL, COMPLETION, "messages", "frames_sent", "agents_in_
 """Metrics of a sweep without a study file."""
 DRAWN = (WAITING, COMPLETION, "messages")
 OVER_TIME = "agents_in_trees"
-
-CAPTIONS = {
-    "boxes": "A point per replicate; boxes span the quartiles with the median as a line.",
-    "levels": "Medians over the replicates with exact 95 % intervals.",
-    "time": "Agents in trees over time: means over the replicates with 95 % intervals.",
-}
 
 
 def load_study(
@@ -49,7 +45,7 @@ def load_study(
         raise SettingsError([*error.problems, *problems]) from None
     if file is None:
         raise SettingsError(problems)
-    return replace(make_study(sweep.name, file, sweep), is_built_in=name in COLLECTIONS["all"])
+    return make_study(sweep.name, file, sweep)
 
 
 def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
@@ -82,7 +78,8 @@ def bare_study(
     Raises:
         ValueError: If no factor has the reference among its levels, or the table lacks a column.
     """
-    factors = dict(zip(default_factors(sweep), sweep.factors, strict=True))
+    titles = default_factors(sweep)
+    factors = dict(zip(titles, sweep.factors, strict=True))
     references = {
         name: reference if reference is not None and reference in levels else levels[0]
         for name, levels in factors.items()
@@ -97,17 +94,16 @@ def bare_study(
     file = StudyFile(
         StudySettings(
             title=f"Sweep {sweep.name}",
-            kind=EXPLORATORY,
             question="How do the levels of what was swept differ?",
-            factors={name: name for name in factors},
+            factors=titles,
             metrics=(*recorded, *more),
             window_s=sweep.file.sweep.series_every_s or 300.0,
         ),
-        tuple(MetricSettings(name=column, column=column) for column in more),
+        tuple(_metric_of(column) for column in more),
         tuple(
             ContrastSettings(
                 id=name,
-                text=f"The levels of {name} against {references[name]}",
+                text=f"The levels of {titles[name]} against {references[name]}",
                 factor=name,
                 reference=references[name],
                 metrics=(*recorded[:1], *recorded[2:], *more),
@@ -115,23 +111,47 @@ def bare_study(
             for name, levels in factors.items()
             if len(levels) > 1
         ),
-        figure=tuple(_figures(factors, [name for name in DRAWN if name in recorded], has_series)),
+        figure=tuple(_figures(sweep, titles, [name for name in DRAWN if name in recorded], has_series)),
     )
     return make_study(sweep.name, file, sweep)
 
 
-def _figures(factors: dict[str, Sequence[str]], metrics: Sequence[str], has_series: bool) -> list[FigureSettings]:
-    """Choose boxes, or medians along a numeric factor; the next factor is shown by colour, a third by panel."""
+def _metric_of(column: str) -> MetricSettings:
+    """Make a metric of a column of the sweep's table, under its own title if it is one of a run's metrics."""
+    known = next((metric for metric in METRICS if metric.key == column), None)
+    title, unit = (known.title or known.label or column, known.unit) if known else (column, "")
+    return MetricSettings(name=column, title=title, unit=unit, column=column)
+
+
+def _figures(sweep: Sweep, titles: Mapping[str, str], metrics: Sequence[str], has_series: bool) -> list[FigureSettings]:
+    """Choose boxes, or medians along a numeric factor; the next factor is shown by colour, a third by panel.
+
+    Over time, all but the first two factors are held at their first levels.
+    """
+    factors = dict(zip(titles, sweep.factors, strict=True))
     names = sorted(factors, key=lambda name: -len(factors[name]))
-    numeric = [name for name in names if len(factors[name]) > 2 and numbers_in(factors[name])]
+    numeric = [name for name in names if len(factors[name]) > 2 and numbers_of(sweep, list(factors).index(name))]
     x = numeric[0] if numeric else names[0]
-    hue, facet, *_ = [*(name for name in names if name != x), "", ""]
+    others = [name for name in names if name != x]
+    hue, facet, *_ = [*(name for name in others if len(factors[name]) <= MOST_LOOKS), "", ""]
     kind = "levels" if numeric else "boxes"
     drawn = [
-        FigureSettings(name=metric, kind=kind, metric=metric, x=x, hue=hue, facet=facet, caption=CAPTIONS[kind])
+        FigureSettings(
+            name=metric, kind=kind, metric=metric, x=x, hue=hue, facet=facet, caption=f"{BUILT_IN[metric].title}."
+        )
         for metric in metrics
     ]
-    if has_series:
-        caption = CAPTIONS["time"]
-        drawn.append(FigureSettings(name=OVER_TIME, kind="time", metric=OVER_TIME, hue=x, facet=hue, caption=caption))
+    if has_series and len(factors[x]) <= MOST_LOOKS:
+        held = {name: factors[name][0] for name in others if name != hue}
+        rows = zip(sweep.variants, itertools.product(*factors.values()), strict=True)
+        variants = tuple(
+            variant.label for variant, levels in rows if held.items() <= dict(zip(factors, levels, strict=True)).items()
+        )
+        at = "".join(f", {titles[name]}: {level}" for name, level in held.items())
+        caption = f"{BUILT_IN[OVER_TIME].title} over time{at}."
+        drawn.append(
+            FigureSettings(
+                name=OVER_TIME, kind="time", metric=OVER_TIME, hue=x, facet=hue, variants=variants, caption=caption
+            )
+        )
     return drawn

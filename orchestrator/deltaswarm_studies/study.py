@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep, flattened
-from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings
 from deltaswarm_studies.metrics import StudyMetric, Timing
 from deltaswarm_studies.settings import ContrastSettings, StudyFile
 from deltaswarm_wire import checked
@@ -40,7 +39,6 @@ class Study:
     """The levels of each factor, in order."""
     metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
-    is_built_in: bool = False
 
     @property
     def title(self) -> str:
@@ -61,12 +59,6 @@ class Study:
         return self.sweep.file.sweep.repeats
 
     @property
-    def ranges(self) -> Sequence[RangeSettings]:
-        """What a sensitivity study draws; empty if it is none."""
-        sensitivity = self.sweep.file.sensitivity
-        return sensitivity.range if sensitivity else ()
-
-    @property
     def digests(self) -> tuple[str, str]:
         """Digests of what the study file runs, and of what it asks."""
         sweep = checked.plain(self.sweep.file)
@@ -77,11 +69,29 @@ class Study:
 
     def factor_title(self, factor: str) -> str:
         """Return a factor's name for people."""
-        return str(self.file.study.factors.get(factor, factor))
+        return str((self.file.study.factors or default_factors(self.sweep))[factor])
 
     def numbers(self, factor: str) -> dict[str, float]:
         """Return the number of each level of a factor; empty if the levels are not numbers."""
-        return numbers_in(self.factors[factor])
+        return numbers_of(self.sweep, list(self.factors).index(factor))
+
+    def level_name(self, factor: str, level: str) -> str:
+        """Return a level for people: the value alone where the sweep named it by its key, as in `loss=0.5`."""
+        key = swept_key(self.sweep, list(self.factors).index(factor))
+        return level.removeprefix(f"{key.rpartition('.')[2]}=") if key else level
+
+    def level_title(self, factor: str, level: str) -> str:
+        """Return a level that stands alone: its name, after the factor's title if the name is but a value."""
+        name = self.level_name(factor, level)
+        return name if name == level else f"{self.factor_title(factor)}: {name}"
+
+    def legend_title(self, factor: str) -> str:
+        """Return the title that a legend of a factor's levels needs: none where the levels speak for themselves."""
+        return self.factor_title(factor) if factor and swept_key(self.sweep, list(self.factors).index(factor)) else ""
+
+    def variant_title(self, variant: str) -> str:
+        """Return a variant's name for people."""
+        return ", ".join(self.level_title(factor, level) for factor, level in self.levels[variant].items())
 
     @cached_property
     def levels(self) -> Mapping[str, Mapping[str, str]]:
@@ -120,19 +130,57 @@ class Study:
         return contrast.metrics or self.file.study.metrics
 
 
-def default_factors(sweep: Sweep) -> list[str]:
-    """Name each of a sweep's factors by the last part of the first key that it varies."""
+def default_factors(sweep: Sweep) -> dict[str, str]:
+    """Name each of a sweep's factors by the last part of the first key that it varies; return also their titles."""
     settings = sweep.file.sweep
     keys = [name for name, _ in flattened(settings.axes)]
     keys += [next(name for name, _ in flattened(table) if name != LABEL) for table in settings.paired]
+    keys += ["variant"] if len(keys) < len(sweep.factors) else []
     names = [key.rpartition(".")[2] for key in keys]
-    names += ["variant"] if len(names) < len(sweep.factors) else []
-    return [name if names.count(name) == 1 else f"{name} {index + 1}" for index, name in enumerate(names)]
+    unique = [name if names.count(name) == 1 else f"{name} {index + 1}" for index, name in enumerate(names)]
+    return dict(zip(unique, map(title_of, keys), strict=True))
 
 
-def numbers_in(levels: Sequence[str]) -> dict[str, float]:
-    """Return the number of each level if all levels are swept numbers such as `loss=0.1`; else an empty dict."""
-    try:
-        return {level: float(level.partition("=")[2]) for level in levels}
-    except ValueError:
-        return {}
+UNITS = {
+    "_bytes_per_s": "bytes/s",
+    "_work_agent_s": "agent s",
+    "_per_s": "1/s",
+    "_mps": "m/s",
+    "_m2": "m2",
+    "_hz": "1/s",
+    "_dbm": "dBm",
+    "_db": "dB",
+    "_bytes": "bytes",
+    "_m": "m",
+    "_s": "s",
+}
+"""The unit of a key by the end of its name, the longest ends first."""
+
+
+def title_of(key: str) -> str:
+    """Return a dotted key for people: its last part in words, with the unit."""
+    name = key.rpartition(".")[2]
+    end, unit = next(((end, unit) for end, unit in UNITS.items() if name.endswith(end)), ("", ""))
+    words = name.removesuffix(end).replace("_", " ")
+    return f"{words} [{unit.replace('m2', 'm²')}]" if unit else words
+
+
+def swept_key(sweep: Sweep, place: int) -> str:
+    """Return the key that the factor at this place of a sweep varies; empty unless it is an axis of its own."""
+    keys = [name for name, _ in flattened(sweep.file.sweep.axes)]
+    return keys[place] if place < len(keys) else ""
+
+
+def numbers_of(sweep: Sweep, place: int) -> dict[str, float]:
+    """Return the number of each level of a sweep's factor; empty if it is no axis, or a value is no number."""
+    key = swept_key(sweep, place)
+    values = {
+        levels[place]: variant.keys.get(key)
+        for levels, variant in zip(itertools.product(*sweep.factors), sweep.variants, strict=True)
+    }
+    numbers = {
+        level: float(value)
+        for level, value in values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+    return numbers if len(numbers) == len(values) else {}

@@ -6,8 +6,8 @@ made without pyplot.
 
 import io
 import itertools
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -15,11 +15,20 @@ from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib.style
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 TEXT_IN = 4.8
 """Width of the paper's text [in]. The figures are as wide, so that nothing is scaled and 8 pt stays 8 pt."""
+
+LETTERS = 70
+"""Letters that are side by side in a figure as wide as the text."""
+
+SPACING: Mapping[str, float] = {"columnspacing": 1.2}
 
 STYLE = Path(__file__).with_name("deltaswarm.mplstyle")
 
@@ -51,66 +60,40 @@ MODES = {
 }
 """Tol's high-contrast colours, for colour-blind readers and grey printing; hybrid lies between the other two."""
 
-OTHERS = (
-    Look("#56b4e9", "D", r"\\\\", "-"),
-    Look("#117733", "v", "xxxx", (0, (4, 1))),
-    Look("#332288", "P", "||||", (0, (2, 1))),
-    Look("#ddcc77", "X", "----", (0, (6, 2))),
-    Look("#888888", "p", "++++", (0, (4, 1, 1, 1))),
-)
-"""Looks for variants that are not control modes, in order of appearance."""
+COLOURS = ("#56b4e9", "#117733", "#a0a0a0", "#661100", "#000000")
+MARKERS = ("D", "v", "P", "X", "p", "h", "*")
+HATCHES = (r"\\\\", "xxxx", "||||", "----", "++++", "oo")
+LINES: tuple[Any, ...] = ("-", (0, (4, 1)), (0, (2, 1)), (0, (4, 1, 1, 1)))
+"""What makes looks besides those of the modes. The numbers of all four differ, so that each look differs from the next
+ones in all, and two of one colour in marker, hatch and line."""
 
 HYBRID_DELTA = 3
 """The paper's delta, which has the look of the hybrid mode itself."""
 
 _DELTA_MARKERS = {2: "D", 4: "v", 5: "P", 6: "X", 7: "<", 8: ">", 9: "p", 10: "h"}
 _DELTA_LINES: tuple[Any, ...] = ((0, (3, 1)), (0, (4, 1, 1, 1)), (0, (2, 2)), "-")
-_HYBRID = re.compile(r"hybrid\s+(\d+)$")
 
 
-def delta_of(variant: str) -> int | None:
-    """Return the delta of a variant named "hybrid <delta>"; None for any other."""
-    match = _HYBRID.match(variant)
-    return int(match[1]) if match else None
+def others() -> Iterator[Look]:
+    """Yield the looks of what is no control mode, in order of appearance."""
+    return map(Look, *map(itertools.cycle, (COLOURS, MARKERS, HATCHES, LINES)))
 
 
-def looks(variants: Iterable[str], *, repeat: bool = False) -> dict[str, Look]:
-    """Choose the look of each variant of a figure. Modes and deltas look the same in every figure.
-
-    Args:
-        variants: in the order in which they are drawn.
-        repeat: reuse looks when all are used up, for figures that write each variant's name beside it.
-
-    Raises:
-        ValueError: there are more variants besides the modes than distinguishable looks.
-    """
-    chosen: dict[str, Look] = {}
-    others = itertools.cycle(OTHERS) if repeat else iter(OTHERS)
-    for variant in variants:
-        delta = delta_of(variant)
-        look = (MODES.get(variant) if delta is None else _of_delta(delta)) or next(others, None)
-        if look is None:
-            raise ValueError(f"no look is left for {variant!r}: {len(OTHERS)} variants besides the modes at most")
-        chosen[variant] = look
-    return chosen
-
-
-def _of_delta(delta: int) -> Look:
+def hybrid(delta: int) -> Look:
     """Choose a look between hierarchical and decentralised by delta, like the swarm (delta sensitivity analysis)."""
-    hybrid = MODES["hybrid"]
+    look = MODES["hybrid"]
     if delta == HYBRID_DELTA:
-        return hybrid
+        return look
     if delta < HYBRID_DELTA:
-        colour = mix(MODES["hierarchical"].colour, hybrid.colour, max(0, delta - 1) / 2)
+        colour = mix(MODES["hierarchical"].colour, look.colour, max(0, delta - 1) / 2)
     else:
-        colour = mix(hybrid.colour, MODES["decentralised"].colour, min(1.0, (delta - HYBRID_DELTA) / 8))
-    return Look(colour, _DELTA_MARKERS.get(delta, "d"), hybrid.hatch, _DELTA_LINES[delta % len(_DELTA_LINES)])
+        colour = mix(look.colour, MODES["decentralised"].colour, min(1.0, (delta - HYBRID_DELTA) / 8))
+    return Look(colour, _DELTA_MARKERS.get(delta, "d"), look.hatch, _DELTA_LINES[delta % len(_DELTA_LINES)])
 
 
-def shown(variant: str) -> str:
-    """Return a variant's name as figures show it."""
-    delta = delta_of(variant)
-    return variant.replace("$", r"\$") if delta is None else rf"hybrid $\delta = {delta}$"
+def shown(name: str) -> str:
+    """Return a name as Matplotlib must be given it: a dollar sign starts no mathematics."""
+    return name.replace("$", r"\$")
 
 
 def mix(colour: str, other: str, share: float) -> str:
@@ -128,9 +111,47 @@ def drawing() -> Iterator[None]:
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Make an empty figure, laid out so that nothing overlaps or is cut off."""
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
 
 
+def add_legend(
+    figure: Figure, handles: Sequence[Any], title: str = "", *, columns: int = 3, spacing: Mapping[str, float] = SPACING
+) -> None:
+    """Put a legend below all panels, in as many columns as fit, and make the figure taller by it."""
+    for handle in handles:
+        handle.set_label("\n".join(textwrap.wrap(str(handle.get_label()), LETTERS)))
+    for count in range(min(columns, len(handles)), 0, -1):
+        legend = figure.legend(
+            handles=handles,
+            title=shown(title) or None,
+            loc="outside lower center",
+            ncols=count,
+            **spacing,
+        )
+        box = legend.get_window_extent(figure.canvas.get_renderer())  # type: ignore[attr-defined]
+        if count == 1 or box.width <= 0.98 * figure.bbox.width:
+            break
+        legend.remove()
+    figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
+
+
+def laid_out(figure: Figure, taller_in: float = 0.0) -> Figure:
+    """Lay a figure out, made taller if need be, for good: that takes long, and what follows relies on all places."""
+    figure.set_figheight(figure.get_figheight() + taller_in)
+    figure.set_layout_engine("constrained")
+    with drawing():
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure
+
+
+CANVASES: Mapping[str, type[FigureCanvasBase]] = {
+    "png": FigureCanvasAgg,
+    "svg": FigureCanvasSVG,
+    "pdf": FigureCanvasPdf,
+}
 METADATA: Mapping[str, dict[str, Any]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": "deltaswarm"},
@@ -139,10 +160,21 @@ METADATA: Mapping[str, dict[str, Any]] = {
 
 
 def rendered(figure: Figure, kind: str) -> bytes:
-    """Render a figure as PNG, SVG or PDF; the same figure gives the same bytes."""
+    """Render a figure as PNG, SVG or PDF; the same figure gives the same bytes.
+
+    The canvas prints directly: `savefig` would draw everything once more beforehand, for its layout.
+    """
     stream = io.BytesIO()
     with drawing():
-        figure.savefig(stream, format=kind, metadata=METADATA[kind])
+        if figure.get_layout_engine() is not None:
+            laid_out(figure)
+        dpi = figure.dpi
+        figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+        try:
+            getattr(CANVASES[kind](figure), f"print_{kind}")(stream, metadata=METADATA[kind])
+        finally:
+            figure.set_dpi(dpi)
+            FigureCanvasAgg(figure)
     return stream.getvalue()
 
 

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle, Patch, Polygon
 from scipy import stats
 
 from deltaswarm_orchestrator.run.in_process import InProcess
@@ -43,6 +43,8 @@ class DrawnSwarm:
     bodies: tuple[AgentState, ...]
     events: tuple[EventState, ...]
     phi: Floats
+    obstacles: tuple[tuple[tuple[float, ...], ...], ...] = ()
+    """Corners of each obstacle [m]."""
 
 
 class _Kind(NamedTuple):
@@ -70,6 +72,9 @@ _FREE = _Kind("free", "^", "#ffffff", 3.6)
 _ATTENDING = _Kind("attending", "D", "#8c8c8c", 3.2)
 _RELOCATING = _Kind("relocating", "p", "#ffffff", 4.4)
 _DEAD = _Kind("dead", "x", style.BLACK, 3.2)
+IN_TREES = ("root", "member")
+"""Roles of agents in trees, whose sensing range is shaded."""
+
 KINDS = (_FREE, _ATTENDING, _ROOT, *_MEMBERS, _RELOCATING, _DEAD)
 
 
@@ -94,6 +99,7 @@ def snapshot(scenario: Scenario, time_s: float) -> DrawnSwarm:
         bodies=truth.bodies,
         events=tuple(event for event in truth.events if event.completed_s is None),
         phi=phi(scenario),
+        obstacles=tuple(obstacle.corners_m for obstacle in scenario.arena.obstacles),
     )
 
 
@@ -105,7 +111,7 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
     around each; free, attending and relocating agents have markers of their own.
 
     Args:
-        snapshots: snapshots by title; a variant's name ("hybrid 3") is written as in other figures.
+        snapshots: snapshots by title; their names.
         width_in: width of the whole figure [in]; the height follows.
 
     Raises:
@@ -116,11 +122,12 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
     count = len(snapshots)
     tallest = max(shot.height_m / shot.width_m for shot in snapshots.values())
     with style.drawing():
-        figure = style.new_figure(width_in, (width_in - 0.4) / count * tallest + 0.92)
+        figure = style.new_figure(width_in, (width_in - 0.4) / count * tallest + 0.6)
         row = figure.subplots(1, count, squeeze=False)[0]
+        densest = max(float(shot.phi.max()) for shot in snapshots.values())  # one shade means one density
         same = len({(shot.width_m, shot.height_m) for shot in snapshots.values()}) == 1
         for place, (axes, (title, shot)) in enumerate(zip(row, snapshots.items(), strict=True)):
-            _panel(axes, shot)
+            _panel(axes, shot, densest)
             axes.set_title(f"({chr(ord('a') + place)}) {style.shown(title)}")
             axes.set_xlabel("x [m]")
             if place == 0:
@@ -128,14 +135,9 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
             elif same:
                 axes.tick_params(labelleft=False)
         drawn = {kind for shot in snapshots.values() for kind in map(kind_of, shot.bodies)}
-        figure.legend(
-            handles=_legend([kind for kind in KINDS if kind in drawn]),
-            loc="outside lower center",
-            ncols=6,
-            handletextpad=0.4,
-            columnspacing=1.0,
-            handlelength=1.2,
-        )
+        kinds = [kind for kind in KINDS if kind in drawn]
+        spacing = {"handletextpad": 0.4, "columnspacing": 1.0, "handlelength": 1.2}
+        style.add_legend(figure, _legend(kinds, list(snapshots.values())), columns=6, spacing=spacing)
     return figure
 
 
@@ -155,14 +157,17 @@ def edges(bodies: Sequence[AgentState]) -> Iterator[tuple[tuple[float, float], t
             yield (body.x_m, body.y_m), places[body.parent]
 
 
-def _panel(axes: Axes, shot: DrawnSwarm) -> None:
+def _panel(axes: Axes, shot: DrawnSwarm, densest: float) -> None:
     extent = (0.0, shot.width_m, 0.0, shot.height_m)
-    axes.imshow(shot.phi, origin="lower", extent=extent, cmap=_SHADES, vmin=0.0, interpolation="nearest", zorder=0)
+    shade: dict[str, Any] = {"cmap": _SHADES, "vmin": 0.0, "vmax": densest, "interpolation": "nearest", "zorder": 0}
+    axes.imshow(shot.phi, origin="lower", extent=extent, **shade)
+    for corners in shot.obstacles:
+        axes.add_patch(Polygon(corners, facecolor=style.GREY, zorder=1.2))
     level = level_holding(shot.phi, HELD)
     if level is not None:
         axes.contour(shot.phi, [level], extent=extent, colors=style.GREY, linewidths=0.7, linestyles=":", zorder=1)
     for body in shot.bodies:
-        if body.role in ("root", "member"):
+        if body.role in IN_TREES:
             reach: dict[str, Any] = {"facecolor": (style.LEVELS[0], 0.10), "edgecolor": "none", "zorder": 1.5}
             axes.add_patch(Circle((body.x_m, body.y_m), shot.sensing_range_m, **reach))
     axes.add_collection(
@@ -193,14 +198,33 @@ def _panel(axes: Axes, shot: DrawnSwarm) -> None:
     axes.set_yticks(quarters * shot.height_m)
 
 
-def _legend(kinds: Sequence[_Kind]) -> list[Artist]:
+def _legend(kinds: Sequence[_Kind], shots: Sequence[DrawnSwarm]) -> list[Artist]:
+    """Make a handle for everything that is drawn in at least one panel, and for nothing else."""
+    event: dict[str, Any] = {
+        "linestyle": "none",
+        "marker": "o",
+        "markersize": 2.4,
+        "color": style.BLACK,
+        "label": "event",
+    }
     held = f"{HELD:.0%} of events".replace("%", " %")
+    in_trees = any(body.role in IN_TREES for shot in shots for body in shot.bodies)
     return [
         *(Line2D([], [], **kind.look) for kind in kinds),
-        Line2D([], [], linestyle="none", marker="o", markersize=2.4, color=style.BLACK, label="event"),
-        Patch(facecolor=(style.LEVELS[0], 0.15), label="sensing range"),
-        Line2D([], [], color=style.GREY, linewidth=0.8, linestyle=":", label=held),
+        *([Line2D([], [], **event)] if any(shot.events for shot in shots) else []),
+        *([Line2D([], [], color=style.BLACK, linewidth=0.7, label="to parent")] if _any_edge(shots) else []),
+        *([Patch(facecolor=(style.LEVELS[0], 0.15), label="sensing range in trees")] if in_trees else []),
+        *([Patch(facecolor=style.GREY, label="obstacle")] if any(shot.obstacles for shot in shots) else []),
+        *(
+            [Line2D([], [], color=style.GREY, linewidth=0.8, linestyle=":", label=held)]
+            if any(level_holding(shot.phi, HELD) is not None for shot in shots)
+            else []
+        ),
     ]
+
+
+def _any_edge(shots: Sequence[DrawnSwarm]) -> bool:
+    return any(True for shot in shots for _ in edges(shot.bodies))
 
 
 CELLS = 200

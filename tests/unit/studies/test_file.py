@@ -27,7 +27,7 @@ def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
     study = load_study(name)
     for contrast in study.file.contrast:
         assert study.repeats >= pairs_needed(len(list(study.comparisons(contrast)))), contrast.id
-    assert study.file.figure or study.file.grid or study.file.fit or study.ranges
+    assert study.file.figure or study.file.grid or study.file.fit
     assert all(figure.caption and figure.name for figure in study.file.figure)
     assert all(contrast.text and contrast.id for contrast in study.file.contrast)
     assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)
@@ -72,6 +72,10 @@ def test_with_a_pilot_the_plan_says_which_effect_it_could_show(tmp_path: Path, m
 
 
 SWARM = '[[figure]]\nname = "f"\nkind = "swarm"\nat_s = 1500.0\n'
+TIMES_BY_LOSS = (
+    OWN + '[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\nhue = "mode"\nfacet = "loss"\n'
+    'spans = [{ text = "lost", from_s = 300.0, '
+)
 DRAWN = '[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\n'
 TIMED = OWN.replace("window_s", "from_s = 500.0\nwindow_s").replace('"waiting_all"', '"trees"')
 CONTRAST = '[[contrast]]\nid = "a"\nfactor = "loss"\nreference = "loss=0.0"\n'
@@ -166,6 +170,21 @@ def test_sound_tables_are_taken() -> None:
          "figure[0].published"),
         ('[[figure]]\nname = "f"\nkind = "time"\nx = "mode"\n', "figure[0].x"),
         ('[[figure]]\nname = "f"\nkind = "swarm"\nlines = { a = 1.0 }\n', "figure[0].lines"),
+        (
+            '[[figure]]\nname = "f"\nx = "mode"\nfacet = "loss"\npublished = { "hybrid 3" = [1, 2] }\n',
+            "figure[0].published",
+        ),
+        (
+            '[[figure]]\nname = "f"\nx = "mode"\nvariants = ["loss=0.0, decentralised"]\n'
+            'published = { "hybrid 3" = [1, 2] }\n',
+            "figure[0].published",
+        ),
+        (
+            '[[figure]]\nname = "f"\nkind = "plane"\nx = "messages"\nhue = "mode"\n'
+            'variants = ["loss=0.0, decentralised"]\npath = ["loss=0.0, hybrid 3"]\n',
+            "figure[0].path",
+        ),
+        (TIMES_BY_LOSS + 'levels = ["no loss"] }]\n', "figure[0].spans[0].levels"),
         ('[[figure]]\nname = "f"\nkind = "plane"\nx = "mode"\nhue = "mode"\n', "figure[0].x"),
         ('[[figure]]\nname = "f"\nkind = "plane"\nx = "messages"\n', "figure[0].hue"),
         ('[[figure]]\nname = "f"\nkind = "boxes"\nhue = "mode"\n', "figure[0].x"),
@@ -329,3 +348,34 @@ def test_a_figures_name_stays_in_its_folder(name: str) -> None:
     """It becomes the name of a file, so it is refused when the study is read."""
     with pytest.raises(SettingsError, match=r"figure\[0\]\.name.*must be a file's name"):
         made(f'{OWN}[[figure]]\nname = "{name}"\nmetric = "messages"\nx = "loss"\n')
+
+
+FAULT_AT_500 = """
+[[sweep.paired]]
+label = ["whole", "a third lost"]
+fault = [[], [{ kind = "kill", agents = [1, 2, 3], at_s = 500.0 }]]
+"""
+SPAN = (
+    OWN.replace('mode = "control"', 'mode = "control", lost = "agents"')
+    + '[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\nhue = "mode"\nfacet = "lost"\n'
+    'variants = ["loss=0.0, decentralised, whole", "loss=0.0, decentralised, a third lost"]\n'
+    'spans = [{ text = "agents lost", from_s = 500.0 }]\n'
+)
+
+
+def test_a_span_is_refused_where_nothing_happens() -> None:
+    """It would say in the panel of the whole swarm that agents are lost; in its own panel, and everywhere, it may."""
+    with pytest.raises(SettingsError, match=r"spans\[0\]\.levels must be 'a third lost'.*nothing happens in 'whole'"):
+        made(SPAN, SWEEP + FAULT_AT_500)
+    assert made(SPAN.replace("500.0 }]", '500.0, levels = ["a third lost"] }]'), SWEEP + FAULT_AT_500)
+    assert made(SPAN.replace("from_s = 500.0", "from_s = 600.0"), SWEEP + FAULT_AT_500)  # the reader's own mark
+
+
+def test_more_colours_than_can_be_told_apart_are_refused() -> None:
+    """Before the runs; the same factor along the axis is well."""
+    rates = ", ".join(str(index / 20) for index in range(1, 14))
+    sweep = SWEEP.replace("[0.0, 0.5, 0.9]", f"[{rates}]")
+    figure = '[[figure]]\nname = "f"\nx = "{}"\nhue = "{}"\n'
+    with pytest.raises(SettingsError, match=r"figure\[0\]\.hue must be at most 12.*got 13 to tell apart"):
+        made(OWN + figure.format("mode", "loss"), sweep)
+    assert made(OWN + figure.format("loss", "mode"), sweep)

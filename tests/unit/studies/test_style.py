@@ -14,11 +14,13 @@ from matplotlib.figure import Figure
 
 from benchmarks import plots as benchmarks
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_studies import style, swarm
+from deltaswarm_studies import looks, style, swarm
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.kinds import MOST_LOOKS
+from deltaswarm_studies.load import load_study
 from deltaswarm_studies.swarm import KINDS, snapshot
-from tests.support.studying import OWN, made, series, table
+from tests.support.studying import OWN, SWEEP, made, series, table
 
 ROOT = Path(__file__).parents[3]
 
@@ -102,56 +104,109 @@ def test_levels_grow_lighter_with_depth() -> None:
 
 
 def test_other_looks_differ_from_the_next_in_grey() -> None:
-    """And the ablation's boxes, hybrid and decentralised among them, side by side."""
-    others = [look.colour for look in style.OTHERS]
-    ablation = style.looks(["hybrid 3", "no recruitment", "no dissolution", "decentralised"])
-    for colours in (others, [look.colour for look in ablation.values()]):
-        steps = np.abs(np.diff([lightness(colour) for colour in colours]))
-        assert steps.min() >= MIN_LIGHTNESS_STEP
+    """All colours in turn."""
+    steps = np.abs(np.diff([lightness(colour) for colour in style.COLOURS]))
+    assert steps.min() >= MIN_LIGHTNESS_STEP
+
+
+MIN_DIFFERENCE = 15.0
+"""Least difference (CIE76) between two colours as a colour-blind reader sees them; about 2 is just noticeable."""
+
+SEEN_BY = {
+    "anyone": np.eye(3),
+    "protanopes": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopes": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "tritanopes": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+"""Linear RGB as readers see it (Machado, Oliveira and Fernandes 2009, severity 1)."""
+
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+WHITE = TO_XYZ.sum(axis=1)
+
+
+def lab(colour: str, reader: str) -> np.ndarray:
+    """CIE L*a*b* of a colour as a reader sees it."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    seen = TO_XYZ @ np.clip(SEEN_BY[reader] @ linear, 0, 1) / WHITE
+    f = np.where(seen > 216 / 24389, np.cbrt(seen), (24389 / 27 * seen + 16) / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("reader", SEEN_BY)
+def test_colours_differ_for_colour_blind_readers(reader: str) -> None:
+    """Every pair of the modes' and the other colours."""
+    colours = [*(look.colour for look in style.MODES.values()), *style.COLOURS]
+    for one, other in itertools.combinations(colours, 2):
+        assert np.linalg.norm(lab(one, reader) - lab(other, reader)) >= MIN_DIFFERENCE, (one, other)
 
 
 def test_tints_leave_black_readable() -> None:
     """The median is drawn in black on the tint."""
-    looks = [*style.MODES.values(), *style.OTHERS]
+    looks = [*style.MODES.values(), *itertools.islice(style.others(), len(style.COLOURS))]
     assert min(lightness(look.tint) for look in looks) >= 50
 
 
-def test_modes_and_others_differ_in_marker_hatch_and_line() -> None:
+def test_modes_differ_in_marker_hatch_and_line() -> None:
     """Where colour and lightness fail, each of these alone tells them apart."""
-    for looks in (style.MODES.values(), style.OTHERS):
-        for part in ("marker", "hatch", "line"):
-            values = [getattr(look, part) for look in looks]
-            assert len(set(values)) == len(values), part
+    for part in ("marker", "hatch", "line"):
+        values = [getattr(look, part) for look in style.MODES.values()]
+        assert len(set(values)) == len(values), part
+
+
+def test_no_two_looks_of_a_figure_are_alike() -> None:
+    """As many as a figure may have: neither as points, nor as lines, nor as boxes, also beside modes and deltas."""
+    looks = [*style.MODES.values(), *map(style.hybrid, (2, 4, 5)), *itertools.islice(style.others(), MOST_LOOKS)]
+    for part in ("marker", "line", "hatch"):
+        seen = [(look.colour, getattr(look, part)) for look in looks]
+        assert len(set(seen)) == len(seen), part
 
 
 def test_all_deltas_have_markers_of_their_own() -> None:
-    """In one figure with both other modes; delta 3 has the look of its mode, wherever it stands."""
-    found = style.looks(["decentralised", "hierarchical", *(f"hybrid {delta}" for delta in range(2, 11))])
-    assert len({look.marker for look in found.values()}) == len(found)
-    assert found["hybrid 3"] == style.MODES["hybrid"]
-    assert style.looks(["hybrid 3"]) == {"hybrid 3": found["hybrid 3"]}
-    lines = [found[f"hybrid {delta}"].line for delta in range(2, 11)]
-    assert all(one != other for one, other in itertools.pairwise(lines))
+    """In one figure with both other modes; delta 3 has the look of its mode."""
+    found = {delta: style.hybrid(delta) for delta in range(2, 11)}
+    markers = [look.marker for look in (*found.values(), style.MODES["hierarchical"], style.MODES["decentralised"])]
+    assert len(set(markers)) == len(markers)
+    assert found[3] == style.MODES["hybrid"]
+    assert all(one.line != other.line for one, other in itertools.pairwise(found.values()))
 
 
 def test_deltas_lie_between_the_modes_in_lightness() -> None:
     """The higher, the closer to decentralised, as in the swarm itself."""
-    found = style.looks(["hierarchical", *(f"hybrid {delta}" for delta in range(2, 11)), "decentralised"])
-    levels = [lightness(look.colour) for look in found.values()]
+    ends = style.MODES["hierarchical"], style.MODES["decentralised"]
+    levels = [lightness(look.colour) for look in (ends[0], *map(style.hybrid, range(2, 11)), ends[1])]
     assert levels == sorted(levels)
     assert len(set(levels)) == len(levels)
 
 
-def test_too_many_variants_are_named() -> None:
-    """Rather than drawn alike."""
-    with pytest.raises(ValueError, match="variant 5"):
-        style.looks(f"variant {i}" for i in range(len(style.OTHERS) + 1))
+def test_a_control_has_its_look_whatever_it_is_called() -> None:
+    """By the scenario: a level called "hybrid 3" whose delta is 5 looks like delta 5, in levels, variants and paths."""
+    study = made(
+        OWN, SWEEP.replace('["decentralised", "hybrid"]', '["decentralised", "hybrid"]\ncontrol.delta = [3, 5]')
+    )
+    assert looks.of_levels(study, "mode") == {
+        "decentralised": style.MODES["decentralised"],
+        "hybrid 3": style.hybrid(5),
+    }
+    names = {f"loss={loss}": [f"loss={loss}, hybrid 3"] for loss in (0.0, 0.5, 0.9)}
+    assert looks.of_groups(study, {"hybrid 3": names["loss=0.0"]}) == {"hybrid 3": style.hybrid(5)}
+    alike = looks.of_groups(study, names)
+    assert len(set(alike.values())) == 3
+    assert alike["loss=0.0"] == style.hybrid(5)
 
 
-def test_looks_repeat_where_names_stand_beside() -> None:
-    """In their order, from the first."""
-    found = list(style.looks((f"variant {i}" for i in range(len(style.OTHERS) + 1)), repeat=True).values())
-    assert found == [*style.OTHERS, style.OTHERS[0]]
+def test_a_path_through_one_mode_has_the_look_of_the_mode() -> None:
+    """Whichever its thresholds, and whatever it is called."""
+    study = load_study("paper")
+    deltas = [f"hybrid {delta}" for delta in range(4, 8)]
+    found = looks.of_groups(study, {"a": deltas, "b": ["rho 4", "rho 5"], "c": ["adaptive"]}, are_paths=True)
+    assert [found["a"], found["b"]] == [style.MODES["hybrid"], style.MODES["hierarchical"]]
+    assert found["c"] == looks.of_levels(study, "condition")["adaptive"]
 
 
 def test_agents_of_different_kinds_differ_without_colour() -> None:
@@ -161,10 +216,9 @@ def test_agents_of_different_kinds_differ_without_colour() -> None:
         assert one.marker != other.marker or apart >= MIN_LEVEL_LIGHTNESS_STEP, (one.label, other.label)
 
 
-def test_names_are_written_out() -> None:
-    """Delta as mathematics; a dollar sign of a name starts none."""
-    assert style.shown("hybrid 10") == r"hybrid $\delta = 10$"
-    assert style.shown("no recruitment") == "no recruitment"
+def test_a_name_is_shown_as_it_is() -> None:
+    """A dollar sign starts no mathematics, and no parameter is read out of a name."""
+    assert style.shown("hybrid 10") == "hybrid 10"
     assert style.shown("5 $ each") == r"5 \$ each"
 
 

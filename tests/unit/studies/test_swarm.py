@@ -8,6 +8,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
+from matplotlib.patches import Polygon
 
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -107,7 +108,7 @@ def test_panels_are_aligned_and_the_legend_shared() -> None:
     assert [axes.get_title() for axes in figure.axes] == [
         "(a) decentralised",
         "(b) hierarchical",
-        r"(c) hybrid $\delta = 3$",
+        "(c) hybrid 3",
     ]
     assert len({(round(box.y0, 3), round(box.width, 3), round(box.height, 3)) for box in boxes}) == 1
     names = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -118,6 +119,27 @@ def test_panels_are_aligned_and_the_legend_shared() -> None:
     assert page.x0 <= legend.x0 < legend.x1 <= page.x1
     assert page.y0 <= legend.y0 < legend.y1 <= min(axes.get_tightbbox().y0 for axes in figure.axes) + 1
     assert all(axes.get_tightbbox().y1 <= page.y1 for axes in figure.axes)
+
+
+def test_the_legend_has_what_is_drawn_and_nothing_else() -> None:
+    """No events, no tree and a uniform density need no words; an obstacle does."""
+    free = tuple(body for body in BODIES if body.role == "free")
+    bare = dataclasses.replace(shot(free, events=()), phi=np.full((50, 50), 1e-4))
+    assert [text.get_text() for text in swarm({"one": bare}).legends[0].get_texts()] == ["free"]
+    walled = dataclasses.replace(bare, obstacles=(((10.0, 10.0), (20.0, 10.0), (20.0, 30.0)),))
+    figure = swarm({"one": walled})
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["free", "obstacle"]
+    [wall] = [patch for patch in figure.axes[0].patches if isinstance(patch, Polygon)]
+    assert wall.get_xy()[:3].tolist() == [[10, 10], [20, 10], [20, 30]]
+    names = [text.get_text() for text in swarm({"one": shot()}).legends[0].get_texts()]
+    assert {"event", "to parent", "sensing range in trees", "95 % of events"} <= set(names)
+
+
+def test_one_shade_means_one_density() -> None:
+    """In all panels of a figure."""
+    dense = dataclasses.replace(shot(), phi=3 * shot().phi)
+    images = [axes.images[0] for axes in swarm({"one": shot(), "three": dense}).axes]
+    assert [image.get_clim() for image in images] == [(0.0, float(dense.phi.max()))] * 2
 
 
 def test_the_density_is_shown_in_place() -> None:

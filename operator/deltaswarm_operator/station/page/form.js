@@ -12,7 +12,7 @@ export class FormPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.question = new Question(app, "form", () => this.open(), "form-missing");
+    this.question = new Question(app, "form", () => this.open());
     this.form = byId("form-form", HTMLFormElement);
     this.form.addEventListener("input", () => sessionStorage.setItem(this.stored, JSON.stringify(this.answers())));
     this.form.addEventListener("submit", (event) => {
@@ -70,16 +70,22 @@ export class FormPanel {
   send() {
     if (!this.asked) return;
     const answers = this.answers();
-    const { form, number } = this.asked;
+    const { form } = this.asked;
     const missing = form.question.filter(({ name, required }) => required && answers[name] === undefined);
     if (missing.length) return setText(element("form-missing"), t("Still to answer: {questions}", { questions: missing.map(({ text }) => t(text)).join(" ") }));
-    this.question.send({ type: "form", form: form.name, number, answers });
+    if (!this.app.send({ type: "form", form: form.name, answers }))
+      return setText(element("form-missing"), t("Not sent: there is no connection. Try again in a moment."));
+    this.question.answer(true);
   }
 
-  /** The answers are noted: their draft goes. */
-  noted() {
-    sessionStorage.removeItem(this.stored);
-    this.question.noted();
+  /**
+   * Ask again, since the answers were not accepted.
+   * @param {string} why
+   */
+  reopen(why) {
+    if (!this.question.isSent) return;
+    this.question.answer(false);
+    setText(element("form-missing"), t("Not accepted: {why}.", { why: retell(why) }));
   }
 }
 

@@ -63,8 +63,7 @@ export class PacePanel {
     const now_ms = performance.now();
     const from = now_ms - this.askedAt_ms < ASKED_FOR_MS ? this.asked : this.state.speed;
     const next = speeds[speeds.indexOf(from) + by];
-    if (next === undefined || !speeds.includes(from)) return;
-    this.app.send({ type: "pace", speed: next });
+    if (next === undefined || !speeds.includes(from) || !this.app.send({ type: "pace", speed: next })) return;
     [this.asked, this.askedAt_ms] = [next, now_ms];
   }
 

@@ -25,7 +25,7 @@ export class PageEvents {
     window.setInterval(() => this.look(), LOOK_EVERY_MS);
   }
 
-  /** Begin with a run: how the page came here, and its state. */
+  /** Begin anew, on a new connection: how the page came here, and its state. */
   begin() {
     const [how] = performance.getEntriesByType("navigation");
     this.send("loaded", how instanceof PerformanceNavigationTiming ? how.type : "");
@@ -48,7 +48,6 @@ export class PageEvents {
    */
   send(event, text = "") {
     if (this.app.model.hello?.kind !== "live") return false;
-    this.app.send({ type: "page", event, text });
-    return true;
+    return this.app.tell({ type: "page", event, text });
   }
 }
