@@ -12,6 +12,8 @@ class Column(NamedTuple):
 
 Utc = Annotated[str, Column("", "the same by the wall clock, in UTC to the millisecond; empty: no person was there")]
 MONOTONIC = "wall s"
+PAGE = "page s"
+"""Unit of times by the page's clock: seconds since 1970, as set when the page was loaded and not corrected since."""
 
 _TYPES: dict[Any, str] = {int: "whole number", float: "number", str: "text"}
 

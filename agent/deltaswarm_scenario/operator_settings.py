@@ -75,6 +75,7 @@ class PageSettings:
         (), 'orders that the page offers; an empty list: all that the controller accepts; ["none"]: no order'
     )
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
+    hold_while_away: bool = key(False, "whether the run is held while no page of the participant answers")
     language: LanguageSettings = key(LanguageSettings, "language of the page")
 
 

@@ -86,30 +86,41 @@ class Field:
 
 @dataclass(frozen=True)
 class MessageForm:
-    """One type of message. `pages` send it, or receive it; one that nobody waits for is refused without an answer."""
+    """One type of message. `pages` send it, or receive it; a notice without an id is refused without an answer."""
 
     meaning: str
     pages: tuple[str, ...]
     fields: Mapping[str, Field]
     is_notice: bool = False
+    is_input: bool = False
+    """Whether a person means it: it has the fields of `INPUT` too, and counts once."""
 
 
 NUMBER, TEXT, FLAG = Field("number"), Field("string", most=MAX_PAGE_TEXT), Field("boolean")
 INTEGER, INTEGERS = Field("integer"), Field("integer[]")
 
+PAGE_CLOCK = Field("number", LEFT_OUT, 0, 1e12)
+
+INPUT: Mapping[str, Field] = {"id": Field("string", LEFT_OUT), "page_s": PAGE_CLOCK, "sent_s": PAGE_CLOCK}
+"""Fields of every input: its id, which returns with the answer, and the page's clock when it was made and sent [s].
+
+An input that is sent again has its id again, and counts once.
+"""
+
+SHOWN: Mapping[str, Field] = {"shown_s": PAGE_CLOCK}
+"""Field of an answer: the page's clock when the question was first painted [s]."""
+
 FROM_PAGE: Mapping[str, MessageForm] = {
     "command": MessageForm(
-        "an order; its `id` returns with the answer",
+        "an order",
         (PARTICIPANT,),
-        {
-            "id": Field("string", LEFT_OUT),
-            "name": TEXT,
-            "target": Field("Target"),
-            "arguments": Field("Record<string, unknown>", LEFT_OUT),
-        },
+        {"name": TEXT, "target": Field("Target"), "arguments": Field("Record<string, unknown>", LEFT_OUT)},
+        is_input=True,
     ),
-    "veto": MessageForm("drop the change of delta that the system proposes", (PARTICIPANT,), {}),
-    "judge": MessageForm("what a reported event is judged to be", (PARTICIPANT,), {"event": INTEGER, "answer": TEXT}),
+    "veto": MessageForm("drop the change of delta that the system proposes", (PARTICIPANT,), {}, is_input=True),
+    "judge": MessageForm(
+        "what a reported event is judged to be", (PARTICIPANT,), {"event": INTEGER, "answer": TEXT}, is_input=True
+    ),
     "pace": MessageForm(
         "a speed, a number of steps, or a pause and its end; below 0 in a replay only",
         (PARTICIPANT, CONDUCTOR, REPLAY),
@@ -118,34 +129,46 @@ FROM_PAGE: Mapping[str, MessageForm] = {
             "steps": Field("integer", LEFT_OUT, -10_000, 10_000),
             "paused": Field("boolean", LEFT_OUT),
         },
+        is_input=True,
     ),
     "read": MessageForm(
         "items of the inbox that were read",
         (PARTICIPANT, REPLAY),
         {"items": Field("integer[]", LEFT_OUT), "all": Field("boolean", LEFT_OUT)},
+        is_input=True,
     ),
     "isa": MessageForm(
-        "an answer to ISA", (PARTICIPANT,), {"number": INTEGER, "answer": Field("integer", low=1, high=5)}
+        "an answer to ISA",
+        (PARTICIPANT,),
+        {"number": INTEGER, "answer": Field("integer", low=1, high=5), **SHOWN},
+        is_input=True,
     ),
     "tlx": MessageForm(
         "NASA-TLX filled in",
         (PARTICIPANT,),
-        {"scales": Field("Record<string, number>"), "weights": Field("Record<string, number>", LEFT_OUT)},
+        {"scales": Field("Record<string, number>"), "weights": Field("Record<string, number>", LEFT_OUT), **SHOWN},
+        is_input=True,
     ),
     "form": MessageForm(
-        "a form filled in", (PARTICIPANT,), {"form": TEXT, "answers": Field("Record<string, unknown>")}
+        "a form filled in",
+        (PARTICIPANT,),
+        {"form": TEXT, "number": Field("integer", LEFT_OUT), "answers": Field("Record<string, unknown>"), **SHOWN},
+        is_input=True,
     ),
-    "note": MessageForm("a note", (PARTICIPANT, CONDUCTOR), {"text": Field("string", most=MAX_NOTE)}),
+    "note": MessageForm("a note", (PARTICIPANT, CONDUCTOR), {"text": Field("string", most=MAX_NOTE)}, is_input=True),
     "page": MessageForm(
         "what happened to the page",
         (PARTICIPANT,),
         {"event": TEXT, "text": Field("string", LEFT_OUT, most=MAX_PAGE_TEXT)},
         is_notice=True,
+        is_input=True,
     ),
+    "beat": MessageForm("the page is there; once a second", (PARTICIPANT,), {}, is_notice=True),
     "sheet": MessageForm(
         "the session's sheet filled in",
         (PARTICIPANT,),
         {"consent": FLAG, "participant": Field("string", LEFT_OUT), "condition": Field("string", LEFT_OUT)},
+        is_input=True,
     ),
     "catch_up": MessageForm("a page was loaded, and asks for what it missed", EVERYBODY, {}),
     "seek": MessageForm("go to a time", (REPLAY,), {"time_s": Field("number", low=0, high=1e9)}),
@@ -214,10 +237,13 @@ TO_PAGE: Mapping[str, MessageForm] = {
         },
     ),
     "accepted": MessageForm("the answer to an order", (PARTICIPANT,), {"id": TEXT, "number": INTEGER}),
+    "noted": MessageForm(
+        "an input is written down, so that nothing loses it any more", (PARTICIPANT, CONDUCTOR), {"id": TEXT}
+    ),
     "refused": MessageForm(
-        "what is not accepted, by its `id` or its type, and why",
+        "what is not accepted, by its `id` or its type, and why; `again`: not now, but perhaps later",
         EVERYBODY,
-        {"id": Field("string | null"), "why": TEXT},
+        {"id": Field("string | null"), "why": TEXT, "again": Field("boolean", LEFT_OUT)},
     ),
     "read": MessageForm("items marked as read", (PARTICIPANT, WATCHER, CONDUCTOR, REPLAY), {"items": INTEGERS}),
     "act": MessageForm("what the participant did or answered", (CONDUCTOR,), {"act": Field("Act")}),
@@ -235,10 +261,12 @@ TO_PAGE: Mapping[str, MessageForm] = {
 class RefusedError(ValueError):
     """A page's message that is not accepted; the text is for the page."""
 
-    def __init__(self, why: str, what: str | None = None, *, is_notice: bool = False) -> None:
+    def __init__(self, why: str, what: str | None = None, *, is_notice: bool = False, again: bool = False) -> None:
         super().__init__(why)
         self.what = what
         """What is refused: the message's own id, or else its type."""
+        self.again = again
+        """Whether it may be accepted if it is sent again."""
         self.is_notice = is_notice
         """Whether nobody waits for an answer."""
 
@@ -259,17 +287,18 @@ def checked(raw: Any, page: str | None = None) -> Message:
     form = FROM_PAGE.get(kind) if isinstance(kind, str) else None
     if form is None:
         raise RefusedError(f"a message's type must be one of {', '.join(sorted(FROM_PAGE))}", what)
+    is_notice = form.is_notice and not raw.get("id")  # a page sends an input with an id again until it is answered
     if page is not None and page not in form.pages:
-        raise RefusedError(WHY_NOT[page], what, is_notice=form.is_notice)
+        raise RefusedError(WHY_NOT[page], what, is_notice=is_notice)
     message = {"type": kind, "from": raw.get("from") if type(raw.get("from")) is int else None}
     try:
-        for name, field in form.fields.items():
+        for name, field in {**form.fields, **(INPUT if form.is_input else {})}.items():
             if raw.get(name) is not None:
                 message[name] = field.checked(raw[name], name)
             elif field.is_required:
                 raise RefusedError(f"a message of type {kind} must have the field {name}")
     except RefusedError as error:
-        raise RefusedError(str(error), what, is_notice=form.is_notice) from None
+        raise RefusedError(str(error), what, is_notice=is_notice) from None
     return message
 
 

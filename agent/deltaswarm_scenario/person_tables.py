@@ -6,7 +6,7 @@ unless the unit says wall; `utc` is the wall clock, `monotonic_s` a clock that n
 
 from typing import Annotated, Any, NamedTuple
 
-from deltaswarm_scenario.columns import MONOTONIC, Column, Utc
+from deltaswarm_scenario.columns import MONOTONIC, PAGE, Column, Utc
 from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
 _ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
@@ -43,6 +43,11 @@ class OperatorAction(NamedTuple):
     event: Annotated[int | None, Column("", "number of the event that was judged, as on the page")] = None
     text: Annotated[str, Column("", "a note, the participant and condition of a sheet, or details of the page")] = ""
     page: Annotated[int | None, Column("", "number of the page that acted, in the order in which pages opened")] = None
+    input: Annotated[str, Column("", "id of the page's input, which counts once however often it was sent")] = ""
+    page_s: Annotated[float | None, Column(PAGE, "time of the act")] = None
+    delay_s: Annotated[
+        float | None, Column(PAGE, "from the act until it was sent; above 0 if there was no connection")
+    ] = None
 
 
 class ProbeRow(NamedTuple):
@@ -60,6 +65,9 @@ class ProbeRow(NamedTuple):
     asked_monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the question")] = None
     answered_utc: Utc = ""
     answered_monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the answer")] = None
+    shown_page_s: Annotated[float | None, Column(PAGE, "when the page first painted the question")] = None
+    answered_page_s: Annotated[float | None, Column(PAGE, "time of the answer")] = None
+    reaction_s: Annotated[float | None, Column(PAGE, "from `shown_page_s` to `answered_page_s`")] = None
 
 
 class InboxRow(NamedTuple):

@@ -108,8 +108,8 @@ class FormTechnique(Technique):
         return {"kind": FORM, "number": number, "hides": self.hides, "left_s": left_s, "form": plain(self.form(number))}
 
     def is_meant(self, number: int, message: Mapping[str, Any]) -> bool:
-        """Compare the form's name."""
-        return bool(message["form"] == self.name)
+        """Compare the form's name, and the question's number if it is given."""
+        return bool(message["form"] == self.name and message.get("number", number) == number)
 
     def answers(self, number: int, message: Mapping[str, Any]) -> Answers:
         """Return an answer, or None, to each question of the form, if it takes them."""

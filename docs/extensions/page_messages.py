@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from deltaswarm_scenario.page_messages import EVERYBODY, FROM_PAGE, LEFT_OUT, TO_PAGE, Field, MessageForm
+from deltaswarm_scenario.page_messages import EVERYBODY, FROM_PAGE, INPUT, LEFT_OUT, TO_PAGE, Field, MessageForm
 
 ROOT = Path(__file__).parents[2]
 TYPES = ROOT / "operator/deltaswarm_operator/station/page/messages.d.ts"
@@ -53,12 +53,22 @@ def types() -> str:
         "export type Intent =",
         *(f"  | {_type(kind, form, is_sent=True)}" for kind, form in FROM_PAGE.items()),
     ]
-    return "\n".join(lines) + ";\n"
+    lines[-1] += ";"
+    lines += [
+        "",
+        "/** What every input of a person has besides. */",
+        f"export type Input = {_fields(INPUT, is_sent=True)};",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _type(kind: str, form: MessageForm, *, is_sent: bool = False, line: str = " ") -> str:
-    fields = [f'type: "{kind}"']
-    for name, field in form.fields.items():
+    return _fields(form.fields, f'type: "{kind}"', is_sent=is_sent, line=line)
+
+
+def _fields(named: Mapping[str, Field], *first: str, is_sent: bool = False, line: str = " ") -> str:
+    fields = [*first]
+    for name, field in named.items():
         mark = "?" if field.default is LEFT_OUT else ""
         null = " | null" if mark and is_sent else ""
         fields.append(f"{name}{mark}: {field.type.replace('integer', 'number')}{null}")

@@ -47,10 +47,14 @@ MORE = "Please wait: the next run follows by itself."
 WAIT = "Please wait."
 THANKS = "Thank you: that was the last run."
 
-DEFAULTS = ("operator.page.pace=false", "operator.probes.isa_jitter_s=30")
+DEFAULTS = (
+    "operator.page.pace=false",
+    "operator.page.hold_while_away=true",
+    "operator.probes.isa_jitter_s=30",
+)
 """Scenario keys of all runs, which a condition's `set` may change.
 
-A participant must not pause or speed up a run, nor foresee a question.
+A participant must not pause or speed up a run, miss part of it, nor foresee a question.
 """
 
 

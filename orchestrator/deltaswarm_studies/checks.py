@@ -20,6 +20,9 @@ from deltaswarm_wire.checked import Problem, did_you_mean
 PER_STEP = ("frames_sent", "frames_received", "senders")
 """Metrics that count what an agent does at most once a step."""
 
+TIMES = ("run.step_s", "run.duration_s")
+"""Keys on which windows of time depend."""
+
 REPORT_EVERY = "report_every_s"
 """The option by which a controller reports at times that do not depend on the step, if it has one."""
 
@@ -32,6 +35,7 @@ def problems_of(study: Study) -> Iterator[Problem]:
         yield from _results(study)
         yield from _times(study)
         yield from _columns(study)
+        yield from _sensitivity(study)
         yield from figure_problems(study)
         yield from _incomparable(study)
 
@@ -153,7 +157,7 @@ def _results(study: Study) -> Iterator[Problem]:
 def _times(study: Study) -> Iterator[Problem]:
     file, settings = study.file, study.file.study
     every_s = study.sweep.file.sweep.series_every_s
-    scenarios = [variant.scenario for variant in study.sweep.variants]
+    scenarios = study.sweep.scenarios
     end_s = min(scenario.run.duration_s for scenario in scenarios)
     windowed = [f"figure[{i}]" for i, figure in enumerate(file.figure) if figure.kind == "time"]
     windowed += [f"recovery[{i}]" for i in range(len(file.recovery))]
@@ -206,6 +210,24 @@ def _past_the_end(where: str, time_s: float, end_s: float) -> Problem:
 
 
 # Columns and comparisons
+
+
+def _sensitivity(study: Study) -> Iterator[Problem]:
+    """Report a sensitivity study without claims, with claims that a point cannot decide, or without common windows."""
+    file = study.file
+    if study.ranges and not file.claim:
+        yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
+    for i, claim in enumerate(file.claim if study.ranges else ()):
+        if claim.kind == "predicts":
+            allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
+            yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
+    windowed = [name for name in used_metrics(study) if study.metrics[name].kind != COLUMN]
+    windowed += [f"figure {figure.name!r}" for figure in file.figure if KINDS[figure.kind].is_over_time]
+    windowed += ["recovery"] if file.recovery else []
+    for i, one in enumerate(study.ranges):
+        if one.name in TIMES and windowed:
+            allowed = f"must not be drawn with {windowed[0]}, whose windows must be the same in all runs"
+            yield Problem(f"sensitivity.range[{i}].name", repr(one.name), allowed)
 
 
 def _columns(study: Study) -> Iterator[Problem]:

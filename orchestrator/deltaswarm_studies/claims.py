@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltaswarm_studies import stats
+from deltaswarm_studies import montecarlo, stats
 from deltaswarm_studies.settings import ClaimSettings, ClaimVerdict, listed
 from deltaswarm_studies.stats import RATIO, Contrast, Interval
 from deltaswarm_studies.study import Study
@@ -48,6 +48,7 @@ class _TestedClaim:
         self._p_within = 1.0
         if settings.kind == "value":
             self._values = samples(settings.of).dropna().to_numpy(float)
+            self._mcse = montecarlo.of_median(samples(settings.of))
             self.n = len(self._values)
             self.p = stats.smallest_alpha(lambda alpha: self._verdict(alpha) != "undecided") if self.n else 1.0
             return
@@ -57,7 +58,7 @@ class _TestedClaim:
         if scale != RATIO and not is_alike:  # a - r b above 0 says the same as a / b above r
             b, self._least = settings.at_least * b, 0.0
         self._contrast = contrast = stats.contrast(a, b, scale)
-        self.n = contrast.n
+        self.n, self._mcse = contrast.n, montecarlo.of_shift(a, b, scale)
         if not is_alike:
             self.p = contrast.p(self._least)
         else:
@@ -101,6 +102,7 @@ class _TestedClaim:
             "estimate": contrast.estimate if contrast else median,
             "low": end(low),
             "high": end(high),
+            "mcse": self._mcse,
             "confidence": 1 - alpha,
             "effect": contrast.effect if contrast else None,
             "p": self.p if self.n else None,

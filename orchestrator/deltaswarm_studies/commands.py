@@ -28,6 +28,8 @@ examples:
   deltaswarm study all --plan          what all built-in studies would take
   deltaswarm study my-study.toml       your own question
   deltaswarm study paper --render      make the page again from its tables
+  deltaswarm study my-study.toml --freeze              fix what it asks and expects, before its runs
+  deltaswarm study my-study.toml --amend "a typo"      record what has changed since, and why
   deltaswarm study paper --check       repeat one of its runs, and compare it with its row in the tables
 """
 
@@ -45,6 +47,10 @@ def add_study(command: argparse.ArgumentParser) -> None:
     instead.add_argument(
         "--check", action="store_true", help="repeat one run, and compare it with its row in the tables"
     )
+    instead.add_argument(
+        "--freeze", action="store_true", help="before the first run: write protocol.json with what is run and expected"
+    )
+    instead.add_argument("--amend", metavar="REASON", help="add what has changed since to protocol.json")
     add_dry_run(instead, "the number of runs")
     command.add_argument(
         "--pilot", type=Path, metavar="FOLDER", help="with --plan: a study's folder with runs.csv (default: --out)"
@@ -74,6 +80,8 @@ def do_studies(arguments: argparse.Namespace) -> int:
 
     if not (arguments.check or arguments.plan):
         check_out(out)
+    if arguments.freeze or arguments.amend is not None:
+        return _frozen(arguments, studies, folders)
     if not (arguments.render or arguments.check):
         for study in studies:
             check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
@@ -117,6 +125,33 @@ def do_studies(arguments: argparse.Namespace) -> int:
     return max(codes, key=(OK, MISSED, FAILED, USAGE, INTERRUPTED).index, default=FAILED)
 
 
+def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict[str, Path]) -> int:
+    """Freeze the protocol of each study, or amend it.
+
+    Raises:
+        CommandError: a study cannot be frozen or amended; the others are.
+    """
+    from deltaswarm_studies.freezing import amend, freeze
+    from deltaswarm_studies.protocol import ProtocolError
+
+    if arguments.set or arguments.repeats is not None:
+        raise CommandError("--freeze and --amend must go without --set and --repeats: they take the study as it is")
+    files, errors = [], []
+    for study in studies:
+        file = Path(arguments.study) if not study.is_built_in and Path(arguments.study).is_file() else None
+        try:
+            if arguments.freeze:
+                files.append(freeze(study, folders[study.name], file))
+            else:
+                files.append(amend(study, folders[study.name], file, arguments.amend))
+        except ProtocolError as error:
+            errors.append(str(error))
+    show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
+    if errors:
+        raise CommandError("\ndeltaswarm: ".join(errors))
+    return OK
+
+
 def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
     """Do one study; return its exit code, and its page and verdicts.
 
@@ -125,9 +160,13 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     """
     from deltaswarm_orchestrator.sweeps.table import read_table
     from deltaswarm_studies.evidence import Evidence
-    from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, sealed_tables
+    from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, sealed_tables
     from deltaswarm_studies.page import write
+    from deltaswarm_studies.protocol import protocol_of
 
+    protocol = protocol_of(study, folder)
+    for line in protocol.problems if not arguments.render else ():  # before hours are spent
+        complain(f"{study.name}: {line}")
     try:
         sealed = WITH_THE_RUNS
         if arguments.render:
@@ -137,6 +176,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
         else:
             evidence, provenance = _conducted(arguments, study, folder)
         files = write(study, evidence, provenance, folder, sealed)
+        protocol = protocol_of(study, folder, begun_of(provenance))
     except (OSError, ValueError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
@@ -147,11 +187,13 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     is_whole = not arguments.set and arguments.repeats is None
     if not sealed:
         notice(f"{study.name}: the tables in {folder} are not sealed, so nobody can tell whether they were changed")
-    for line in [*evidence.warnings, *(evidence.unsupported if is_whole else [])]:
+    for line in [*protocol.problems, *evidence.warnings, *(evidence.unsupported if is_whole else [])]:
         complain(f"{study.name}: {line}")
     for line in evidence.surprises:
-        complain(f"{study.name}: refuted, and expected to hold: {line}")
-    is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
+        complain(f"{study.name}: refuted, against expectation: {line}")
+    is_missed = (
+        protocol.problems or evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
+    )
     code = FAILED if evidence.incomplete or evidence.undrawn else MISSED if is_missed else OK
     invalid = evidence.invalid.to_dict("records")
     return code, {"study": study.name, "page": str(files[0]), "claims": verdicts, "invalid": invalid}

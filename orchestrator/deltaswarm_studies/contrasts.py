@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.table import read_table
+from deltaswarm_studies import montecarlo
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL
 from deltaswarm_studies.settings import ContrastSettings, ContrastVerdict
 from deltaswarm_studies.stats import (
@@ -65,6 +66,7 @@ def _family(
             "estimate": tested.estimate,
             "low": end(low),
             "high": end(high),
+            "mcse": montecarlo.of_shift(a, b, scale),
             "confidence": 1 - alpha,
             "effect": tested.effect,
             "p": tested.p(),

@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_line, read_table, write_table
-from deltaswarm_studies import tables
+from deltaswarm_studies import montecarlo, tables
 from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
 from deltaswarm_studies.metrics import ID, PER_EVENT
 from deltaswarm_studies.origin import sealed_tables
+from deltaswarm_studies.sensitivity import sensitivity_of
 from deltaswarm_studies.settings import FitSettings, FitVerdict, GridSettings, RecoverySettings
 from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
@@ -51,6 +52,7 @@ class Evidence:
         self.estimates = tables.estimates_of(study, runs)
         self.contrasts = contrasts_of(study, judged)
         self.claims = claims_of(study, judged, is_whole=not self.unjudged)
+        self.sensitivity = sensitivity_of(study, judged)
         self.fits, self.grids = fits_of(study, judged), grids_of(study, judged, self.unjudged)
         self.findings = findings_of(study, {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits})
         self.arrivals = tables.same_arrivals(study, runs)
@@ -65,7 +67,7 @@ class Evidence:
         """Figures that could not be drawn, with the reason; known when the page is made."""
         self.contradictions = disagreements(study, judged)
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
-        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged)]
+        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged), *tables.part_of_points(study)]
         """Contrasts with too few replicates, and claims that nothing could contradict."""
 
     def _invalid_lines(self, study: Study) -> list[str]:
@@ -103,6 +105,7 @@ class Evidence:
         """
         sealed_tables(folder, study)
         labels = ["variant", "metric", "level", "reference", "within", *tables.ORIGIN, *study.factors]
+        labels += [one.name for one in study.ranges if one.choices]
         runs = read_table(folder / "runs.csv", labels, needs=ID)
         for name in tables.ORIGIN:
             runs[name] = runs[name].where(runs[name] != "") if name in runs else None
@@ -140,6 +143,8 @@ class Evidence:
         """Write every table that has rows, except the findings; return the files."""
         names = ("runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids")
         frames = {name: getattr(self, name) for name in names}
+        if self.sensitivity:
+            frames |= {name: getattr(self.sensitivity, name) for name in ("points", "shares", "keys")}
         for file in folder.glob("invalid.*"):  # of earlier runs, which have been repeated
             file.unlink()
         return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
@@ -176,9 +181,11 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
             head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
             verdict: FitVerdict = "farther" if rank else "closest" if np.isfinite(sums[:, 0]).all() else "no data"
             tail = {"sum": float(sums[place, 0]), "closest": float(winners[place]), "verdict": verdict}
+            tail |= {"sum_mcse": montecarlo.of_resampled(sums[place, 1:])}
             rows += [
-                {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
-                for target, distance in zip(fit.targets, distances[place, :, 0], strict=True)
+                {**head, "level": target.level, "metric": target.metric, "distance": float(own[0])}
+                | {"mcse": montecarlo.of_resampled(own[1:]), **tail}
+                for target, own in zip(fit.targets, distances[place], strict=True)
             ]
     return pd.DataFrame(rows)
 
@@ -217,7 +224,8 @@ def grids_of(study: Study, runs: pd.DataFrame, unjudged: Collection[str] = ()) -
                 if known and not any(_is_in(study.levels[name], grid, row, levels) for name in unjudged):
                     best = min(known, key=known.__getitem__)
                     head = {"grid": grid.text, "metric": grid.metric, "row": row, "column": heading, "level": best}
-                    rows.append(head | {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")})
+                    shown = {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")}
+                    rows.append(head | shown | {"mcse": montecarlo.of_median(cells.get_group(best))})
     return pd.DataFrame(rows)
 
 
@@ -267,9 +275,9 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
     sums = np.stack([table.loc[replicates, times_s].to_numpy(float) for table in tables])
     count = len(replicates)
     if not count or len(times_s) < settings.windows:
-        return {"n": count, "back_s": math.nan, "low_s": math.nan, "high_s": math.nan}
+        return {"n": count, "back_s": math.nan, "mcse_s": math.nan, "low_s": math.nan, "high_s": math.nan}
     ends_s = times_s.to_numpy(float) + window_s
-    low_s, high_s = math.nan, math.nan
+    low_s, high_s, mcse_s = math.nan, math.nan, math.nan
     if count > 1:
         generator = np.random.default_rng(0)
         drawn = (generator.integers(count, size=count) for _ in range(RECOVERY_RESAMPLES))
@@ -277,7 +285,9 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
         # By rank, not by interpolation: there is no value between 300 s and never.
         ranks = math.floor(TAIL * (RECOVERY_RESAMPLES - 1)), math.ceil((1 - TAIL) * (RECOVERY_RESAMPLES - 1))
         low_s, high_s = (float(resampled_s[rank]) for rank in ranks)
-    return {"n": count, "back_s": _back_s(settings, sums, ends_s), "low_s": low_s, "high_s": high_s}
+        mcse_s = montecarlo.of_resampled(resampled_s)
+    back_s = _back_s(settings, sums, ends_s)
+    return {"n": count, "back_s": back_s, "mcse_s": mcse_s, "low_s": low_s, "high_s": high_s}
 
 
 def _back_s(settings: RecoverySettings, sums: Floats, ends_s: Floats) -> float:

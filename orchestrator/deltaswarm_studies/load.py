@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.results.metrics import METRICS
@@ -11,7 +12,7 @@ from deltaswarm_studies import FOLDERS, files
 from deltaswarm_studies.checks import problems_of
 from deltaswarm_studies.kinds import MOST_LOOKS
 from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
-from deltaswarm_studies.settings import ContrastSettings, FigureSettings, StudyFile, StudySettings
+from deltaswarm_studies.settings import EXPLORATORY, ContrastSettings, FigureSettings, StudyFile, StudySettings
 from deltaswarm_studies.study import Study, default_factors, numbers_of
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -45,7 +46,7 @@ def load_study(
         raise SettingsError([*error.problems, *problems]) from None
     if file is None:
         raise SettingsError(problems)
-    return make_study(sweep.name, file, sweep)
+    return replace(make_study(sweep.name, file, sweep), is_built_in=name in COLLECTIONS["all"])
 
 
 def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
@@ -94,6 +95,7 @@ def bare_study(
     file = StudyFile(
         StudySettings(
             title=f"Sweep {sweep.name}",
+            kind=EXPLORATORY,
             question="How do the levels of what was swept differ?",
             factors=titles,
             metrics=(*recorded, *more),

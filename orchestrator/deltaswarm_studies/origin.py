@@ -17,6 +17,7 @@ from deltaswarm_studies.tables import ORIGIN, runs_of
 PROVENANCE = {"what": "What", "value": "Value"}
 """Columns of the table of where runs come from, with their headings."""
 
+BEGUN = "begun"
 CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
 
 
@@ -62,6 +63,11 @@ def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.Data
     return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
 
 
+def begun_of(recorded: pd.DataFrame) -> str:
+    """Return when a study's runs began; empty if that is not recorded."""
+    return str(dict(zip(recorded["what"], recorded["value"], strict=True)).get(BEGUN, ""))
+
+
 def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
     """Make a table of where a study's runs come from, from its sweep's manifest.
 
@@ -72,7 +78,7 @@ def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
         proofs = manifest["proofs"]
         rows = {
             "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
-            "begun": manifest["started"],
+            BEGUN: manifest["started"],
             "wall time of all sessions": f"{manifest['wall_s'] / 60:.1f} min",
             "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
             "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),

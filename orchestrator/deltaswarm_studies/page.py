@@ -1,5 +1,6 @@
 """Build a study's page: its tables and figures, in the order in which a reader asks."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,25 +9,37 @@ import pandas as pd
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import style
+from deltaswarm_studies import sensitivity_page, style
+from deltaswarm_studies.design import design
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
-from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, seal_tables, since_the_runs
+from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, seal_tables, since_the_runs
+from deltaswarm_studies.protocol import Protocol, content, protocol_of
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
+from deltaswarm_studies.sensitivity import tests_in
 from deltaswarm_studies.settings import VERDICTS
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.files import write_whole
 
+DISTANCES, SUMS = ["distance", "mcse"], ["sum", "sum_mcse"]
+"""Columns of fits: an estimate and its standard error."""
+
 
 def pages(
-    study: Study, evidence: Evidence, provenance: pd.DataFrame, sealed: str = ""
+    study: Study,
+    evidence: Evidence,
+    provenance: pd.DataFrame,
+    sealed: str = "",
+    protocol: Protocol | None = None,
 ) -> tuple[str, str, list[CaptionedFigure]]:
-    """Make the page as HTML and as Markdown, and its pictures. `sealed`: since when the tables are; empty: not.
+    """Make the page as HTML and as Markdown, and its pictures.
 
-    What cannot be drawn becomes a warning of the page and of the evidence: a page without a figure is better than none.
+    `sealed`: since when the tables are; empty: not. `protocol`: by default, there is none. What cannot be drawn becomes
+    a warning of the page and of the evidence: a page without a figure is better than none.
     """
+    protocol = protocol or Protocol(study.name, study.file.study.kind, content(study))
     pictures, evidence.undrawn = [], []
     for figure in study.file.figure:
         try:
@@ -38,21 +51,26 @@ def pages(
         pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
     supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
     verdicts = evidence.claims["verdict"].tolist() if len(evidence.claims) else []
+    sections = list(_sections(study, evidence, pictures, provenance, sealed, protocol))
     context: dict[str, Any] = {
         "title": study.title,
+        "status": protocol.status,
         "question": " ".join(study.file.study.question.split()),
+        "design": design(study),
         "findings": [" ".join(text.split()) for text in supported],
-        "warnings": evidence.warnings,
-        "sections": list(_sections(study, evidence, pictures, provenance, sealed)),
+        "warnings": [*protocol.problems, *evidence.warnings],
+        "sections": sections,
         "facts": {
             "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
             "tests": _tests(evidence),
             "arrivals": evidence.arrivals,
-            "horizons_s": sorted({variant.scenario.metrics.horizon_s for variant in study.sweep.variants}),
+            "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
+            "horizons_s": sorted({scenario.metrics.horizon_s for scenario in study.sweep.scenarios}),
             "per_event": [study.metrics[name].title for name in PER_EVENT if name in set(evidence.estimates["metric"])],
         },
         "figures": "figures",
     }
+    pictures = [picture for section in sections for picture in section["pictures"]]
     return render("page.html.jinja", context), render("page.md.jinja", context), pictures
 
 
@@ -61,11 +79,19 @@ def _tests(evidence: Evidence) -> dict[str, int]:
     contrasts, claims = evidence.contrasts, evidence.claims
     families = len(contrasts[["contrast", "metric"]].drop_duplicates()) if len(contrasts) else 0
     families += claims["source"].nunique() if len(claims) else 0
-    return {"tests": len(contrasts) + len(claims), "families": families}
+    tests = len(contrasts) + len(claims)
+    if evidence.sensitivity and (correlations := tests_in(evidence.sensitivity.keys)):
+        tests, families = tests + correlations, families + 1
+    return {"tests": tests, "families": families}
 
 
 def _sections(
-    study: Study, evidence: Evidence, pictures: list[CaptionedFigure], provenance: pd.DataFrame, sealed: str
+    study: Study,
+    evidence: Evidence,
+    pictures: list[CaptionedFigure],
+    provenance: pd.DataFrame,
+    sealed: str,
+    protocol: Protocol,
 ) -> Iterator[dict[str, Any]]:
     parts: tuple[tuple[str, pd.DataFrame, Callable[..., Iterator[Table]]], ...] = (
         ("Contrasts", evidence.contrasts, _contrasts),
@@ -75,14 +101,32 @@ def _sections(
     )
     if len(evidence.claims):
         yield {"heading": "Verdicts", "tables": list(_claims(study, evidence.claims)), "pictures": []}
+    if evidence.sensitivity:
+        yield sensitivity_page.section(study, evidence.sensitivity)
+    yield {"heading": "Protocol", "tables": list(_protocol(protocol, evidence.claims)), "pictures": []}
     if pictures:
         yield {"heading": "Figures", "tables": [], "pictures": pictures}
     for heading, rows, tables in parts:
         if len(rows):
             yield {"heading": heading, "tables": list(tables(study, rows)), "pictures": []}
     yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
+    if protocol.amendments:
+        headings = {"key": "Key", "old": "Old", "new": "New"}
+        amendments = [table(pd.DataFrame(changes), headings, title) for title, changes in protocol.amendments]
+        yield {"heading": "Amendments", "tables": amendments, "pictures": []}
     origin = pd.concat([provenance, since_the_runs(study, provenance, sealed)], ignore_index=True)
     yield {"heading": "Where this comes from", "tables": [table(origin, PROVENANCE)], "pictures": []}
+
+
+def _protocol(protocol: Protocol, claims: pd.DataFrame) -> Iterator[Table]:
+    yield table(protocol.facts(claims), PROVENANCE)
+    judged = protocol.surprises(claims)
+    if judged["is_surprise"].any():
+        headings = {"text": "Claim", "expected": "Expected", "verdict": "Verdict"}
+        yield table(judged[judged["is_surprise"].astype(bool)], headings, "Surprises")
+    if protocol.unamended:
+        headings = {"key": "Key", "old": "Protocol", "new": "Study file"}
+        yield table(pd.DataFrame(protocol.unamended), headings, "Differences without an amendment")
 
 
 def _claims(study: Study, claims: pd.DataFrame) -> Iterator[Table]:
@@ -117,10 +161,11 @@ def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
     for text, rows in fits.groupby("fit", sort=False):
         rows = rows.assign(target=[f"{row['level']}: {row['metric']}" for _, row in rows.iterrows()])
         order = rows["within"].unique()
-        wide = rows.pivot(index="within", columns="target", values="distance").loc[order, rows["target"].unique()]
-        shown = wide.map(lambda value: number(value, 2)).reset_index()
+        rows["shown"] = [f"{number(value, 2)} ({number(error, 2)})" for value, error in rows[DISTANCES].to_numpy()]
+        wide = rows.pivot(index="within", columns="target", values="shown").loc[order, rows["target"].unique()]
+        shown = wide.reset_index()
         first = rows.groupby("within", sort=False).first().loc[order]
-        shown["sum"] = [number(value, 2) for value in first["sum"]]
+        shown["sum"] = [f"{number(value, 2)} ({number(error, 2)})" for value, error in first[SUMS].to_numpy()]
         shown["closest"] = [number(100 * value, 0) for value in first["closest"]]
         headings = {name: f"{name} [IQR]" for name in wide.columns}
         tail = {"sum": "Sum of squares", "closest": "Closest in [% of resamples]"}
@@ -132,7 +177,8 @@ def _grids(study: Study, grids: pd.DataFrame) -> Iterator[Table]:
         settings = next(grid for grid in study.file.grid if grid.text == text)
         many = {heading for heading, levels in settings.columns.items() if len(levels) > 1}
         cells = [
-            number(row["median"], 1) + (f" ({row['level']})" if row["column"] in many else "")
+            with_interval(row["median"], None, None, _known(row["mcse"]))
+            + (f", {row['level']}" if row["column"] in many else "")
             for _, row in rows.iterrows()
         ]
         wide = rows.assign(cell=cells).pivot(index="row", columns="column", values="cell")
@@ -146,9 +192,13 @@ def _recovered(study: Study, recovery: pd.DataFrame) -> Iterator[Table]:
     rows["metric"] = [study.metrics[name].title for name in rows["metric"]]
     for name in ("back_s", "low_s", "high_s"):
         rows[name] = ["not by the end" if value == float("inf") else number(value, 0) for value in rows[name]]
+    if "mcse_s" not in rows:  # of a page whose recovery was computed by an earlier version
+        rows["mcse_s"] = math.nan
     rows["interval"] = [f"{row['low_s']} to {row['high_s']}" for _, row in rows.iterrows()]
     headings = {"metric": "Metric", "level": "Level", "reference": "Against", "within": "Within", "n": "n"}
-    yield table(rows, {**headings, "back_s": "Back after [s]", "interval": "95 % interval [s]"})
+    yield table(
+        rows, {**headings, "back_s": "Back after [s]", "mcse_s": "Standard error [s]", "interval": "95 % interval [s]"}
+    )
 
 
 def _estimates(study: Study, evidence: Evidence) -> Table:
@@ -156,7 +206,7 @@ def _estimates(study: Study, evidence: Evidence) -> Table:
     metrics = list(dict.fromkeys(rows["metric"]))
     replicates = evidence.runs.groupby("variant")["replicate"].nunique()
     rows["cell"] = [
-        with_interval(_known(row["median"]), _known(row["low"]), _known(row["high"]))
+        with_interval(*(_known(row[name]) for name in ("median", "low", "high", "mcse")))
         + (f" (n = {row['n']})" if 0 < row["n"] < replicates[row["variant"]] else "")
         for _, row in rows.iterrows()
     ]
@@ -166,9 +216,9 @@ def _estimates(study: Study, evidence: Evidence) -> Table:
 
 
 def _estimate(row: Any, unit: str) -> str:
-    value, low, high = (_known(row[name]) for name in ("estimate", "low", "high"))
+    value, low, high, error = (_known(row[name]) for name in ("estimate", "low", "high", "mcse"))
     unit = "" if value is None else "times" if row["scale"] == RATIO else unit
-    return f"{with_interval(value, low, high)} {unit}".rstrip()
+    return f"{with_interval(value, low, high, error)} {unit}".rstrip()
 
 
 def _known(value: Any) -> float | None:
@@ -182,7 +232,8 @@ def write(
 
     `sealed` says since when they are sealed; empty: leave them without a seal, since nobody knows what they were.
     """
-    html, markdown, pictures = pages(study, evidence, provenance, sealed)
+    protocol = protocol_of(study, folder, begun_of(provenance))
+    html, markdown, pictures = pages(study, evidence, provenance, sealed, protocol)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     files = [folder / "page.html", folder / "page.md"]
     for file, text in zip(files, (html, markdown), strict=True):
@@ -201,12 +252,13 @@ def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
     written = [study for study in studies if (folder / study.name / "page.html").exists()]
     context = {
         "title": "Studies" if name == "all" else f"Studies: {name}",
+        "status": "",
         "question": f"{len(written)} studies, each with its own page.",
         "links": [
             {"page": f"{study.name}/page", "title": study.title, "question": study.file.study.question}
             for study in written
         ],
-        **dict.fromkeys(("findings", "warnings", "sections"), ()),
+        **dict.fromkeys(("design", "findings", "warnings", "sections"), ()),
     }
     for kind in ("html", "md"):
         write_whole(folder / f"index.{kind}", render(f"page.{kind}.jinja", context).encode())

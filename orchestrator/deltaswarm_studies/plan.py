@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.sweeps.plan import size
+from deltaswarm_orchestrator.sweeps.plan import Variant, size
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.stats import pairs_needed, smallest_p
 from deltaswarm_studies.study import Study
@@ -42,10 +43,12 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
         "study": study.name,
         "variants": len(study.sweep.variants),
         "repeats": study.repeats,
+        "each": "points" if study.ranges else "replicates",
         "workers": workers,
         "wall_s": wall_s(study) / workers,
         "families": families,
         "note": note if study.file.contrast else None,
+        "sensitivity": _sensitivity(study) if study.ranges else None,
     }
 
 
@@ -54,10 +57,11 @@ def text(planned: dict[str, Any]) -> str:
     wall = timedelta(seconds=round(planned["wall_s"]))
     return "\n".join(
         [
-            size(planned["study"], planned["variants"], planned["repeats"]),
+            size(planned["study"], planned["variants"], planned["repeats"], planned["each"]),
             f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
             *(_line(family, planned["repeats"]) for family in planned["families"]),
             *([f"  {planned['note']}"] if planned["note"] else []),
+            *([f"  {planned['sensitivity']}"] if planned["sensitivity"] else []),
         ]
     )
 
@@ -72,6 +76,20 @@ def _line(family: dict[str, Any], repeats: int) -> str:
     if repeats < family["repeats_needed"]:
         line += f": can show nothing, {family['repeats_needed']} replicates are needed"
     return line + (f"; shows {family['shows']} with a probability of 80 %" if family["shows"] else "")
+
+
+def _sensitivity(study: Study) -> str:
+    """Say how well a share of the space will be known, and which rank correlation could be shown."""
+    from deltaswarm_studies.sensitivity import features_in, share_interval, smallest_correlation  # needs pandas
+
+    points = study.repeats
+    low, high = share_interval(points // 2, points)
+    tests = 2 * len(study.file.claim) * features_in(study.ranges)
+    least = smallest_correlation(points, tests)
+    return (
+        f"shares of the space to within {50 * (high - low):.0f} percentage points; of {tests} rank correlations in a "
+        f"family, shows those of {least:.2f} or more with a probability of 80 %"
+    )
 
 
 def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None], str | None]:
@@ -92,7 +110,11 @@ def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None
 def wall_s(study: Study) -> float:
     """Estimate the wall time of all runs, one after another in one process [s]."""
     variants = study.sweep.variants
-    measured = variants[:: math.ceil(len(variants) / MEASURED_VARIANTS)]
+    if points := study.sweep.points:  # at points that lie evenly among all, the variants in turn
+        some = points[:: math.ceil(len(points) / MEASURED_VARIANTS)]
+        measured: Sequence[Variant] = [at[i % len(at)] for i, at in enumerate(some)]
+    else:
+        measured = variants[:: math.ceil(len(variants) / MEASURED_VARIANTS)]
     return float(np.mean([_run_s(variant.scenario) for variant in measured])) * len(variants) * study.repeats
 
 

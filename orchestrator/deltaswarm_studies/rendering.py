@@ -117,10 +117,15 @@ def number(value: float | None, decimals: int) -> str:
     return text.removeprefix("-") if not any(digit in text for digit in "123456789") else text
 
 
-def with_interval(value: float | None, low: float | None, high: float | None) -> str:
-    """Format a number with its interval in brackets, if it has one, all with the same number of decimals."""
+def with_interval(value: float | None, low: float | None, high: float | None, error: float | None = None) -> str:
+    """Format a number with its standard error in parentheses and its interval in brackets, if it has them.
+
+    Number and interval have the same number of decimals, the error at least two significant digits.
+    """
     decimals = decimals_for([value, low, high])
     shown = number(value, decimals)
+    if error is not None:
+        shown += f" ({number(error, max(decimals, decimals_for([error]) - 1))})"
     return shown if low is None or high is None else f"{shown} [{number(low, decimals)}, {number(high, decimals)}]"
 
 

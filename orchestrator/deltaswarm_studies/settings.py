@@ -29,6 +29,8 @@ VERDICTS: dict[str, tuple[str, ...]] = {
 
 Pairs = tuple[tuple[str, ...], ...]
 
+CONFIRMATORY, EXPLORATORY = "confirmatory", "exploratory"
+
 
 @dataclass(frozen=True)
 class StudySettings:
@@ -36,6 +38,11 @@ class StudySettings:
 
     title: str = key("", "of the page (default: the file's name)")
     question: str = key("", "what the study asks, in a sentence or two")
+    kind: str = key(
+        CONFIRMATORY,
+        "confirmatory: it judges what was fixed before its runs (--freeze); exploratory: it looks for what to ask",
+        choices=(CONFIRMATORY, EXPLORATORY),
+    )
     factors: dict[str, Any] = key(dict, "what varies, in the sweep's order: a name for each with its title")
     metrics: tuple[str, ...] = key(("waiting", "messages"), "names of metrics to tabulate, the main one first")
     from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)

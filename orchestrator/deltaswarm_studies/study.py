@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep, flattened
+from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings
 from deltaswarm_studies.metrics import StudyMetric, Timing
 from deltaswarm_studies.settings import ContrastSettings, StudyFile
 from deltaswarm_wire import checked
@@ -39,6 +40,7 @@ class Study:
     """The levels of each factor, in order."""
     metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
+    is_built_in: bool = False
 
     @property
     def title(self) -> str:
@@ -57,6 +59,12 @@ class Study:
     def repeats(self) -> int:
         """Replicates of each variant."""
         return self.sweep.file.sweep.repeats
+
+    @property
+    def ranges(self) -> Sequence[RangeSettings]:
+        """What a sensitivity study draws; empty if it is none."""
+        sensitivity = self.sweep.file.sensitivity
+        return sensitivity.range if sensitivity else ()
 
     @property
     def digests(self) -> tuple[str, str]:

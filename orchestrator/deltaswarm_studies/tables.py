@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.stats import t
 
 from deltaswarm_orchestrator.sweeps.table import InvalidRun, ranges
-from deltaswarm_studies import metrics
+from deltaswarm_studies import metrics, montecarlo
 from deltaswarm_studies.checks import used_metrics
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL, StudyMetric, Timing
 from deltaswarm_studies.stats import ALPHA, describe
@@ -32,12 +32,14 @@ ORIGIN = {"digest": "digest", "arrival_times": "arrivals.times", "arrival_places
 
 
 def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per run: columns that identify it, the level of each factor, every metric that the study uses.
+    """Make a row per run: columns that identify it, levels of factors, drawn keys, every metric that the study uses.
 
     Raises:
         ValueError: If the tables lack a column that a metric needs.
     """
     runs = with_levels(study, table[ID].assign(**{name: table.get(source) for name, source in ORIGIN.items()}))
+    for one in study.ranges:
+        runs[one.name] = table[one.name]
     for name in metrics_by_run(study):
         runs[name] = _values(study.metrics[name], table, series, study.timing).to_numpy()
     return runs
@@ -144,11 +146,17 @@ def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per variant and metric: median with interval, and quartiles."""
+    """Make a row per variant and metric: median with interval and standard error, and quartiles."""
     rows: list[Row] = [
-        {**group.iloc[0][["variant", *study.factors]], "metric": name, **asdict(describe(column(group, name)))}
+        {
+            **group.iloc[0][["variant", *study.factors]],
+            "metric": name,
+            **asdict(describe(values)),
+            "mcse": montecarlo.of_median(values),
+        }
         for _, group in runs.groupby("variant", sort=False)
         for name in metrics_by_run(study)
+        for values in [column(group, name)]
     ]
     return pd.DataFrame(rows)
 
@@ -200,8 +208,16 @@ def too_few(study: Study, invalid: pd.DataFrame) -> dict[str, int]:
 
 def missing_metrics(study: Study, runs: pd.DataFrame) -> list[str]:
     """Say which metrics of the study the table lacks, because it is of an earlier version of the study."""
-    missing = [name for name in metrics_by_run(study) if name not in runs]
+    missing = [name for name in (*(one.name for one in study.ranges), *metrics_by_run(study)) if name not in runs]
     return [f"The table of runs has no columns {', '.join(missing)}."] if missing else []
+
+
+def part_of_points(study: Study) -> list[str]:
+    """Say that only some points of a sensitivity study are run; empty if all are."""
+    sensitivity = study.sweep.file.sensitivity
+    if not sensitivity or study.repeats == sensitivity.points:
+        return []
+    return [f"Only the first {study.repeats} of {sensitivity.points} points are run, so this is a look and no result."]
 
 
 def same_arrivals(study: Study, runs: pd.DataFrame) -> list[str]:

@@ -319,4 +319,4 @@ def test_the_end_of_the_run_is_told(page: Page) -> None:
     assert page.feed.process.wait(PATIENCE_S) == 0
     assert page.text("time") == "1:40"
     page.at("pause").click()
-    page.until(lambda: page.text("said") == "Not sent: there is no connection.")
+    page.until(lambda: page.text("said") == "Not sent: the run has ended.")

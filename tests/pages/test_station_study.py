@@ -214,6 +214,7 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
     assert page.asked("form") == {
         "type": "form",
         "form": "sagat",
+        "number": 0,
         "answers": {"trees": 12, "most": "left", "sure": 2, "why": "a guess"},
     }
     page.player.swarm.probe = a_form(1)

@@ -60,6 +60,8 @@ class Browser:
                     is_judged = True
                 if message["type"] == "ended":
                     return
+                if message["type"] == "picture":  # ten times a second
+                    socket.send(json.dumps({"type": "beat"}))
                 probe = message.get("probe")
                 if probe is None or probe == answered:
                     continue

@@ -16,7 +16,8 @@ class Cable:
     """Forwards whoever connects to `port` to another port, while it is whole.
 
     Cut, its connections are closed and new ones too; held, it takes nothing more, and what was sent arrives late.
-    It may also alter what passes.
+    Dead, it takes everything and passes nothing on, and closes nothing, as a network that a laptop has left; mended,
+    it passes on only what comes over new connections. It may also alter what passes.
     """
 
     def __init__(self, to_port: int) -> None:
@@ -26,6 +27,9 @@ class Cable:
         self._is_over = False
         self._is_cut = False
         self._is_held = False
+        self._is_dead = False
+        self._lost: set[socket.socket] = set()
+        """The ends of connections over which nothing passes any more."""
         self.altered = 0
         """Chunks that were not passed on as they came."""
         self._replaced = (b"", b"")
@@ -44,6 +48,12 @@ class Cable:
         self._is_held = True
         self._wake()
 
+    def die(self) -> None:
+        """Swallow all bytes, without closing anything."""
+        self._is_dead = True
+        self._lost |= set(self._pairs)
+        self._wake()
+
     def alter(self, old: bytes, new: bytes) -> None:
         """Replace these bytes in what comes to the port; where they do not show, change a byte in what is long enough.
 
@@ -53,7 +63,7 @@ class Cable:
 
     def mend(self) -> None:
         """Make it whole."""
-        self._is_cut = self._is_held = False
+        self._is_cut = self._is_held = self._is_dead = False
         self._wake()
 
     def close(self) -> None:
@@ -94,11 +104,13 @@ class Cable:
             near.close()
         else:
             self._pairs[near], self._pairs[far] = far, near
+            self._lost |= {near, far} if self._is_dead else set()
 
     def _forward(self, end: socket.socket) -> None:
         try:
             data = end.recv(CHUNK)
-            self._pairs[end].sendall(self._passed(data) if end.getsockname()[1] == self.port else data)
+            if end not in self._lost:
+                self._pairs[end].sendall(self._passed(data) if end.getsockname()[1] == self.port else data)
         except OSError:
             data = b""
         if not data:
@@ -117,6 +129,7 @@ class Cable:
         other = self._pairs.pop(end, None)
         if other is not None:
             self._pairs.pop(other, None)
+            self._lost -= {end, other}
             for one in (end, other):
                 with contextlib.suppress(OSError):
                     one.close()

@@ -2,11 +2,13 @@
 
 import json
 import os
+import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any, Self
 from urllib.parse import urlsplit
 
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tests.support.swarms import PATIENCE_S, RunningSwarm, wait_until
@@ -33,6 +35,8 @@ class Person:
         self._stack = ExitStack()
         self._browsers = [self._stack.enter_context(self._browser()) for _ in range(HANDS)]
         self._told = 0
+        self._ordered = 0
+        self._is_participant, self._beat_due = page == "url", 0.0
         self.picture: Message = self.hear("picture")
 
     def _browser(self) -> ClientConnection:
@@ -56,8 +60,16 @@ class Person:
             message: Message = json.loads(self._browsers[self._told % HANDS].recv(PATIENCE_S))
             if message["type"] == "picture":
                 self.picture = message
+                with suppress(ConnectionClosed):
+                    self._beat()
             if message["type"] in kinds:
                 return message
+
+    def _beat(self) -> None:
+        """Be there, as a page says once a second."""
+        if self._is_participant and time.monotonic() >= self._beat_due:
+            self._beat_due = time.monotonic() + 1.0
+            self._browsers[0].send(json.dumps({"type": "beat"}))
 
     def see(self, is_it: Callable[[Message], bool]) -> Message:
         """The first picture that is it."""
@@ -72,7 +84,9 @@ class Person:
 
     def command(self, name: str, kind: str = "all", arguments: Message | None = None, **target: float) -> Message:
         """Give a command; what the operator's process says to it."""
-        return self.ask("command", id="c", name=name, target={"kind": kind, **target}, arguments=arguments or {})
+        self._ordered += 1
+        code = f"{id(self)}-{self._ordered}"
+        return self.ask("command", id=code, name=name, target={"kind": kind, **target}, arguments=arguments or {})
 
     def begin(self, speed: float = 0.0) -> None:
         """Consent, and let the run go at a speed."""

@@ -19,6 +19,8 @@ from typing import Any
 Message = dict[str, Any]
 
 PATIENCE_S = 30.0
+AGAIN_S = 1.0
+"""The newest picture comes again after this time: a page over whose connection nothing comes connects anew."""
 
 FORMS: list[Message] = [
     {
@@ -176,7 +178,12 @@ class Swarm:
         return {"agents": agents, "events": [row[:4] for row in self.event_rows(time_s)]}
 
     def answer(self, intent: Message, time_s: float) -> list[Message]:
-        """What an operator says to an intent."""
+        """What an operator says to an intent: what has an id is noted."""
+        noted = {"type": "noted", "to": intent["from"], "id": intent.get("id")}
+        return [*self.carry_out(intent, time_s), *([noted] if intent.get("id") else [])]
+
+    def carry_out(self, intent: Message, time_s: float) -> list[Message]:
+        """Do what an intent wants; return what is said to it besides."""
         to, kind = intent["from"], intent["type"]
         if kind == "catch_up":
             history = [[float(t), 2 + t % 3, 2.0 + 1.5 * math.sin(t / 40)] for t in range(int(time_s))]
@@ -200,7 +207,7 @@ class Swarm:
         if kind == "pace":
             self.paused = intent.get("paused", self.paused)
             self.speed = intent.get("speed", self.speed)
-        if kind in ("isa", "tlx", "sheet"):
+        if kind in ("isa", "tlx", "sheet", "form"):
             self.probe = None
         return []
 
@@ -282,7 +289,8 @@ class Player:
         """Send a picture, of now or of another time."""
         with self._news:
             self.time_s = self.time_s if time_s is None else time_s
-            self._feed.send(self.swarm.picture(self.time_s, **changes))
+            self._shown = self.swarm.picture(self.time_s, **changes)
+            self._feed.send(self._shown)
 
     def heard(self, is_it: Callable[[Message], bool]) -> Message:
         """The first intent that is it, once it is there; it is forgotten then."""
@@ -301,7 +309,9 @@ class Player:
     def _run(self) -> None:
         while True:
             try:
-                select.select([self._feed.socket], [], [])
+                while not select.select([self._feed.socket], [], [], AGAIN_S)[0]:
+                    with self._news:
+                        self._feed.send(self._shown)
                 intent: Message = json.loads(self._feed.socket.recv(1 << 20))
             except (OSError, ValueError):
                 return  # the feed is closed
@@ -310,9 +320,10 @@ class Player:
                     self.time_s = intent["time_s"]
                     self.swarm.told = -1
                 self._feed.send(*self.swarm.answer(intent, self.time_s))
-                if intent["type"] not in ("catch_up", "page"):
-                    self._feed.send(self.swarm.picture(self.time_s))
-                if intent["type"] != "catch_up":
+                if intent["type"] not in ("catch_up", "page", "beat"):
+                    self._shown = self.swarm.picture(self.time_s)
+                    self._feed.send(self._shown)
+                if intent["type"] not in ("catch_up", "beat"):
                     self.intents.append(intent)
                 self._news.notify_all()
 

@@ -15,6 +15,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
+from deltaswarm_scenario.page_messages import INPUT, SHOWN
 from tests.support.station_feed import PATIENCE_S, Feed, Message, Player, Swarm
 
 CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
@@ -43,15 +44,11 @@ DRAWN = (
 """A script that calls back with a canvas's picture, once it is painted."""
 
 
-class Page:
-    """The page as a person has it, and the operator behind it."""
+class Looking:
+    """The page as a person has it."""
 
-    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed, url: str = "") -> None:
+    def __init__(self, driver: webdriver.Chrome) -> None:
         self.driver = driver
-        self.feed = feed
-        self.player = Player(feed, swarm)
-        driver.get(url or feed.url)
-        self.until(lambda: self.text("status") != "connecting")
 
     def until(self, holds: Callable[[], Any]) -> Any:
         """Wait for something to hold; elements may go while they are looked at, as when the page loads again."""
@@ -83,10 +80,21 @@ class Page:
         """Keys, to whatever has the focus."""
         ActionChains(self.driver).send_keys(*keys).perform()
 
+
+class Page(Looking):
+    """The page as a person has it, and the operator behind it."""
+
+    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed, url: str = "") -> None:
+        super().__init__(driver)
+        self.feed = feed
+        self.player = Player(feed, swarm)
+        driver.get(url or feed.url)
+        self.until(lambda: self.text("status") != "connecting")
+
     def asked(self, kind: str) -> Message:
         """What the page sent, without the browser's number."""
         intent = self.player.heard(lambda intent: intent["type"] == kind)
-        return {name: value for name, value in intent.items() if name not in ("from", "id")}
+        return {name: value for name, value in intent.items() if name not in ("from", *INPUT, *SHOWN)}
 
     def click_map(self, x_m: float, y_m: float) -> None:
         """Click at a place of the arena, by the scale that the fitted map has."""

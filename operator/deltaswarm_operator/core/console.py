@@ -14,6 +14,7 @@ from typing import Any
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.command_log import CommandLog
+from deltaswarm_operator.core.page_beats import PageBeats
 from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
@@ -21,7 +22,7 @@ from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_scenario.page_messages import Message, made
-from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow
+from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -39,6 +40,8 @@ ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "even
 """Columns of an act that the page shows."""
 
 ACTS_KEPT = 200
+INPUTS_KEPT = 2000
+"""Inputs whose answers are kept, in case a page sends them again; it waits with far fewer."""
 
 
 class RecentActs:
@@ -87,6 +90,10 @@ class Console:
         """What the person at the station reads and misses; None without a station."""
         self.is_attended = False
         """Whether there is a station now."""
+        self.beats = PageBeats()
+        self._is_held_for_page = False
+        self.inputs: dict[str, list[Message]] = {}
+        """The answers to the newest inputs by their ids: one that is sent again counts once."""
         self.pace = Pace(briefing.speed, -1)
         self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
@@ -119,10 +126,13 @@ class Console:
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
         self.probes.start(wall_s)
+        self.beats.start(wall_s)
         if self.probes.holds_run:
             self.pace = self.pace._replace(hold_step=0)
         elif self.pace.hold_step < 0:
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
+            if not self.beats.is_there:
+                self._hold_for_page(wall_s)
 
     def conclude(self) -> None:
         """Note that the run is over, if the console only asks what was not answered in it."""
@@ -138,6 +148,30 @@ class Console:
         """Let the run go on, unless another question holds it."""
         if not self.probes.holds_run and self.is_held:
             self.set_pace(self.pace._replace(hold_step=self.next_hold_step), wall_s)
+
+    def beat(self, wall_s: float) -> None:
+        """Note that a page of the participant answers; a run that was held for it goes on."""
+        away_s = self.beats.beat(wall_s)
+        if away_s is not None:
+            self.note(PERSON, "page", name="back", text=f"after {away_s:.1f} s", monotonic_s=wall_s)
+            self.probes.hold(wall_s, is_held=self.is_held)
+        if self._is_held_for_page:
+            self.go_on(wall_s)
+
+    def watch_page(self, wall_s: float) -> None:
+        """Note if no page of the participant answers any more; until one does, no time to answer passes."""
+        if not self.is_attended or self._is_over or (since_wall_s := self.beats.check(wall_s)) is None:
+            return
+        self.note(PERSON, "page", name="away", text=f"for {wall_s - since_wall_s:.1f} s", monotonic_s=wall_s)
+        self.probes.hold(wall_s if self.is_held else since_wall_s, is_held=True)
+        if not self.is_held:
+            self._hold_for_page(wall_s)
+
+    def _hold_for_page(self, wall_s: float) -> None:
+        """Hold the run until a page of the participant answers, if the scenario wants that."""
+        if self.is_attended and not self.in_air and self.briefing.operator.page.hold_while_away:
+            self.set_pace(self.pace._replace(hold_step=self.step + 1), wall_s)
+            self._is_held_for_page = True
 
     @property
     def is_held(self) -> bool:
@@ -155,7 +189,15 @@ class Console:
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self.history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
-        self.probes.tick(clock.time_s, clock.last, wall_s, is_attended=self.is_attended, is_held=self.is_held)
+        self.beats.close_step(wall_s)
+        self.probes.tick(
+            clock.time_s,
+            clock.last,
+            wall_s,
+            is_attended=self.is_attended,
+            is_held=self.is_held,
+            is_away=self.beats.is_away,
+        )
         if self.attention is not None:
             self.attention.close_step(self.picture)
         self._follow_script(clock.step + self._first_step)
@@ -214,7 +256,7 @@ class Console:
             person = self.person.totals(asked[ISA])
         elif self.attention is not None:
             given = sum(sent.by != SYSTEM for sent in self.command_log.sent)
-            person = self.attention.totals(self.picture, given, asked[ISA])
+            person = self.attention.totals(self.picture, given, asked[ISA]) | {"page_away_s": self.beats.away_s}
         else:
             return {}
         return {"person": person | self.command_log.outcomes(self.picture.now_s) | asked}
@@ -240,8 +282,8 @@ class Console:
 
     def set_pace(self, pace: Pace, wall_s: float) -> None:
         """Change the pace; time in which the run is held does not count against a question."""
-        self.pace = pace
-        self.probes.hold(wall_s, is_held=self.is_held)
+        self.pace, self._is_held_for_page = pace, False
+        self.probes.hold(wall_s, is_held=self.is_held or self.beats.is_away)
 
     def note(self, by: str, kind: str, **columns: Any) -> None:
         """Note an act."""

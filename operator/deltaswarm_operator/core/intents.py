@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 from typing import Any
 
-from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console
+from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, INPUTS_KEPT, Console
 from deltaswarm_operator.core.picture import item_rows
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
@@ -28,11 +28,25 @@ Raw = Mapping[str, Any]
 def carry_out(console: Console, data: bytes, wall_s: float, by: str = PERSON) -> list[Message]:
     """Carry out what a page of the participant or the conductor sent; return the answers.
 
-    An answer without `to` is for every page.
+    An answer without `to` is for every page. An input that was carried out before is only answered again.
     """
 
     def act(raw: Message) -> list[Message]:
-        return INTENTS[raw["type"]](console, raw, {"by": by, "monotonic_s": wall_s, "page": raw["from"]})
+        code, page = raw.get("id", ""), raw["from"]
+        if by == PERSON and (raw["type"] != "page" or code):  # else the station tells of a page that comes or goes
+            console.beat(wall_s)
+        if code in console.inputs:
+            return [{**answer, "to": page} for answer in console.inputs[code]]
+        page_s, sent_s = raw.get("page_s"), raw.get("sent_s")
+        delay_s = None if page_s is None or sent_s is None else round(sent_s - page_s, 3)
+        at = {"by": by, "monotonic_s": wall_s, "page": page, "input": code, "page_s": page_s, "delay_s": delay_s}
+        answered = INTENTS[raw["type"]](console, raw, at)
+        if code:
+            answered.append(made("noted", to=page, id=code))
+            console.inputs[code] = [answer for answer in answered if "to" in answer]
+            if len(console.inputs) > INPUTS_KEPT:
+                del console.inputs[next(iter(console.inputs))]
+        return answered
 
     return answers(data, CONDUCTOR if by == CONDUCTOR else PARTICIPANT, act)
 
@@ -170,6 +184,7 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "form": _answer,
     "note": _note,
     "page": _page,
+    "beat": lambda console, raw, at: [],  # that it came is noted above
     "sheet": _sheet,
     "catch_up": _catch_up,
 }

@@ -72,7 +72,7 @@ class Probes:
 
     def start(self, wall_s: float) -> None:
         """Ask what is asked before the run, unless that is done."""
-        if not self._has_begun:
+        if not self._has_begun and self._asked is None:
             self._ask_all(BEFORE, 0.0, wall_s)
             self._has_begun = self._asked is None
 
@@ -150,13 +150,14 @@ class Probes:
     def resume(self) -> bool:
         """Go on, once loaded, where an operator was killed, whose rows are written; return whether it held the run.
 
-        Questions of the run that were open are missing.
+        Questions of the run that were open are missing; those before it stay open.
         """
-        lost = [asked for asked in (self._asked, *self._waiting) if asked and asked.technique.when == DURING]
-        self._asked, self._waiting, self.opened = None, deque(), deque()
+        asked_so_far = [asked for asked in (self._asked, *self._waiting) if asked]
+        lost = [asked for asked in asked_so_far if asked.technique.when == DURING]
+        self._waiting = deque(asked for asked in asked_so_far if asked.technique.when == BEFORE)
+        self._asked = self._waiting.popleft() if self._waiting else None
+        self.opened = deque()
         self._is_over, self._held_since_wall_s = False, None
-        if not self._has_begun:
-            self._questions = 0
         self._taken = len(self.rows)
         for asked in lost:
             self._miss(asked)
@@ -164,16 +165,26 @@ class Probes:
         return any(asked.holds_run for asked in lost)
 
     def tick(
-        self, now_s: float, is_last: bool, wall_s: float, *, is_attended: bool = False, is_held: bool = False
+        self,
+        now_s: float,
+        is_last: bool,
+        wall_s: float,
+        *,
+        is_attended: bool = False,
+        is_held: bool = False,
+        is_away: bool = False,
     ) -> None:
-        """Ask the questions that are due at a simulated time, one that holds the run only while it is held."""
+        """Ask the questions that are due at a simulated time, one that holds the run only while it is held.
+
+        While the participant's page is away, only a question that holds the run is asked.
+        """
         self._expire(wall_s, at_once=is_last)
         if is_last:
             self.end(now_s, wall_s)
             return
         for name, (number, due_s) in self._due.items():
             technique = self._techniques[name]
-            may_ask = is_held if technique.wait_s is None else self._asked is None
+            may_ask = is_held if technique.wait_s is None else self._asked is None and not is_away
             if now_s >= due_s and may_ask and (is_attended or not technique.needs_person):
                 self._ask(_Asked(technique, number, now_s, wall_s))
                 self._due[name] = _Due(number + 1, technique.due_s(number + 1, max(due_s, now_s), self._rng))
@@ -222,7 +233,7 @@ class Probes:
         is_open = asked is not None and asked.technique.kind == message["type"]
         if asked is None or not is_open or not asked.technique.is_meant(asked.number, message):
             raise ValueError("this question is no longer open")
-        return self._add(asked, asked.technique.answers(asked.number, message), wall_s)
+        return self._add(asked, asked.technique.answers(asked.number, message), wall_s, message)
 
     def answer_as(self, load: float, wall_s: float) -> tuple[str, dict[str, Any]] | None:
         """Let a simulated person with this load answer the open question; return kind and columns of the act."""
@@ -232,8 +243,15 @@ class Probes:
             return None
         return asked.technique.kind, self._add(asked, answers, wall_s)[0]
 
-    def _add(self, asked: _Asked, answers: Answers, wall_s: float) -> tuple[dict[str, Any], bool]:
-        self.rows += self._rows(asked, answers, wall_s)
+    def _add(
+        self, asked: _Asked, answers: Answers, wall_s: float, message: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, Any], bool]:
+        shown_s, page_s = ((message or {}).get(name) for name in ("shown_s", "page_s"))
+        reaction_s = None if shown_s is None or page_s is None else round(page_s - shown_s, 3)
+        self.rows += [
+            row._replace(shown_page_s=shown_s, answered_page_s=page_s, reaction_s=reaction_s)
+            for row in self._rows(asked, answers, wall_s)
+        ]
         self._close(wall_s)
         return asked.technique.act(answers), asked.holds_run
 

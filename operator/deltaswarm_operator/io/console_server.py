@@ -113,6 +113,8 @@ class ConsoleServer:
         self._pace = self.console.pace
         self._turns: deque[Turn] = saved.turns if saved else deque(maxlen=FIRST_STEP)
         """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
+        self._answers: list[tuple[Message, str]] = []
+        """Answers to inputs, and whose: they are sent once what was done is saved."""
         self._show_due = self._hello_due = 0.0
         self._tables = ActionLog(folder, saved.table_bytes if saved else None, has_station=self._channel is not None)
 
@@ -167,26 +169,41 @@ class ConsoleServer:
             if console.pace.hold_step >= 0:  # nobody could resume the run
                 console.pace = console.pace._replace(hold_step=-1)
         else:
-            for answer in carry_out(console, intent, time.monotonic(), by):
-                if by == PERSON:
-                    channel.send(answer)
-                if self._conductor is not None and (by == CONDUCTOR or "to" not in answer):
-                    self._conductor.send(answer)
+            self._answers += ((answer, by) for answer in carry_out(console, intent, time.monotonic(), by))
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
-        is_changed = self._write() or console.pace != self._pace
-        if console.pace != self._pace:
-            self._pace = console.pace
-            self._send_pace(self._pace)
-        self._show_due = 0.0
+        is_changed = self._write()
+        is_changed |= self._pass_on_pace()
+        if is_changed or self._answers:  # a beat calls for no picture
+            self._show_due = 0.0
         return is_changed
 
+    def _pass_on_pace(self) -> bool:
+        """Send the pace to the world if it has changed; return whether it has."""
+        if self.console.pace == self._pace:
+            return False
+        self._pace = self.console.pace
+        self._send_pace(self._pace)
+        return True
+
+    def _answer(self) -> None:
+        """Answer the inputs that are written down: only the sender of one, unless the answer is for every page."""
+        for answer, by in self._answers:
+            if by == PERSON and self._channel is not None:
+                self._channel.send(answer)
+            if self._conductor is not None and (by == CONDUCTOR or "to" not in answer):
+                self._conductor.send(answer)
+        self._answers.clear()
+
     def show(self) -> None:
-        """Write down the person's acts, and send the station a picture if one is due."""
+        """Write down the person's acts, answer them, and send the station a picture if one is due."""
+        now = time.monotonic()
+        self.console.watch_page(now)
+        self._pass_on_pace()
         self._write()
+        self._answer()
         if self._markers is not None:
             self._markers.serve()
-        now = time.monotonic()
         if self._channel is None or now < self._show_due:
             return
         self._show_due = now + SHOW_EVERY_S
@@ -247,5 +264,6 @@ class ConsoleServer:
         self.console.probes.close()
         self._write()
         self._tables.close(self.console)
+        self._answer()
         if self._markers is not None:
             self._markers.close()

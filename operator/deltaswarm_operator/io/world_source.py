@@ -196,7 +196,7 @@ class WorldSource(StepSource):
 
     def save_act(self) -> None:
         """Save what the person has done, or else the operator that replaces a killed one cuts it off."""
-        if self._console is not None and self.meter.step >= 0:
+        if self._console is not None:
             self._output.save((self.meter, self._console.state()))
 
     def release(self) -> None:

@@ -276,14 +276,16 @@ class Station:
                 self._to_feed(rules.intent_of(message, number, browser.role))
             except RefusedError as refusal:
                 self.dropped += 1
-                answer = made("refused", to=number, id=refusal.what, why=str(refusal))
+                again = {"again": True} if refusal.again else {}
+                answer = made("refused", to=number, id=refusal.what, why=str(refusal), **again)
                 self._tell([browser], orjson.dumps(answer).decode())
 
     def _to_feed(self, datagram: bytes) -> None:
         try:
             self._feed.send(datagram)
         except (BlockingIOError, InterruptedError):
-            raise RefusedError("the operator is busy: try again", name_of(orjson.loads(datagram))) from None
+            what = name_of(orjson.loads(datagram))
+            raise RefusedError("the operator is busy: try again", what, again=True) from None
         except OSError:
             raise RefusedError("the run has ended", name_of(orjson.loads(datagram))) from None
 

@@ -65,17 +65,26 @@ def commit() -> str | None:
     In a checkout git says it; an installation has it in a file, which the build wrote.
     """
     here = Path(__file__)
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(here.parent), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=GIT_WITHIN_S).stdout.strip()
-
     try:
-        git("ls-files", "--error-unmatch", here.name)
-        return git("describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
+        _git(here, "ls-files", "--error-unmatch", here.name)
+        return _git(here, "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
     except (OSError, subprocess.SubprocessError):
         installed = here.parents[1] / "commit.txt"
         return installed.read_text(encoding="ascii").strip() if installed.exists() else None
+
+
+def commit_of(file: Path) -> tuple[str | None, bool]:
+    """Return the commit of the git repository that holds a file, if any, and whether it has the file as it is."""
+    try:
+        commit = _git(file, "rev-parse", "HEAD")
+        return commit, not _git(file, "status", "--porcelain", "--ignored", "--", file.name)
+    except (OSError, subprocess.SubprocessError):
+        return None, False
+
+
+def _git(beside: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(beside.parent), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=GIT_WITHIN_S).stdout.strip()
 
 
 @cache

@@ -50,7 +50,9 @@ def add_sweep(command: argparse.ArgumentParser) -> None:
 def add_run_options(command: argparse.ArgumentParser) -> None:
     """Add the arguments that say which runs to do, and how."""
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
-    command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
+    command.add_argument(
+        "--repeats", type=int, metavar="N", help="replicates of each variant; of a sensitivity sweep, points"
+    )
     command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
     command.add_argument("-j", "--jobs", type=whole(1), metavar="N", help="runs in parallel (default: number of cores)")
     command.add_argument("--processes", action="store_true", help="every run with real agent processes")

@@ -252,6 +252,7 @@ PERSON = (
     *map(_of_technique, measures(after_run=False)),
     _of_person("questions", "questions asked", session="questions", is_whole=True),
     _of_person("answers_missing", "questions without an answer", session="answers_missing", is_whole=True),
+    _of_person("page_away_s", "wall time in which no page of the participant answered", "s", session="page_away_s"),
     *map(_of_technique, measures(after_run=True)),
     _of_person("interaction_s", "mean time spent on an item", "s"),
     _of_person(

@@ -253,7 +253,7 @@ def _problems_of_places(
     """Report keys given in two places, keys that cannot vary, and a sweep in which nothing varies."""
     places = [(path, name) for path, table in columns for name in table if name != LABEL]
     places += [("sweep.variants", name) for name in {name: None for row in single for name in row if name != LABEL}]
-    has_variants = bool(places or single)
+    has_variants = bool(places or (single and ranges))
     places += [(f"sensitivity.range[{i}]", one.name) for i, one in enumerate(ranges)]
     times = Counter(name for _, name in places)
     for path, name in places:

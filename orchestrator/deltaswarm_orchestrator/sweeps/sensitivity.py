@@ -118,6 +118,11 @@ class SensitivitySettings:
             allowed = f"must be a power of two for a Sobol sequence, such as {' or '.join(map(str, near))}"
             yield Problem("points", str(self.points), allowed)
 
+    @property
+    def design(self) -> str:
+        """The method, in words."""
+        return "a scrambled Sobol sequence" if self.method == SOBOL else "a Latin hypercube"
+
 
 def drawn(settings: SensitivitySettings) -> list[Point]:
     """Draw all points; the same settings give the same points."""

@@ -206,7 +206,7 @@ def test_a_command_is_accepted_or_refused_with_a_reason() -> None:
     console = Console(briefing())
     circle = {"kind": "circle", "x_m": 1, "y_m": 2, "radius_m": 3}
     answer = say(console, "command", id="c1", name="test", target=circle, arguments=RIGHT)
-    assert answer == [{"type": "accepted", "to": 3, "id": "c1", "number": 0}]
+    assert answer == [{"type": "accepted", "to": 3, "id": "c1", "number": 0}, {"type": "noted", "to": 3, "id": "c1"}]
     (refused,) = say(console, "command", id="c2", name="test", target=circle, arguments={})
     assert (refused["type"], refused["to"], refused["id"]) == ("refused", 3, "c2")
     command = decode_command(console.turn().commands[0].body)
@@ -355,7 +355,7 @@ def test_the_conductor_may_pause_and_note_and_nothing_else() -> None:
     def conduct(kind: str, **intent: Any) -> list[dict[str, Any]]:
         return carry_out(console, json.dumps({"type": kind, "from": 1, **intent}).encode(), 0.0, CONDUCTOR)
 
-    for kind in INTENTS.keys() - {"pace", "note", "catch_up", "page"}:
+    for kind in INTENTS.keys() - {"pace", "note", "catch_up", "page", "beat"}:
         [refusal] = conduct(kind, items=[0], text="x", name="go", target={"kind": "all"})
         assert refusal["type"] == "refused", kind
     assert conduct("page", event="opened") == []

@@ -45,7 +45,7 @@ def test_a_page_is_answered_whatever_it_sends(page: str, kind: str) -> None:
         assert carried_out == [{"type": kind, "from": 7, **RIGHT.get(kind, {})}]
     else:
         why = page_messages.WHY_NOT[page]
-        assert said == ([] if kind == "page" else [{"type": "refused", "to": 7, "id": kind, "why": why}])
+        assert said == ([] if FROM_PAGE[kind].is_notice else [{"type": "refused", "to": 7, "id": kind, "why": why}])
         assert not carried_out
 
 

@@ -85,7 +85,7 @@ def test_the_dictionary_explains_every_column(tables: dict[str, pd.DataFrame]) -
         assert [*dictionary[dictionary["table"] == name]["column"]] == [*table.columns]
     assert dictionary["meaning"].str.len().gt(3).all()
     in_seconds = dictionary["column"].str.endswith("_s") & ~dictionary["column"].str.endswith("per_s")
-    assert dictionary[in_seconds]["unit"].isin(["s", "wall s"]).all()
+    assert dictionary[in_seconds]["unit"].isin(["s", "wall s", "page s"]).all()
 
 
 def test_what_cannot_be_read_is_named(tmp_path: Path, capsys: Printed) -> None:
@@ -127,6 +127,7 @@ FULL = {
         "isa": 2.5,
         "questions": 11,
         "answers_missing": 1,
+        "page_away_s": 2.25,
         "tlx": {"raw": 40.0, "weighted": 45.0},
     },
     "task": {
@@ -182,6 +183,7 @@ RUNS = {
     "isa": "2.5",
     "questions": "11",
     "answers_missing": "1",
+    "page_away_s": "2.25",
     "tlx_raw": "40.0",
     "tlx_weighted": "45.0",
 }
@@ -197,11 +199,12 @@ NUMBERS = {
         "missed_share",
     ),
     *("acknowledge_s", "share_right", "d_prime", "criterion", "situation_right_share", "isa", "tlx_raw"),
-    *("tlx_weighted", "answered_share"),
+    *("tlx_weighted", "answered_share", "page_away_s"),
 }
 TEXTS = {"invalid_because", "condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
 UNITS = dict.fromkeys(
-    ("waiting_time_s", "told_s", "worked_s", "completion_s", "time_above_threshold_s", "acknowledge_s"), "s"
+    ("waiting_time_s", "told_s", "worked_s", "completion_s", "time_above_threshold_s", "acknowledge_s", "page_away_s"),
+    "s",
 )
 UNITS["messages_per_s"] = "1/s"
 
@@ -264,7 +267,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 51
+    assert len(rows) == 52
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row

@@ -204,7 +204,7 @@ def test_a_grids_numbers_by_hand() -> None:
     study = made(OWN + grid + 'columns = { best = ["hybrid 3", "decentralised"] }\n')
     runs = runs_with(study, lambda level, mode, r: 20.0 + r + (5 if (level, mode) == ("loss=0.0", "hybrid 3") else 0))
     found = grids_of(study, runs[(runs["loss"] != "loss=0.9") | (runs["mode"] == "hybrid 3")])
-    assert found.to_dict("records") == [
+    assert found.drop(columns="mcse").to_dict("records") == [
         {"grid": "g", "metric": "waiting_all", "row": row, "column": "best", "level": level, "n": 10, "median": 24.5,
          "low": 21.0, "high": 28.0}
         for row, level in (("loss=0.0", "decentralised"), ("loss=0.5", "decentralised"), ("loss=0.9", "hybrid 3"))

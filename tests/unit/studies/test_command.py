@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.cli import main
 from tests.support.studying import OWN
 
@@ -332,3 +332,65 @@ def test_a_variant_whose_agent_raises_is_named_and_not_judged(
     assert said in (tmp_path / "report" / "page.md").read_text()
     assert main(["sweep", f"{sweep}/sweep.toml", "--out", sweep]) == 1
     assert capsys.readouterr().err.splitlines()[-1] == f"deltaswarm: {said}"
+
+
+@pytest.fixture
+def frozen(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a study file that was frozen years before its runs, which are there."""
+    (tmp_path / "own.toml").write_text(QUESTION)
+    with monkeypatch.context() as earlier:
+        earlier.setattr(provenance, "now", lambda: "2020-01-02T03:04:05+00:00")
+        assert main(["study", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--freeze"]) == 0
+    shutil.copytree(done / "out" / "sweep", tmp_path / "out" / "sweep")
+    return tmp_path
+
+
+def test_a_study_that_differs_from_its_protocol_says_so_until_it_is_amended(frozen: Path, capsys: Printed) -> None:
+    """With exit code 3, whether it is run or rendered; its page, too. The amendment's reason then stands there."""
+    command = ["study", str(frozen / "own.toml"), "--out", str(frozen / "out")]
+    page = frozen / "out" / "page.md"
+    assert main(command) == 0
+    assert page.read_text().splitlines()[2].startswith("Frozen on 2020-01-02T03:04:05+00:00, before its runs")
+    assert "| surprises | 0 of 1 |" in page.read_text()
+    (frozen / "own.toml").write_text(QUESTION.replace("margin = 1.5", "margin = 1.6"))
+    for more in ([], ["--render"]):
+        capsys.readouterr()
+        assert main([*command, *more]) == 3
+        line = (
+            "differs from its protocol of 2020-01-02T03:04:05+00:00, without an amendment: claim.alike.margin was 1.5"
+        )
+        assert line in capsys.readouterr().err
+        assert line in page.read_text().partition("## ")[0]
+    assert main([*command, "--amend", "The margin was a typo."]) == 0
+    assert main([*command, "--render"]) == 0
+    assert "after the runs began: The margin was a typo." in page.read_text()
+    assert "| claim.alike.margin | 1.5 | 1.6 |" in page.read_text()
+
+
+def test_a_protocol_that_was_edited_by_hand_is_named(frozen: Path, capsys: Printed) -> None:
+    """With exit code 3, though the study file agrees with it."""
+    command = ["study", str(frozen / "own.toml"), "--out", str(frozen / "out")]
+    assert main(command) == 0
+    protocol = frozen / "out" / "protocol.json"
+    protocol.write_text(protocol.read_text().replace('"margin": 1.5', '"margin": 1.6'))
+    (frozen / "own.toml").write_text(QUESTION.replace("margin = 1.5", "margin = 1.6"))
+    assert main([*command, "--render"]) == 3
+    assert "protocol.json was edited by hand" in capsys.readouterr().err
+    assert "protocol.json was edited by hand" in (frozen / "out" / "page.md").read_text()
+
+
+def test_runs_from_before_the_freeze_are_not_taken_for_later_ones(done: Path, tmp_path: Path, capsys: Printed) -> None:
+    """A study is not frozen beside its runs; runs that are put there afterwards began earlier, and the page says so."""
+    (tmp_path / "own.toml").write_text(QUESTION)
+    command = ["study", str(tmp_path / "own.toml"), "--out"]
+    assert main([*command, str(done / "out"), "--freeze"]) == 2
+    assert "before its first run" in capsys.readouterr().err
+    assert main([*command, str(tmp_path / "out"), "--freeze", "--repeats", "3"]) == 2
+    assert main([*command, str(tmp_path / "out"), "--freeze"]) == 0
+    shutil.copytree(done / "out" / "sweep", tmp_path / "out" / "sweep")
+    manifest = json.loads((tmp_path / "out" / "sweep" / "manifest.json").read_text())
+    begun = {"started": "2020-01-02T03:04:05+00:00"}
+    seal.write_sealed(tmp_path / "out" / "sweep" / "manifest.json", manifest | begun, seal.files_of(manifest))
+    assert main([*command, str(tmp_path / "out")]) == 3
+    assert "after the runs began (2020-01-02T03:04:05+00:00)" in capsys.readouterr().err
+    assert (tmp_path / "out" / "page.md").read_text().splitlines()[2].startswith("Not frozen before its runs")

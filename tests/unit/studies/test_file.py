@@ -27,7 +27,7 @@ def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
     study = load_study(name)
     for contrast in study.file.contrast:
         assert study.repeats >= pairs_needed(len(list(study.comparisons(contrast)))), contrast.id
-    assert study.file.figure or study.file.grid or study.file.fit
+    assert study.file.figure or study.file.grid or study.file.fit or study.ranges
     assert all(figure.caption and figure.name for figure in study.file.figure)
     assert all(contrast.text and contrast.id for contrast in study.file.contrast)
     assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)

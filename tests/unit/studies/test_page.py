@@ -12,6 +12,7 @@ from markdown_it import MarkdownIt
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
+from deltaswarm_studies.design import design
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.origin import CODE, QUESTIONS, RUNS
 from deltaswarm_studies.page import pages, write, write_index
@@ -114,6 +115,44 @@ def test_a_page_says_how_many_tests_and_families_it_holds(evidence: Evidence) ->
     assert f"{tests} tests in {families} families" in said
     [expected] = re.findall(r"at most (\S+) families", said)
     assert abs(float(expected) - families / 20) < 0.06
+
+
+def test_the_head_of_a_page_has_the_headings_of_ademp(evidence: Evidence) -> None:
+    """In their order, before the first section, filled from the study: another sweep has other lines."""
+    head = pages(made(ASKED), evidence, PROVENANCE)[1].partition("\n## ")[0]
+    assert re.findall("### (.*)", head) == [
+        "Aims", "Data-generating mechanism", "Estimands", "Methods", "Performance",
+    ]  # fmt: skip
+    assert "`smoke`: 6 agents, 40 m wide, 40 m high, 0.1 events per s, 1000 s long, 1 s a step" in head
+    assert "10 of each of 6 variants. Their seeds are derived from 1;" in head
+    assert "frames lost [share] (`radio.loss`): loss=0.0, loss=0.5, loss=0.9." in head.partition("### Methods")[0]
+    assert "control (`control.mode`): decentralised, hybrid 3." in head.partition("### Methods")[2]
+    other = dict(
+        design(
+            made(
+                ASKED.replace("metrics = [", "margin = 1.3\nmetrics = [", 2).replace("margin = 1.3\n", "", 1),
+                SWEEP.replace("repeats = 10", "repeats = 9"),
+            )
+        )
+    )
+    assert any("9 of each of 6 variants" in line for line in other["Data-generating mechanism"])
+    assert any(line.startswith("Differences within 1.3 times count as none") for line in other["Performance"])
+
+
+def test_every_estimate_has_its_standard_error(evidence: Evidence) -> None:
+    """In parentheses, in the tables of contrasts, claims, fits, medians, estimates, and of recovery in a column."""
+    assert evidence.estimates["mcse"].notna().all()
+    markdown = pages(made(ASKED), evidence, PROVENANCE)[1]
+    for heading, cell in (
+        ("Verdicts", r"1\.00 \(0(\.0+)?\) "),
+        ("Contrasts", r"1\.00 \(0(\.0+)?\) "),
+        ("Closest to what is published", r"\d\.\d\d \(\d\.\d\d\)"),
+        ("Medians", r"\d\.\d \(\d\.\d+\)"),
+        ("Estimates", r"\d\.\d \(\d\.\d+\) \["),
+    ):
+        section = markdown.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+        assert re.search(cell, section), (heading, section)
+    assert "Standard error [s]" in markdown.partition("## Recovery")[2]
 
 
 def test_too_few_replicates_are_told(evidence: Evidence) -> None:

@@ -14,7 +14,6 @@ import { aim, clock, fate, order } from "./words.js";
 const KINDS = { all: later("all agents"), circle: later("a circle"), tree: later("a tree"), agent: later("one agent"), place: later("a place") };
 /** A second click within this time is ignored. */
 const TWICE_MS = 500;
-const ANSWER_WITHIN_MS = 5000;
 const FIELDS = { x: "command-x", y: "command-y", radius: "command-radius" };
 
 export class CommandPanel {
@@ -26,9 +25,6 @@ export class CommandPanel {
     this.tree = choice("command-tree");
     this.agent = choice("command-agent");
     this.formsOf = "";
-    this.sent = 0;
-    /** @type {Map<string, string>} words of each order that was sent but not yet answered */
-    this.waiting = new Map();
     /** @type {Map<string, Record<string, string | number>>} arguments last given to each command */
     this.given = new Map();
     this.tookEvent = -1;
@@ -207,27 +203,12 @@ export class CommandPanel {
       const values = Object.fromEntries(command.arguments.map((argument, at) => [argument.name, read(argument, at)]));
       this.given.set(command.name, values);
       this.sentAt_ms = performance.now();
-      this.sent += 1;
-      const id = `c${Date.now().toString(36)}-${this.sent}`;
-      this.waiting.set(id, command.name);
       const aim = /** @type {import("./types.js").Target} */ ({ kind, ...target });
-      this.answer(
-        this.app.send({ type: "command", id, name: command.name, target: aim, arguments: values })
-          ? t("Sending …")
-          : t("Not sent: there is no connection."),
-      );
-      window.setTimeout(() => this.isLate(id), ANSWER_WITHIN_MS);
+      this.app.send({ type: "command", name: command.name, target: aim, arguments: values });
+      this.answer(t("Sending …"));
     } catch (error) {
       this.answer(t("Not sent: {why}.", { why: error instanceof Error ? error.message : String(error) }), true);
     }
-  }
-
-  /**
-   * Say that an order has no answer yet: whether it was taken is not known.
-   * @param {string} id
-   */
-  isLate(id) {
-    if (this.waiting.has(id)) this.answer(t("No answer yet. If the order is in the list below, it was sent."), true);
   }
 
   /**
@@ -240,23 +221,14 @@ export class CommandPanel {
     where.classList.toggle("bad", isBad);
   }
 
-  /**
-   * @param {string} id
-   * @param {number} number
-   */
-  accepted(id, number) {
-    if (this.waiting.delete(id)) this.answer(t("Sent as order {number}.", { number }));
+  /** @param {number} number */
+  accepted(number) {
+    this.answer(t("Sent as order {number}.", { number }));
   }
 
-  /**
-   * Note a refusal; return whether it concerns an order of this page.
-   * @param {string | null} id
-   * @param {string} why
-   */
-  refused(id, why) {
-    const isOurs = id !== null && this.waiting.delete(id);
-    if (isOurs) this.answer(t("Not sent: {why}.", { why: retell(why) }), true);
-    return isOurs;
+  /** @param {string} why */
+  refused(why) {
+    this.answer(t("Not sent: {why}.", { why: retell(why) }), true);
   }
 
   lists() {

@@ -12,7 +12,7 @@ export class FormPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.question = new Question(app, "form", () => this.open());
+    this.question = new Question(app, "form", () => this.open(), "form-missing");
     this.form = byId("form-form", HTMLFormElement);
     this.form.addEventListener("input", () => sessionStorage.setItem(this.stored, JSON.stringify(this.answers())));
     this.form.addEventListener("submit", (event) => {
@@ -70,22 +70,16 @@ export class FormPanel {
   send() {
     if (!this.asked) return;
     const answers = this.answers();
-    const { form } = this.asked;
+    const { form, number } = this.asked;
     const missing = form.question.filter(({ name, required }) => required && answers[name] === undefined);
     if (missing.length) return setText(element("form-missing"), t("Still to answer: {questions}", { questions: missing.map(({ text }) => t(text)).join(" ") }));
-    if (!this.app.send({ type: "form", form: form.name, answers }))
-      return setText(element("form-missing"), t("Not sent: there is no connection. Try again in a moment."));
-    this.question.answer(true);
+    this.question.send({ type: "form", form: form.name, number, answers });
   }
 
-  /**
-   * Ask again, since the answers were not accepted.
-   * @param {string} why
-   */
-  reopen(why) {
-    if (!this.question.isSent) return;
-    this.question.answer(false);
-    setText(element("form-missing"), t("Not accepted: {why}.", { why: retell(why) }));
+  /** The answers are noted: their draft goes. */
+  noted() {
+    sessionStorage.removeItem(this.stored);
+    this.question.noted();
   }
 }
 

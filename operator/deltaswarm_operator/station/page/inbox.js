@@ -101,7 +101,8 @@ export class InboxPanel {
     if (!item) return;
     const { read } = this.app.model;
     const canRead = ["live", "replay"].includes(this.app.model.hello?.kind ?? "");
-    if (canRead && !read.has(item[0]) && this.app.send({ type: "read", items: [item[0]] })) {
+    if (canRead && !read.has(item[0])) {
+      this.app.send({ type: "read", items: [item[0]] });
       read.add(item[0]);
       this.update();
     }

@@ -2,6 +2,7 @@
 
 import { byId, dialog, element, make, setText } from "./dom.js";
 import { later, t } from "./language.js";
+import { pageClock_s } from "./outbox.js";
 
 /** @typedef {import("./types.js").App} App */
 
@@ -15,6 +16,8 @@ export class IsaPanel {
     /** @type {number | null} */
     this.number = null;
     this.answered = -1;
+    /** the page's clock when the question was first painted [s] */
+    this.shown_s = 0;
     const buttons = ANSWERS.map((words, at) => {
       const made = make(
         "button",
@@ -34,8 +37,33 @@ export class IsaPanel {
 
   /** @param {number} answer */
   answer(answer) {
-    if (this.number === null || !this.app.send({ type: "isa", number: this.number, answer })) return;
-    this.answered = this.number;
+    if (this.number === null || this.waiting) return;
+    this.app.send({ type: "isa", number: this.number, answer, ...(this.shown_s ? { shown_s: this.shown_s } : {}) });
+    this.look();
+  }
+
+  /** The answer that was given and is not noted yet. */
+  get waiting() {
+    const found = this.app.waiting((intent) => intent.type === "isa" && intent.number === this.number)?.intent;
+    return found?.type === "isa" ? found : null;
+  }
+
+  /** Keep an answer that is on the way as it is. */
+  look() {
+    const { waiting } = this;
+    for (const made of this.where.querySelectorAll("button")) {
+      made.disabled = waiting !== null;
+      made.setAttribute("aria-pressed", String(made.dataset["answer"] === String(waiting?.answer)));
+    }
+  }
+
+  /**
+   * An answer is noted.
+   * @param {number} number of the question
+   * @param {number} answer
+   */
+  noted(number, answer) {
+    this.answered = number;
     this.update();
     this.app.say(t("Your answer {answer} is noted.", { answer }));
   }
@@ -52,17 +80,14 @@ export class IsaPanel {
     const left = byId("isa-left", HTMLProgressElement);
     if (before !== this.number) {
       dialog("help").close();
+      this.shown_s = 0;
+      window.requestAnimationFrame(() => window.requestAnimationFrame(() => (this.shown_s ||= pageClock_s())));
       left.max = asked.left_s;
     }
     setText(element("isa-title"), t("How busy are you right now? (question {number})", { number: asked.number + 1 }));
     left.value = asked.left_s;
     setText(element("isa-seconds"), t("{seconds} s left", { seconds: Math.ceil(asked.left_s) }));
-  }
-
-  /** Ask again while there is time, since the answer was not accepted. */
-  reopen() {
-    this.forget();
-    this.update();
+    this.look();
   }
 
   /** Forget what was answered: another run numbers its questions anew. */

@@ -4,9 +4,11 @@ const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 /** After a run has ended, another one may begin at the same address. */
 const NEXT_RUN_WAIT_MS = 1000;
+/** A connection over which nothing comes for longer is dead, though nobody has closed it. */
+const DEAD_MS = 5000;
+const LOOK_EVERY_MS = 500;
 
 /** @typedef {import("./types.js").Message} Message */
-/** @typedef {import("./types.js").Intent} Intent */
 
 export class Link {
   /**
@@ -17,10 +19,14 @@ export class Link {
     this.onMessage = onMessage;
     this.onChange = onChange;
     this.hasEnded = false;
+    /** Whether messages come all the time, once there is a connection. */
+    this.isSteady = false;
     this.wait_ms = FIRST_WAIT_MS;
+    this.heardAt_ms = performance.now();
     /** @type {WebSocket | null} */
     this.socket = null;
     this.connect();
+    window.setInterval(() => this.look(), LOOK_EVERY_MS);
   }
 
   connect() {
@@ -28,20 +34,40 @@ export class Link {
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
     this.socket = socket;
+    this.heardAt_ms = performance.now();
     socket.onopen = () => {
       this.wait_ms = FIRST_WAIT_MS;
       this.onChange(true);
     };
     socket.onmessage = (event) => this.take(event.data);
-    socket.onclose = () => {
-      this.onChange(false);
-      window.setTimeout(() => this.connect(), this.hasEnded ? NEXT_RUN_WAIT_MS : this.wait_ms);
-      this.wait_ms = Math.min(LONGEST_WAIT_MS, this.wait_ms * 2);
-    };
+    socket.onclose = () => this.lose(socket);
+  }
+
+  /**
+   * Connect anew after a while.
+   * @param {WebSocket} socket
+   */
+  lose(socket) {
+    socket.onopen = socket.onmessage = socket.onclose = null;
+    this.socket = null;
+    this.onChange(false);
+    window.setTimeout(() => this.connect(), this.hasEnded ? NEXT_RUN_WAIT_MS : this.wait_ms);
+    this.wait_ms = Math.min(LONGEST_WAIT_MS, this.wait_ms * 2);
+  }
+
+  /** Give up a connection that is dead: one that is asked to close would wait for an answer. */
+  look() {
+    const { socket } = this;
+    if (!socket || performance.now() - this.heardAt_ms < DEAD_MS) return;
+    const isOpening = socket.readyState === WebSocket.CONNECTING;
+    if (!isOpening && (!this.isSteady || this.hasEnded)) return;
+    this.lose(socket);
+    socket.close();
   }
 
   /** @param {unknown} data */
   take(data) {
+    this.heardAt_ms = performance.now();
     const message = /** @type {Message} */ (JSON.parse(String(data)));
     if (message.type === "ended") this.hasEnded = true;
     if (message.type === "picture") this.hasEnded = false;
@@ -49,12 +75,12 @@ export class Link {
   }
 
   /**
-   * Send an intent; return whether that was possible. Nothing is kept for later: a late order is another order.
-   * @param {Intent} intent
+   * Send a message; return whether that was possible.
+   * @param {object} message
    */
-  send(intent) {
+  send(message) {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
-    this.socket.send(JSON.stringify(intent));
+    this.socket.send(JSON.stringify(message));
     return true;
   }
 }

@@ -14,6 +14,7 @@ import { Link } from "./link.js";
 import { MapPanel } from "./map.js";
 import { Model } from "./model.js";
 import { PacePanel } from "./pace.js";
+import { Outbox } from "./outbox.js";
 import { PageEvents } from "./page_events.js";
 import { SessionPanel } from "./session.js";
 import { Tabs } from "./tabs.js";
@@ -27,6 +28,7 @@ const LISTS_EVERY_MS = 250;
 const SILENT_MS = 4000;
 const SAID_MS = 6000;
 const ASK_EVERY_MS = 1000;
+const BEAT_EVERY_MS = 1000;
 
 /** @type {import("./types.js").App} */
 const app = {
@@ -34,11 +36,11 @@ const app = {
   selection: null,
   pick: null,
   send(intent) {
-    const isSent = link.send(intent);
-    if (!isSent && intent.type !== "catch_up") app.say(t("Not sent: there is no connection."));
-    return isSent;
+    if (isNoting() && !link.hasEnded) outbox.add(intent);
+    else if (intent.type !== "page" && !link.send(intent))
+      app.say(link.hasEnded ? t("Not sent: the run has ended.") : t("Not sent: there is no connection."));
   },
-  tell: (intent) => link.send(intent),
+  waiting: (fits) => outbox.waiting(fits),
   say(text) {
     setText(element("said"), text);
     window.clearTimeout(saidTimer);
@@ -67,6 +69,10 @@ let heardAt_ms = performance.now();
 let isOpen = false;
 /** Whether no hello has come over this connection yet. */
 let isNew = true;
+/** Whether no picture has come over this connection yet; the first one may be old. */
+let isFirstPicture = true;
+/** Whether the feed writes down what this page sends. */
+const isNoting = () => ["live", "conductor"].includes(app.model.hello?.kind ?? "");
 
 const map = new MapPanel(app);
 const workload = new WorkloadPanel(app);
@@ -94,14 +100,18 @@ const events = new PageEvents(
 /** @param {import("./types.js").Hello} hello */
 function takeHello(hello) {
   speak(hello.language);
-  const isFirst = !app.model.hello || isNew;
-  isNew = false;
-  if (app.model.takeHello(hello)) {
+  const isFirst = !app.model.hello;
+  const isOther = app.model.takeHello(hello);
+  if (isOther) {
     app.selection = null;
     isa.forget();
     conduct.forget();
   }
-  if (isFirst) events.begin();
+  link.isSteady = ["live", "conductor", "watch"].includes(app.model.hello?.kind ?? "");
+  if ((isNew || isOther) && isNoting() && outbox.begin(hello.run).some((intent) => intent.type !== "page"))
+    app.say(t("Not noted: the run that it was for is over."));
+  isNew = false;
+  if (isFirst || isOther) events.begin();
   setText(element("title"), t(hello.title));
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
@@ -122,7 +132,8 @@ function takeHello(hello) {
 function takePicture(picture) {
   app.model.takePicture(picture);
   askForMissing();
-  heardAt_ms = performance.now();
+  if (!isFirstPicture) heardAt_ms = performance.now();
+  isFirstPicture = false;
   pace.update();
   isa.update();
   autonomy.update();
@@ -188,7 +199,6 @@ function showStatus() {
   element("ended").hidden = !link.hasEnded || !atEnd;
   setText(element("ended"), atEnd);
   if (link.hasEnded) [state, words] = ["ended", atEnd ? t("the run has ended") : t("the run has ended; this page may be closed")];
-  else if (picture?.over && hello?.kind !== "replay") [state, words] = ["ended", t("the run is over")];
   else if (!isOpen) [state, words] = ["lost", hello ? t("connection lost, trying again") : t("connecting")];
   else if (picture?.over) [state, words] = ["ended", t("the run is over")];
   else if (pace.state.paused) [state, words] = ["paused", t("paused")];
@@ -219,34 +229,56 @@ function take(message) {
   } else if (message.type === "read") {
     for (const item of message.items) app.model.read.add(item);
     inbox.update();
-  } else if (message.type === "accepted") commands.accepted(message.id, message.number);
-  else if (message.type === "refused") refused(message.id, message.why);
+  } else if (message.type === "accepted") commands.accepted(message.number);
+  else if (message.type === "noted") noted(outbox.settle(message.id));
+  else if (message.type === "refused" && !message.again) refused(outbox.settle(message.id)?.type ?? message.id, message.why);
   showStatus();
 }
 
+/** @param {import("./types.js").Intent | null} intent */
+function noted(intent) {
+  if (intent?.type === "isa") isa.noted(intent.number, intent.answer);
+  else if (intent?.type === "tlx") tlx.noted();
+  else if (intent?.type === "form") form.noted();
+  else if (intent?.type === "sheet") session.question.noted();
+  else if (intent?.type === "note") session.noted(intent.text);
+  showKept();
+}
+
 /**
- * @param {string | null} id
+ * @param {string | null} kind of the input
  * @param {string} why
  */
-function refused(id, why) {
-  if (commands.refused(id, why) || id === "page") return; // nobody asked for what the page notes by itself
+function refused(kind, why) {
+  if (kind === "page" || kind === "beat") return; // nobody asked for what the page notes by itself
+  if (kind === "command") return commands.refused(why);
   app.say(t("Not accepted: {why}.", { why: retell(why) }));
-  if (id === "isa") isa.reopen();
-  else if (id === "tlx") tlx.reopen(why);
-  else if (id === "form") form.reopen(why);
-  else if (id === "sheet") session.reopen(why);
+  if (kind === "isa") isa.look();
+  else if (kind === "tlx") tlx.question.refused(why);
+  else if (kind === "form") form.question.refused(why);
+  else if (kind === "sheet") session.question.refused(why);
+  else if (kind === "note") session.look();
+}
+
+/** Say how many inputs are not noted yet, and keep what is on the way as it is. */
+function showKept() {
+  const count = link.hasEnded ? 0 : outbox.late;
+  element("kept").hidden = count === 0;
+  setText(element("kept"), count ? t("Not noted yet: {count}. It stays here, and is sent again by itself.", { count }) : "");
+  for (const { question } of [tlx, session, form]) if (question.dialog.open) question.look();
 }
 
 const link = new Link(take, (nowOpen) => {
   isOpen = nowOpen;
   if (nowOpen) {
-    isNew = true;
+    isNew = isFirstPicture = true;
     app.model.isCaughtUp = false;
     window.clearTimeout(askTimer);
     askTimer = 0;
-  }
+  } else outbox.end();
   showStatus();
 });
+const outbox = new Outbox((message) => link.send(message));
 
 /**
  * @param {string} tab
@@ -305,4 +337,8 @@ startTheme(() => {
   showLists();
   map.redraw();
 });
-window.setInterval(showStatus, 1000);
+window.setInterval(() => {
+  if (app.model.hello?.kind === "live") link.send({ type: "beat" });
+  showStatus();
+  showKept();
+}, BEAT_EVERY_MS);

@@ -78,7 +78,8 @@ export type Message =
   | Picture
   | CatchUp
   | { type: "accepted"; id: string; number: number }
-  | { type: "refused"; id: string | null; why: string }
+  | { type: "noted"; id: string }
+  | { type: "refused"; id: string | null; why: string; again?: boolean }
   | { type: "read"; items: number[] }
   | { type: "act"; act: Act }
   | { type: "truth"; time_s: number; agents: Truth["agents"]; events: Truth["events"] }
@@ -86,16 +87,20 @@ export type Message =
   | { type: "ended" };
 
 export type Intent =
-  | { type: "command"; id?: string | null; name: string; target: Target; arguments?: Record<string, unknown> | null }
+  | { type: "command"; name: string; target: Target; arguments?: Record<string, unknown> | null }
   | { type: "veto" }
   | { type: "judge"; event: number; answer: string }
   | { type: "pace"; speed?: number | null; steps?: number | null; paused?: boolean | null }
   | { type: "read"; items?: number[] | null; all?: boolean | null }
-  | { type: "isa"; number: number; answer: number }
-  | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null }
-  | { type: "form"; form: string; answers: Record<string, unknown> }
+  | { type: "isa"; number: number; answer: number; shown_s?: number | null }
+  | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null; shown_s?: number | null }
+  | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
   | { type: "note"; text: string }
   | { type: "page"; event: string; text?: string | null }
+  | { type: "beat" }
   | { type: "sheet"; consent: boolean; participant?: string | null; condition?: string | null }
   | { type: "catch_up" }
   | { type: "seek"; time_s: number };
+
+/** What every input of a person has besides. */
+export type Input = { id?: string | null; page_s?: number | null; sent_s?: number | null };

@@ -63,7 +63,8 @@ export class PacePanel {
     const now_ms = performance.now();
     const from = now_ms - this.askedAt_ms < ASKED_FOR_MS ? this.asked : this.state.speed;
     const next = speeds[speeds.indexOf(from) + by];
-    if (next === undefined || !speeds.includes(from) || !this.app.send({ type: "pace", speed: next })) return;
+    if (next === undefined || !speeds.includes(from)) return;
+    this.app.send({ type: "pace", speed: next });
     [this.asked, this.askedAt_ms] = [next, now_ms];
   }
 

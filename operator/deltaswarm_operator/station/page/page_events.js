@@ -25,7 +25,7 @@ export class PageEvents {
     window.setInterval(() => this.look(), LOOK_EVERY_MS);
   }
 
-  /** Begin anew, on a new connection: how the page came here, and its state. */
+  /** Begin with a run: how the page came here, and its state. */
   begin() {
     const [how] = performance.getEntriesByType("navigation");
     this.send("loaded", how instanceof PerformanceNavigationTiming ? how.type : "");
@@ -48,6 +48,7 @@ export class PageEvents {
    */
   send(event, text = "") {
     if (this.app.model.hello?.kind !== "live") return false;
-    return this.app.tell({ type: "page", event, text });
+    this.app.send({ type: "page", event, text });
+    return true;
   }
 }

@@ -1,45 +1,97 @@
-/** A dialog that is open while a question has no answer; only an answer closes it. */
+/** A dialog that is open while a question has no answer; only an answer that is noted closes it. */
 
-import { dialog } from "./dom.js";
+import { dialog, element, setText } from "./dom.js";
+import { retell, t } from "./language.js";
+import { SLOW_S, pageClock_s } from "./outbox.js";
 
 /** @typedef {import("./types.js").App} App */
+/** @typedef {import("./types.js").Intent} Intent */
 
 export class Question {
   /**
    * @param {App} app
    * @param {"sheet" | "tlx" | "form"} kind of the probe, and the dialog's name
    * @param {() => void} fill prepares the form before it opens
+   * @param {string} said the element that says what became of the answers
    */
-  constructor(app, kind, fill) {
+  constructor(app, kind, fill, said) {
     this.app = app;
     this.kind = kind;
     this.fill = fill;
+    this.said = element(said);
     this.dialog = dialog(kind);
-    this.isSent = false;
+    /** Whether the answers are noted, and only the next picture is still to say so. */
+    this.isNoted = false;
     /** which question is asked; one form may follow another */
     this.of = "";
+    /** the page's clock when the question was first painted [s] */
+    this.shown_s = 0;
     this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
     this.dialog.addEventListener("close", () => this.update());
+  }
+
+  /** The answers that were given and are not noted yet. */
+  get waiting() {
+    const { asked } = this.app.model;
+    return this.app.waiting((intent) => intent.type === this.kind && (intent.type !== "form" || (asked?.kind === "form" && asked.form.name === intent.form && asked.number === intent.number)));
   }
 
   update() {
     const probe = this.app.model.question;
     const isAsked = probe?.kind === this.kind;
     const of = `${this.app.model.hello?.run}/${probe?.kind === "form" ? `${probe.form.name}/${probe.number}` : ""}`;
-    if (!isAsked || of !== this.of) this.isSent = false;
-    if (isAsked && of !== this.of && this.dialog.open) this.fill();
+    if (!isAsked || of !== this.of) this.isNoted = false;
+    const isOther = isAsked && of !== this.of;
+    if (isOther && this.dialog.open) this.show();
     if (isAsked) this.of = of;
-    const isWanted = isAsked && !this.isSent;
-    if (isWanted === this.dialog.open) return;
-    if (!isWanted) return this.dialog.close();
-    this.fill();
-    if (probe?.kind === "form" && probe.left_s !== null) this.dialog.show();
-    else this.dialog.showModal();
+    const isWanted = isAsked && !this.isNoted;
+    if (isWanted !== this.dialog.open) {
+      if (!isWanted) return this.dialog.close();
+      this.show();
+      if (probe?.kind === "form" && probe.left_s !== null) this.dialog.show();
+      else this.dialog.showModal();
+    }
+    if (isWanted) this.look();
   }
 
-  /** @param {boolean} isSent */
-  answer(isSent) {
-    this.isSent = isSent;
+  /** Fill in the form, and note when it is painted. */
+  show() {
+    this.fill();
+    this.shown_s = 0;
+    window.requestAnimationFrame(() => window.requestAnimationFrame(() => (this.shown_s ||= pageClock_s())));
+  }
+
+  /** Keep answers that are on the way as they are, and say so if it takes long. */
+  look() {
+    const { waiting } = this;
+    for (const part of this.dialog.querySelectorAll(".scroll, .row, label, button")) if (part instanceof HTMLElement) part.inert = waiting !== null;
+    if (!waiting) return;
+    const isLate = pageClock_s() - waiting.page_s > SLOW_S;
+    setText(this.said, isLate ? t("Not noted yet: there is no connection. Your answers stay here, and are sent again by themselves.") : t("Sending …"));
+  }
+
+  /**
+   * Send the answers.
+   * @param {Intent} intent
+   */
+  send(intent) {
+    this.app.send(/** @type {Intent} */ ({ ...intent, ...(this.shown_s ? { shown_s: this.shown_s } : {}) }));
+    this.look();
+  }
+
+  /** The answers are noted. */
+  noted() {
+    this.isNoted = true;
+    setText(this.said, "");
     this.update();
+  }
+
+  /**
+   * Ask again, since the answers were not accepted.
+   * @param {string} why
+   */
+  refused(why) {
+    this.look();
+    setText(this.said, t("Not accepted: {why}.", { why: retell(why) }));
   }
 }

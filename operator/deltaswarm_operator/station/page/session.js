@@ -1,7 +1,7 @@
 /** The sheet that a session asks for before it begins, and notes at any time. */
 
 import { button, byId, element, input, make, setText } from "./dom.js";
-import { retell, t } from "./language.js";
+import { t } from "./language.js";
 import { Question } from "./question.js";
 import { clock } from "./words.js";
 
@@ -20,7 +20,7 @@ export class SessionPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.question = new Question(app, "sheet", () => this.open());
+    this.question = new Question(app, "sheet", () => this.open(), "sheet-answer");
     this.text = byId("note-text", HTMLTextAreaElement);
     this.draftOf = "";
     this.text.addEventListener("input", () => sessionStorage.setItem(draftOf(this.run), this.text.value));
@@ -37,12 +37,32 @@ export class SessionPanel {
 
   note() {
     const text = this.text.value.trim();
-    if (!text) return;
-    if (!this.app.send({ type: "note", text })) return this.app.say(t("The note is not sent: there is no connection."));
+    if (!text || this.isNoting) return;
+    this.app.send({ type: "note", text });
+    this.look();
+  }
+
+  /** Whether a note is on the way. */
+  get isNoting() {
+    return this.app.waiting((intent) => intent.type === "note") !== null;
+  }
+
+  /** Keep a note that is on the way as it is. */
+  look() {
+    this.text.readOnly = button("note-send").disabled = this.isNoting;
+  }
+
+  /**
+   * A note is noted: its draft goes.
+   * @param {string} text
+   */
+  noted(text) {
     const { lines } = this.notes;
     lines.push([this.app.model.now_s, text]);
     sessionStorage.setItem(NOTES, JSON.stringify({ run: this.run, lines }));
     this.list();
+    this.look();
+    if (this.text.value.trim() !== text) return;
     this.text.value = "";
     sessionStorage.removeItem(draftOf(this.run));
     this.app.say(t("Noted."));
@@ -78,6 +98,7 @@ export class SessionPanel {
 
   update() {
     this.question.update();
+    this.look();
   }
 
   open() {
@@ -106,18 +127,6 @@ export class SessionPanel {
   begin() {
     if (!this.hasConsent) return;
     const [participant, condition] = [input("sheet-participant").value.trim(), input("sheet-condition").value.trim()];
-    const isSent = this.app.send({ type: "sheet", participant, condition, consent: true });
-    setText(element("sheet-answer"), isSent ? "" : t("Not sent: there is no connection. Try again in a moment."));
-    this.question.answer(isSent);
-  }
-
-  /**
-   * Ask for the sheet again, since it was not accepted.
-   * @param {string} why
-   */
-  reopen(why) {
-    if (!this.question.isSent) return;
-    this.question.answer(false);
-    setText(element("sheet-answer"), t("Not accepted: {why}.", { why: retell(why) }));
+    this.question.send({ type: "sheet", participant, condition, consent: true });
   }
 }

@@ -1,7 +1,7 @@
 /** NASA-TLX at the end of a run: six scales from 0 to 100 in steps of 5, and optionally pairwise weights. */
 
 import { button, element, make, setText } from "./dom.js";
-import { later, retell, t } from "./language.js";
+import { later, t } from "./language.js";
 import { Question } from "./question.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -44,7 +44,7 @@ export class TlxPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.question = new Question(app, "tlx", () => this.open());
+    this.question = new Question(app, "tlx", () => this.open(), "tlx-missing");
     /** @type {{scales: Record<string, number>, pairs: Record<string, string>}} */
     this.answers = { scales: {}, pairs: {} };
     button("tlx-send").addEventListener("click", () => this.send());
@@ -150,21 +150,13 @@ export class TlxPanel {
     const weights = this.asksWeights
       ? Object.fromEntries(SCALES.map(([key]) => [key, chosen.filter((other) => other === key).length]))
       : null;
-    if (!this.app.send({ type: "tlx", scales, weights }))
-      return setText(element("tlx-missing"), t("Not sent: there is no connection. Try again in a moment."));
-    sessionStorage.removeItem(this.stored);
-    this.question.answer(true);
-    this.app.say(t("Thank you: your answers are noted."));
+    this.question.send({ type: "tlx", scales, weights });
   }
 
-  /**
-   * Ask again, since the answers were not accepted.
-   * @param {string} why
-   */
-  reopen(why) {
-    if (!this.question.isSent) return;
-    sessionStorage.setItem(this.stored, JSON.stringify(this.answers));
-    this.question.answer(false);
-    setText(element("tlx-missing"), t("Not accepted: {why}.", { why: retell(why) }));
+  /** The answers are noted: their draft goes. */
+  noted() {
+    sessionStorage.removeItem(this.stored);
+    this.question.noted();
+    this.app.say(t("Thank you: your answers are noted."));
   }
 }

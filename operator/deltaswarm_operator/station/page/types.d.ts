@@ -137,9 +137,10 @@ export interface App {
   model: import("./model.js").Model;
   selection: Selection | null;
   pick: Pick | null;
-  send(intent: Intent): boolean;
-  /** The same without a word to the person if there is no connection. */
-  tell(intent: Intent): boolean;
+  /** Send what a person means; it is kept and sent again until it is noted. */
+  send(intent: Intent): void;
+  /** The oldest input that is not noted yet and fits. */
+  waiting(fits: (intent: Intent) => boolean): { page_s: number; intent: Intent } | null;
   say(text: string): void;
   select(selection: Selection | null, reveal?: boolean, forOrder?: boolean): void;
   redraw(): void;

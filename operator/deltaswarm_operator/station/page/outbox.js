@@ -1,0 +1,111 @@
+/** Inputs that the operator's process has not noted yet: kept, over a reload too, and sent in order until they are. */
+
+/** @typedef {import("./types.js").Intent} Intent */
+/** @typedef {{id: string, run: string, page_s: number, intent: Intent, sentAt_ms?: number | undefined}} Kept */
+
+const STORED = "deltaswarm-outbox";
+const LOOK_EVERY_MS = 100;
+/** The station takes 60 messages a second. */
+const MAX_PER_LOOK = 4;
+/** Inputs that wait for their answer at a time. */
+const MAX_ON_THE_WAY = 20;
+/** What has no answer after this time is sent again. */
+const AGAIN_MS = 2000;
+/** After this time the person is told that an input is not noted yet. */
+export const SLOW_S = 1.5;
+
+/** The page's clock [s]: it begins with the wall clock and is not corrected afterwards. */
+export const pageClock_s = () => (performance.timeOrigin + performance.now()) / 1000;
+
+export class Outbox {
+  /** @param {(message: object) => boolean} send sends a message if there is a connection */
+  constructor(send) {
+    this.send = send;
+    this.run = "";
+    this.isOpen = false;
+    this.budget = MAX_PER_LOOK;
+    this.count = 0;
+    this.page = [...crypto.getRandomValues(new Uint8Array(8))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+    /** @type {Kept[]} in the order in which they were made */
+    this.kept = JSON.parse(sessionStorage.getItem(STORED) ?? "[]");
+    window.setInterval(() => {
+      this.budget = MAX_PER_LOOK;
+      this.look();
+    }, LOOK_EVERY_MS);
+  }
+
+  /**
+   * Begin with a connection to a run; return the inputs of another run, which is over.
+   * @param {string} run
+   */
+  begin(run) {
+    this.run = run;
+    this.isOpen = true;
+    const lost = this.kept.filter((one) => one.run !== run);
+    this.kept = this.kept.filter((one) => one.run === run).map((one) => ({ ...one, sentAt_ms: undefined }));
+    this.store();
+    this.look();
+    return lost.map((one) => one.intent);
+  }
+
+  end() {
+    this.isOpen = false;
+  }
+
+  /**
+   * Keep an input and send it; return its id.
+   * @param {Intent} intent
+   */
+  add(intent) {
+    this.count += 1;
+    const id = `${this.page}-${this.count}`;
+    this.kept.push({ id, run: this.run, page_s: pageClock_s(), intent });
+    this.store();
+    this.look();
+    return id;
+  }
+
+  /**
+   * Forget an input that was answered; return it.
+   * @param {string | null} id
+   */
+  settle(id) {
+    const found = this.kept.find((one) => one.id === id);
+    if (!found) return null;
+    this.kept = this.kept.filter((one) => one !== found);
+    this.store();
+    this.look();
+    return found.intent;
+  }
+
+  /**
+   * The oldest input of this run that is not noted yet and fits.
+   * @param {(intent: Intent) => boolean} fits
+   */
+  waiting(fits) {
+    return this.kept.find((one) => one.run === this.run && fits(one.intent)) ?? null;
+  }
+
+  /** Number of inputs that should have been noted by now; what the page notes by itself does not count. */
+  get late() {
+    const before_s = pageClock_s() - SLOW_S;
+    return this.kept.filter((one) => one.intent.type !== "page" && one.page_s < before_s).length;
+  }
+
+  store() {
+    const stored = this.kept.map(({ id, run, page_s, intent }) => ({ id, run, page_s, intent }));
+    sessionStorage.setItem(STORED, JSON.stringify(stored));
+  }
+
+  /** Send what is due, oldest first. */
+  look() {
+    const now_ms = performance.now();
+    for (const one of this.isOpen ? this.kept.slice(0, MAX_ON_THE_WAY) : []) {
+      if (one.sentAt_ms !== undefined && now_ms - one.sentAt_ms < AGAIN_MS) continue;
+      if (this.budget <= 0) return;
+      this.budget -= 1;
+      if (!this.send({ ...one.intent, id: one.id, page_s: one.page_s, sent_s: pageClock_s() })) return;
+      one.sentAt_ms = now_ms;
+    }
+  }
+}

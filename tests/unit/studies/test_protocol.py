@@ -1,0 +1,297 @@
+"""A frozen protocol: what it holds, what contradicts it, and what cannot be frozen or amended."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.freezing import amend, freeze
+from deltaswarm_studies.load import COLLECTIONS, load_study
+from deltaswarm_studies.page import pages, write
+from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, hash_of, protocol_of
+from deltaswarm_studies.study import Study
+from tests.support.studying import LIMIT, OWN, SWEEP, made, series, table
+from tests.support.tiers import in_one_test
+
+CLAIM = (
+    '[[claim]]\nid = "c"\ntext = "Hybrid waits less"\nless = "loss=0.0, hybrid 3"\n'
+    'more = "loss=0.0, decentralised"\nat_least = 1.5\nexpect = "undecided"\nwhy = "Unknown."\n'
+)
+SHOWN = (
+    '[[figure]]\nname = "f"\nx = "mode"\nhue = "loss"\ncaption = "F."\n'
+    '[[finding]]\ntext = "F."\nbecause = [{ claim = "c", is = "undecided" }]\n'
+)
+ASKED = OWN + LIMIT + CLAIM
+EARLY, BEGUN, LATE = (f"2026-01-0{day}T12:00:00+00:00" for day in (1, 2, 3))
+
+
+@pytest.fixture
+def at(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Set the date."""
+    return lambda date: monkeypatch.setattr(provenance, "now", lambda: date)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, at: Callable[[str], None]) -> Path:
+    """A folder with the protocol of `ASKED`, frozen before the runs."""
+    at(EARLY)
+    freeze(made(ASKED), tmp_path / "made-up", None)
+    return tmp_path / "made-up"
+
+
+def changed(folder: Path, own: str = ASKED, sweep: str = SWEEP) -> list[str]:
+    """Return the keys in which another version differs."""
+    return [found.key for found in protocol_of(made(own, sweep), folder).unamended]
+
+
+def edited(folder: Path, edit: Callable[[dict[str, Any]], object]) -> None:
+    """Edit the record by hand."""
+    record = json.loads((folder / FILE).read_text())
+    edit(record)
+    (folder / FILE).write_text(json.dumps(record))
+
+
+def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
+    """Conditions, seeds, replicates, outcomes, criteria, margins, expectations, date, commit and hash."""
+    [entry] = json.loads((folder / FILE).read_text())["entries"]
+    assert entry["date"] == EARLY
+    assert entry["commit"]["deltaswarm"] == provenance.commit()
+    assert len(entry["hash"]) == 64
+    told = entry["protocol"]
+    assert told["condition"]["loss=0.5, hybrid 3"] == {"radio.loss": 0.5, "control.mode": "hybrid"}
+    assert told["scenario"]["run.duration_s"] == 1000.0
+    assert (told["runs"]["seed"], told["runs"]["repeats"], len(told["runs"]["seeds"])) == (1, 10, 10)
+    assert told["study"]["metrics"] == ["waiting_all", "messages"]
+    assert told["contrast"]["limit"]["margin"] == 1.1
+    assert (told["claim"]["c"]["at_least"], told["claim"]["c"]["expect"]) == (1.5, "undecided")
+
+
+@in_one_test(
+    ("old", "new", "key"),
+    [
+        ("margin = 1.1", "margin = 1.2", "contrast.limit.margin"),
+        ("at_least = 1.5", "at_least = 1.4", "claim.c.at_least"),
+        ('expect = "undecided"', 'expect = "holds"', "claim.c.expect"),
+        ("Hybrid waits less", "Hybrid waits more", "claim.c.text"),
+        ('["waiting_all", "messages"]', '["waiting_all"]', "study.metrics"),
+        ("[study]", '[study]\nkind = "exploratory"', "study.kind"),
+        ("[study]", '[study]\nquestion = "Another?"', "study.question"),
+        ('reference = "loss=0.0"', 'reference = "loss=0.5"', "contrast.limit.reference"),
+        (CLAIM, "", "claim.c"),
+        (LIMIT, LIMIT + LIMIT.replace('"limit"', '"more"'), "contrast.more"),
+    ],
+)
+def test_a_change_of_what_is_asked_is_named(folder: Path, old: str, new: str, key: str) -> None:
+    """Each by its key alone."""
+    assert changed(folder, ASKED.replace(old, new, 1)) == [key]
+
+
+@in_one_test(
+    ("old", "new", "key"),
+    [
+        ("repeats = 10", "repeats = 9", ["runs.repeats", "runs.seeds"]),
+        ("repeats = 10", "repeats = 10\nseed = 2", ["runs.seed", "runs.seeds"]),
+        ("duration_s = 1000.0", "duration_s = 2000.0", ["scenario.run.duration_s"]),
+        ("horizon_s = 100.0", "horizon_s = 90.0", ["scenario.metrics.horizon_s"]),
+        ("series_every_s = 100.0", "series_every_s = 50.0", ["runs.series_every_s"]),
+        ("[scenario]\n", "[scenario]\nrun.step_s = 0.5\n", ["scenario.run.step_s"]),
+        ('base = "smoke"', 'base = "paper-25"', None),
+    ],
+)
+def test_a_change_of_what_is_run_is_named(folder: Path, old: str, new: str, key: list[str] | None) -> None:
+    """Also of the scenario that the study file only names."""
+    found = changed(folder, sweep=SWEEP.replace(old, new))
+    assert found == key if key else {"scenario.agents.count", "scenario.events.rate_hz"} <= set(found)
+
+
+def test_another_condition_is_named(folder: Path) -> None:
+    """One is gone, one is new."""
+    names = {name for key in changed(folder, sweep=SWEEP.replace("0.5, 0.9", "0.5, 0.8")) for name in [key]}
+    assert {"condition.loss=0.8, hybrid 3", "condition.loss=0.9, hybrid 3"} <= names
+
+
+def test_words_figures_and_findings_are_no_part_of_it(folder: Path) -> None:
+    """They are written after the runs, or decide nothing."""
+    assert changed(folder, ASKED.replace("[study]", '[study]\ntitle = "T"') + SHOWN) == []
+    assert changed(folder, ASKED.replace("Unknown.", "Known.")) == []
+
+
+def test_two_tables_of_one_name_are_two() -> None:
+    """Else a change of the first would go unseen."""
+    targets = 'targets = [{ level = "hybrid 3", metric = "messages", says = 26.0, iqr = 4.0 }]\n'
+    fit = f'[[fit]]\ntext = "Fit"\nfactor = "mode"\n{targets}'
+    two, other = content(made(OWN + fit + fit)), content(made(OWN + fit.replace("26.0", "27.0") + fit))
+    assert [found.key for found in differences(two, other)] == ["fit.Fit.targets"]
+
+
+def test_a_key_that_is_new_in_deltaswarm_counts_as_its_default(folder: Path) -> None:
+    """A protocol of an earlier version is not contradicted by a key that nobody could set then."""
+    old = content(made(ASKED))
+    del old["claim"]["c"]["n"], old["study"]["window_s"], old["scenario"]["control.rho"], old["recovery"]
+    found = differences(old, content(made(ASKED)))
+    assert [(row.key, row.old, row.new) for row in found] == [("study.window_s", "300.0", "100.0")]
+
+
+def test_a_changed_margin_stands_on_the_page_with_both_values(folder: Path) -> None:
+    """In a warning and in a table; the untouched study has neither."""
+    for own, count in ((ASKED, 0), (ASKED.replace("margin = 1.1", "margin = 1.3"), 2)):
+        study = made(own)
+        evidence = Evidence.of_sweep(study, table(), series(lambda *_: 20.0))
+        page = pages(study, evidence, pd.DataFrame({"what": [], "value": []}), protocol=protocol_of(study, folder))[1]
+        assert page.count("contrast.limit.margin") == count
+        assert ("contrast.limit.margin was 1.1, is 1.3" in page) == bool(count)
+
+
+def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], None]) -> None:
+    """Its protocol, its date or its reason; and one whose predecessor was taken out."""
+    at(LATE)
+    amend(made(ASKED.replace("1.1", "1.2")), folder, None, "typo")
+    whole = (folder / FILE).read_text()
+    assert protocol_of(made(ASKED.replace("1.1", "1.2")), folder).problems == []
+    edits: list[Callable[[dict[str, Any]], object]] = [
+        lambda record: record["entries"][0]["protocol"]["contrast"]["limit"].update(margin=1.2),
+        lambda record: record["entries"][0].update(date="2025-01-01T12:00:00+00:00"),
+        lambda record: record["entries"][1].update(reason="an oversight"),
+        lambda record: record["entries"].pop(0),
+    ]
+    for edit in edits:
+        (folder / FILE).write_text(whole)
+        edited(folder, edit)
+        problems = protocol_of(made(ASKED.replace("1.1", "1.2")), folder).problems
+        assert [line for line in problems if "edited by hand" in line]
+        with pytest.raises(ProtocolError, match="edited by hand"):
+            amend(made(ASKED.replace("1.1", "1.4")), folder, None, "typo")
+
+
+def test_the_order_of_keys_and_the_spaces_of_the_file_are_no_edit(folder: Path) -> None:
+    """As after a formatter."""
+    record = json.loads((folder / FILE).read_text())
+    (folder / FILE).write_text(json.dumps(record, sort_keys=True, indent=1))
+    assert protocol_of(made(ASKED), folder).problems == []
+
+
+def test_a_new_hash_over_an_old_date_still_shows_that_runs_were_first(folder: Path) -> None:
+    """A protocol of after the runs is named whatever its hash is, and its study was not frozen before its runs."""
+
+    def edit(record: dict[str, Any]) -> None:
+        entry = record["entries"][0]
+        entry["date"] = LATE
+        entry["hash"] = hash_of(entry, "made-up", "")
+
+    edited(folder, edit)
+    found = protocol_of(made(ASKED), folder, BEGUN)
+    assert ["after the runs began" in line for line in found.problems] == [True]
+    assert found.status.startswith("Not frozen before its runs")
+
+
+def test_an_amendment_keeps_the_entry_before_it(folder: Path, at: Callable[[str], None]) -> None:
+    """With reason, key, old and new value, and whether it was made before or after the runs."""
+    first = json.loads((folder / FILE).read_text())["entries"]
+    at(LATE)
+    study = made(ASKED.replace("margin = 1.1", "margin = 1.2"))
+    amend(study, folder, None, "  the margin\nwas a typo ")
+    assert json.loads((folder / FILE).read_text())["entries"][:1] == first
+    found = protocol_of(study, folder, BEGUN)
+    assert found.problems == []
+    [(title, changes)] = found.amendments
+    assert title.startswith(LATE)
+    assert title.endswith("after the runs began: the margin was a typo")
+    assert [tuple(change) for change in changes] == [("contrast.limit.margin", "1.1", "1.2")]
+
+
+def test_surprises_are_counted_against_what_was_expected_before_the_runs(
+    folder: Path, at: Callable[[str], None]
+) -> None:
+    """An expectation that is amended afterwards changes none of them; a claim that came later has none."""
+    claims = pd.DataFrame({"claim": ["c", "new"], "text": ["C", "N"], "verdict": ["holds", "holds"]})
+    later = ASKED.replace('"undecided"', '"holds"') + CLAIM.replace('"c"', '"new"')
+    at(LATE)
+    amend(made(later), folder, None, "seen")
+    rows = protocol_of(made(later), folder, BEGUN).surprises(claims)
+    assert rows[["claim", "expected", "is_surprise"]].to_numpy().tolist() == [["c", "undecided", True]]
+    before = protocol_of(made(later), folder, LATE).surprises(claims)
+    assert before[["claim", "expected", "is_surprise"]].to_numpy().tolist() == [
+        ["c", "holds", False],
+        ["new", "undecided", True],
+    ]
+    nothing = protocol_of(made(later), folder, BEGUN).surprises(claims.assign(verdict="no data"))
+    assert nothing["is_surprise"].tolist() == [False]
+
+
+def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_path: Path) -> None:
+    """Nothing is written otherwise."""
+    before = (folder / FILE).read_bytes()
+    other = made(ASKED.replace("1.1", "1.2"))
+    for study, where, reason, told in (
+        (made(ASKED), folder, "r", "nothing differs"),
+        (other, folder, " ", "a reason"),
+        (other, tmp_path / "elsewhere", "r", "must be there"),
+        (replace(other, name="other"), folder, "r", "'other'"),
+    ):
+        with pytest.raises(ProtocolError, match=told):
+            amend(study, where, None, reason)
+    assert (folder / FILE).read_bytes() == before
+
+
+def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -> None:
+    """Runs in its own folder, the same run in another study's, tables alone; exploratory; frozen already; built in."""
+    study = made(ASKED)
+
+    def refused(study: Study, where: Path, told: str) -> None:
+        before = sorted(tmp_path.rglob(FILE))
+        with pytest.raises(ProtocolError, match=told):
+            freeze(study, where, None)
+        assert sorted(tmp_path.rglob(FILE)) == before
+
+    refused(study, folder, "--amend REASON")
+    for name in ("a/sweep/runs/x.in-process.json", "b/runs.csv"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch()
+        refused(study, tmp_path / name.partition("/")[0], "before its first run")
+    refused(made(ASKED.replace("[study]", '[study]\nkind = "exploratory"')), tmp_path / "c", "'confirmatory'")
+    refused(load_study("network-loss"), tmp_path / "d", "another sweep.seed")
+    (tmp_path / f"a/sweep/runs/{study.sweep.jobs()[7].key}.processes.json").touch()
+    refused(study, tmp_path / "e", "before its first run")
+    freeze(made(ASKED, SWEEP.replace("repeats = 10", "repeats = 10\nseed = 9")), tmp_path / "e", None)
+
+
+@in_one_test("text", ["", "[]", "{}", '{"study": "made-up", "entries": []}', '{"study": "made-up", "entries": [{}]}'])
+def test_a_damaged_protocol_is_named(text: str, folder: Path) -> None:
+    """Instead of a traceback, or of no protocol."""
+    (folder / FILE).write_text(text)
+    with pytest.raises(ProtocolError, match=FILE):
+        protocol_of(made(ASKED), folder)
+
+
+def test_the_first_line_of_a_page_says_what_was_frozen(folder: Path, tmp_path: Path) -> None:
+    """An exploratory study, one that was not frozen, one that was: the line after the title, in both forms."""
+    begun = pd.DataFrame({"what": ["begun"], "value": [BEGUN]})
+    for own, where, first in (
+        (ASKED.replace("[study]", '[study]\nkind = "exploratory"'), tmp_path / "a", "Exploratory: "),
+        (ASKED, tmp_path / "b", "Not frozen before its runs: "),
+        (ASKED, folder, f"Frozen on {EARLY}, before its runs, which began on {BEGUN}; hash "),
+    ):
+        study = made(own)
+        write(study, Evidence.of_sweep(study, table(), series(lambda *_: 20.0)), begun, where)
+        assert (where / "page.md").read_text().splitlines()[2].startswith(first)
+        assert f'</h1>\n<p class="lead">{first}' in (where / "page.html").read_text()
+
+
+def test_the_expectations_of_built_in_studies_are_those_before_the_runs_were_seen() -> None:
+    """What the history calls set to what came out is restored in the study file: eleven, ten of the paper's."""
+    restored = []
+    for name in COLLECTIONS["all"]:
+        study = load_study(name)
+        claims = content(study)["claim"]
+        for title, changes in protocol_of(study, Path("nowhere")).amendments:
+            for change in changes:
+                if "has the first expectation again" in title:
+                    assert claims[change.key.split(".")[1]]["expect"] == change.old
+                    restored.append(name)
+    assert (len(restored), restored.count("paper")) == (11, 10)
