@@ -120,7 +120,7 @@ def _over_time() -> list[str]:
 def _repeated_names(study: Study) -> Iterator[Problem]:
     file = study.file
     for table, name, values in (
-        ("metric", "name", [*BUILT_IN, *(metric.name for metric in file.metric)]),
+        ("metric", "name", [*BUILT_IN, *(one.name for one in file.metric), *(one.name for one in study.ranges)]),
         ("contrast", "id", [contrast.id for contrast in file.contrast]),
         ("claim", "id", [claim.id for claim in file.claim]),
         ("figure", "name", [figure.name for figure in file.figure]),

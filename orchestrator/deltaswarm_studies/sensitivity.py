@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 from scipy import stats as scipy_stats
 
-from deltaswarm_orchestrator.sweeps.plan import cell
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings, SensitivitySettings
 from deltaswarm_studies import stats
 from deltaswarm_studies.settings import ClaimSettings
@@ -72,7 +71,6 @@ def sensitivity_of(study: Study, runs: pd.DataFrame) -> Sensitivity | None:
     settings = study.sweep.file.sensitivity
     if settings is None or any(one.name not in runs for one in settings.range):
         return None
-    # A key that some variant's controller does not have is known from the others.
     points = runs.groupby("replicate")[[one.name for one in settings.range]].first()
     points = points.reindex(range(study.repeats))
     features = [feature for one in settings.range for feature in features_of(one, points[one.name])]
@@ -124,14 +122,13 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
 
 def features_of(one: RangeSettings, values: pd.Series) -> list[Feature]:
     """Return a drawn key's values as numbers; of choices without an order, whether it has each; of two, the second."""
-    if not one.choices or all(_has_order(value) for value in one.choices.values()):
+    if not one.choices:
         return [Feature(one.name, one.label, pd.to_numeric(values), True)]
+    if all(_has_order(value) for value in one.choices.values()):
+        return [Feature(one.name, one.label, values.map(one.choices), True)]
     names = list(one.choices)[1 if len(one.choices) == 2 else 0 :]
-    texts = values.astype(str)
     return [
-        Feature(
-            one.name, f"{one.title}: {name}", (texts == str(cell(one.choices[name]))).where(values.notna()) * 1.0, False
-        )
+        Feature(one.name, f"{one.title}: {name}", (values == name).where(values.isin(list(one.choices))) * 1.0, False)
         for name in names
     ]
 

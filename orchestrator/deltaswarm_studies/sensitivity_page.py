@@ -14,7 +14,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from deltaswarm_orchestrator.sweeps.plan import cell
 from deltaswarm_orchestrator.sweeps.sensitivity import LOG, RangeSettings
 from deltaswarm_studies import stats, style
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, table
@@ -190,11 +189,11 @@ def _place(axes: Axes, one: RangeSettings, values: pd.Series) -> "np.ndarray[Any
         if one.scale == LOG:
             _logarithmic(axes.xaxis, values)
         return values.to_numpy(float)
-    at = {str(cell(value)): place for place, value in enumerate(one.choices.values())}
+    at = {name: place for place, name in enumerate(one.choices)}
     axes.set_xticks(range(len(at)), ["\n".join(textwrap.wrap(name, 14)) for name in one.choices])
     axes.tick_params(axis="x", length=0)
     spread = (np.arange(1, len(values) + 1) * (5**0.5 - 1) / 2) % 1.0 - 0.5  # golden ratio: even and repeatable
-    return np.array([at.get(str(value), math.nan) for value in values]) + 0.5 * spread
+    return values.map(at).to_numpy(float) + 0.5 * spread
 
 
 def _logarithmic(axis: Axis, values: pd.Series) -> None:

@@ -343,8 +343,11 @@ def _points(
     """
 
     def at(point: Row) -> tuple[list[Variant], list[Problem]]:
-        values = {name: _absolute(value, beside) if name == GRID else value for name, value in point.items()}
-        return _variants(base, [{**row, **values} for row in rows])
+        values = {one.name: one.value(point[one.name]) for one in settings.range}
+        if GRID in values:
+            values[GRID] = _absolute(values[GRID], beside)
+        made, wrong = _variants(base, [{**row, **values} for row in rows])
+        return [replace(variant, keys={**variant.keys, **point}) for variant in made], wrong
 
     points = drawn(settings)
     ends = [(i, one, at({**points[0], one.name: end})[1]) for i, one in enumerate(settings.range) for end in one.ends]

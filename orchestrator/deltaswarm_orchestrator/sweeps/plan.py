@@ -61,7 +61,7 @@ class Variant:
 
     label: str
     keys: Mapping[str, Any]
-    """The swept keys, dotted, with this variant's values."""
+    """The swept keys, dotted, with this variant's values, and of a drawn choice its name."""
     scenario: Scenario
 
 

@@ -17,7 +17,7 @@ MIN_POINTS_PER_RANGE = 10
 MAX_POINTS = 100_000
 
 Point = dict[str, Any]
-"""Dotted scenario keys with the values that were drawn."""
+"""Dotted scenario keys with what was drawn: numbers, and names of choices."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ class RangeSettings:
         for name in ("name", "title"):
             if not getattr(self, name).strip():
                 yield Problem(name, "missing", "a range needs it")
+        if self.title and self.title == self.name:
+            yield Problem("title", repr(self.title), "must be words for people, not the key")
         if self.choices:
             for name in ("low", "high", "integer", "unit"):
                 if getattr(self, name) not in (None, False, ""):
@@ -63,9 +65,9 @@ class RangeSettings:
 
     @property
     def ends(self) -> list[Any]:
-        """The least and the greatest value; of choices, all values."""
+        """The least and the greatest value; of choices, all names."""
         if self.choices:
-            return list(self.choices.values())
+            return list(self.choices)
         return [int(end) if self.integer else end for end in (self.low, self.high) if end is not None]
 
     @property
@@ -78,7 +80,7 @@ class RangeSettings:
         return f"{low} to {high}: {kind}{' in the logarithm' if self.scale == LOG else ''}"
 
     def at(self, share: float) -> Any:
-        """Return the value below which this share of the distribution lies."""
+        """Return the number below which this share of the distribution lies, or the choice's name."""
         if self.choices or self.low is None or self.high is None:
             return self.ends[min(int(share * len(self.ends)), len(self.ends) - 1)]
         half = 0.5 if self.integer else 0.0  # so that both ends are drawn as often as what lies between them
@@ -86,6 +88,10 @@ class RangeSettings:
         value = low * (high / low) ** share if self.scale == LOG else low + share * (high - low)
         inside = min(max(round(value) if self.integer else value, self.low), self.high)
         return int(inside) if self.integer else inside
+
+    def value(self, drawn: Any) -> Any:
+        """Return the scenario's value for what was drawn."""
+        return self.choices[drawn] if self.choices else drawn
 
 
 @dataclass(frozen=True)
@@ -105,9 +111,10 @@ class SensitivitySettings:
         """There must be ranges, and points enough for them."""
         if not self.range:
             yield Problem("range", "none", "a sensitivity sweep needs at least one [[sensitivity.range]]")
-        for name, times in Counter(one.name for one in self.range).items():
-            if times > 1 and name:
-                yield Problem("range", f"{times} of {name!r}", "must be of different keys")
+        for what, words in (("keys", [one.name for one in self.range]), ("titles", [one.title for one in self.range])):
+            for name, times in Counter(words).items():
+                if times > 1 and name:
+                    yield Problem("range", f"{times} of {name!r}", f"must have different {what}")
         least = MIN_POINTS_PER_RANGE * len(self.range)
         if self.points < least:
             allowed = f"must be at least {least}, {MIN_POINTS_PER_RANGE} for each of {len(self.range)} ranges"

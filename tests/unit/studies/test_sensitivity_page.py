@@ -48,7 +48,7 @@ def test_a_look_at_some_points_says_so() -> None:
 
 
 def test_the_page_is_made_again_from_its_tables(tmp_path: Path) -> None:
-    """Byte for byte: truth values, names and numbers of points are the same after they were written."""
+    """Byte for byte: names and numbers of points are the same after they were written."""
     study, evidence = found(lambda values, number: math.exp(2 * rate(values) - 1) * noise(number))
     files = {file.name: file.read_bytes() for file in write(study, evidence, PROVENANCE, tmp_path)}
     again = write(study, Evidence.of_folder(study, tmp_path), PROVENANCE, tmp_path)
@@ -89,7 +89,9 @@ def test_a_page_on_which_nothing_turns_a_claim_says_so() -> None:
 
 def test_figures_name_titles_with_units_and_no_keys() -> None:
     """Along axes and in legends; where it holds is told by colour and marker, with the count."""
-    study, evidence = found(lambda values, number: (1.5 if values["control.recruitment"] else 0.6) * noise(number))
+    study, evidence = found(
+        lambda values, number: (1.5 if values["control.recruitment"] == "on" else 0.6) * noise(number)
+    )
     assert evidence.sensitivity
     claim, strongest = study.file.claim[0], evidence.sensitivity.strongest("quiet")
     figure = turning(study, evidence.sensitivity, claim, strongest[:2])

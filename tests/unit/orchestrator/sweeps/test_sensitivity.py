@@ -43,10 +43,10 @@ def test_a_share_of_a_range_is_a_value_of_its_distribution() -> None:
     assert Counter(whole.at((i + 0.5) / 300) for i in range(300)) == {3: 100, 4: 100, 5: 100}
     assert type(whole.at(0.0)) is int
     assert [RangeSettings(low=1.0, high=4.0, integer=True, scale="log").at(share) for share in (0, 1)] == [1, 4]
-    places = RangeSettings(choices={"any": "any", "with events": "with-events", "both": "x"})
-    assert [places.at(share) for share in (0.0, 0.33, 0.34, 0.66, 0.67, 1.0)] == [
-        *("any", "any", "with-events", "with-events", "x", "x")
-    ]
+    places = RangeSettings(choices={"any": "any", "events": "with-events", "x": [1]})
+    names = [places.at(share) for share in (0.0, 0.33, 0.34, 0.66, 0.67, 1.0)]
+    assert names == ["any", "any", "events", "events", "x", "x"]
+    assert [places.value(name) for name in names[::2]] == ["any", "with-events", [1]]
 
 
 def test_a_latin_hypercube_has_a_point_in_each_stratum_of_each_range() -> None:
@@ -82,7 +82,7 @@ def test_all_variants_have_the_values_and_the_arrivals_of_a_point() -> None:
         assert trees.scenario.radio == none.scenario.radio
         assert trees.scenario.agents == none.scenario.agents
         assert trees.variant.keys["events.rate_hz"] == trees.scenario.events.rate_hz
-        assert trees.variant.keys["control.recruitment"] is trees.scenario.control.options["recruitment"]
+        assert (trees.variant.keys["control.recruitment"] == "on") is trees.scenario.control.options["recruitment"]
         assert 4 <= trees.scenario.agents.count <= 9
     assert len({job.scenario.events.rate_hz for job in jobs}) == 40
 
@@ -103,7 +103,10 @@ def test_fewer_points_are_the_first_ones() -> None:
         ({"method": "grid"}, ["sensitivity.method must be one of latin-hypercube, sobol"]),
         ({"pints": 3}, ["sensitivity.pints: unknown key; did you mean 'points'?"]),
         ({"range": []}, ["sensitivity.range: none"]),
-        ({"range": [RATE, RATE], "points": 40}, ["2 of 'events.rate_hz'"]),
+        (
+            {"range": [RATE, RATE], "points": 40},
+            ["different keys (got 2 of 'events.rate_hz')", "different titles (got 2 of 'Event rate')"],
+        ),
     ],
 )  # fmt: skip
 def test_a_drawing_that_cannot_be_is_refused(own: dict[str, Any], words: list[str]) -> None:
@@ -121,6 +124,7 @@ def test_a_drawing_that_cannot_be_is_refused(own: dict[str, Any], words: list[st
         ({**RANGE, "high": 7.0}, "sensitivity.range[0].high must be above low, 7 (got 7)"),
         ({**RANGE, "high": None}, "sensitivity.range[0].high: missing"),
         ({**RANGE, "title": " "}, "sensitivity.range[0].title: missing"),
+        ({**RANGE, "title": "radio.range_m"}, "sensitivity.range[0].title must be words for people, not the key"),
         ({**RANGE, "low": 0.0, "scale": "log"}, "must be above 0 on a logarithmic scale"),
         ({**RANGE, "integer": True, "low": 7.5}, "must be whole numbers"),
         ({**COUNT, "integer": False}, "sensitivity.range[0] (agents.count) must be an integer"),
@@ -167,12 +171,29 @@ def test_corners_are_those_of_each_pair_of_ranges() -> None:
         RangeSettings("b", low=2.0, high=3.0),
         RangeSettings("c", choices={"x": 7, "y": 8, "z": 9}),
     )
-    found = list(corners(SensitivitySettings(range=ranges), {"a": 0.5, "b": 2.5, "c": 7}))
+    found = list(corners(SensitivitySettings(range=ranges), {"a": 0.5, "b": 2.5, "c": "x"}))
     assert len(found) == 4 + 6 + 6
-    assert {"a": 0.0, "b": 3.0, "c": 7} in found
-    assert {"a": 0.5, "b": 2.0, "c": 9} in found
+    assert {"a": 0.0, "b": 3.0, "c": "x"} in found
+    assert {"a": 0.5, "b": 2.0, "c": "z"} in found
     one = SensitivitySettings(range=ranges[:1])
     assert list(corners(one, {"a": 0.5})) == [{"a": 0.0}, {"a": 1.0}]
+
+
+def test_a_choice_may_be_of_any_form(tmp_path: Path) -> None:
+    """A list, a word, and a file beside the sweep's: told by its name, which stays with the point."""
+    (tmp_path / "town.csv").write_text("1,2\n3,4\n")
+    spread = {"name": "events.density.covariance_m2", "title": "Spread"}
+    narrow, wide = [[50, 0], [0, 50]], [[200, 0], [0, 200]]
+    sweep = made({**spread, "choices": {"narrow": narrow, "wide": wide}})
+    for job in sweep.jobs():
+        is_wide = job.scenario.events.density.covariance_m2[0][0] == 200.0
+        assert job.variant.keys["events.density.covariance_m2"] == ("wide" if is_wide else "narrow")
+    kinds = {"name": "events.density.kind", "title": "Kind", "choices": {"a": "gaussian", "b": "uniform"}}
+    assert {scenario.events.density.kind for scenario in made(kinds).scenarios} == {"gaussian", "uniform"}
+    files = {"name": "events.density.file", "title": "Town", "choices": {"old": "town.csv", "new": "./town.csv"}}
+    shared = {"run.duration_s": 60.0, "metrics.horizon_s": 20.0, "events.density.kind": "grid"}
+    found = make_sweep(table(files) | {"scenario": shared}, tmp_path).scenarios
+    assert {Path(scenario.events.density.file).resolve() for scenario in found} == {tmp_path / "town.csv"}
 
 
 def test_other_mistakes_are_reported_once_and_as_ever() -> None:
