@@ -39,6 +39,7 @@ def add_sweep(command: argparse.ArgumentParser) -> None:
     command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(built_in_files())}")
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
+    command.add_argument("--events", action="store_true", help="write events.csv, a row per run and event")
     add_dry_run(command, "the variants")
     add_run_options(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
@@ -74,7 +75,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         plan = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
         show(arguments, plan, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
         return OK
-    result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
+    result = conduct_for(arguments, loaded, folder, with_series=arguments.series, with_events=arguments.events)
     show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
     if result.invalid:
         from deltaswarm_orchestrator.sweeps.table import invalid_line  # needs pandas
@@ -103,7 +104,9 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
         check_folder(loaded, folder, means)
 
 
-def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool) -> "SweepResult":
+def conduct_for(
+    arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool, with_events: bool = False
+) -> "SweepResult":
     """Do a sweep as the command line says, and print what went wrong on standard error.
 
     Raises:
@@ -119,7 +122,8 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
             room_in(folder),
             nullcontext(SweepReporter()) if arguments.quiet else SweepDisplay(loaded.name) as display,
         ):
-            result = run_sweep(loaded, folder, make_engine, display, means=means, with_series=with_series)
+            wanted = {"with_series": with_series, "with_events": with_events}
+            result = run_sweep(loaded, folder, make_engine, display, means=means, **wanted)
     except OSError as error:  # such as a table that may not be replaced
         raise CommandError(str(error), FAILED) from None
     complaints = [

@@ -15,6 +15,7 @@ from deltaswarm_orchestrator.results.outcome import (
     WORKED,
     Compute,
     Moment,
+    TimeOf,
     arrival_digests,
     by_reason,
     known,
@@ -28,6 +29,7 @@ from deltaswarm_orchestrator.results.outcome import (
     time_to,
     total,
     waits,
+    worst_tenth,
 )
 from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS
 
@@ -45,7 +47,7 @@ class OverTime:
 
     column: str
     kind: str = PER_STEP
-    moment: Moment = COMPLETED
+    moment: TimeOf = COMPLETED
 
 
 @dataclass(frozen=True)
@@ -72,16 +74,21 @@ class Metric:
     """False: only the table of a session's runs has it, since it is known only after the run."""
     is_whole: bool = False
     """Whether it is a whole number."""
-    is_restricted: bool = False
-    """Whether the horizon is its ceiling: as large as that, it says nothing but that it is no less."""
+    moment: Moment | None = None
+    """It is about the time until this moment of events that could be followed for the horizon; None: something else."""
+
+    @property
+    def is_restricted(self) -> bool:
+        """Whether the horizon is its ceiling: as large as that, it says nothing but that it is no less."""
+        return self.moment is not None and self.unit == "s"
 
 
-def until(moment: Moment, state: str, mean: str, median: str, study: str, column: str, session: str) -> list[Metric]:
+def until(moment: Moment, mean: str, median: str, study: str, column: str, session: str) -> list[Metric]:
     """Return the metrics of the time from an event's arrival until a moment, which the horizon bounds.
 
     `mean` and `median` are their names in the summary, `study` that of the mean, `column` that of its time series.
     """
-    above, short = mean.partition(".")[0], study.partition("_")[0]
+    above, short, state = mean.partition(".")[0], study.partition("_")[0], moment.state
     return [
         Metric(
             mean,
@@ -94,9 +101,9 @@ def until(moment: Moment, state: str, mean: str, median: str, study: str, column
             study=study,
             over=OverTime(column, PER_EVENT, moment),
             session=session,
-            is_restricted=True,
+            moment=moment,
         ),
-        Metric(median, "the same, median", "s", time_to(moment, median_of), is_restricted=True),
+        Metric(median, "the same, median", "s", time_to(moment, median_of), moment=moment),
         Metric(
             f"{above}.p95",
             "the same, 95th percentile",
@@ -104,7 +111,16 @@ def until(moment: Moment, state: str, mean: str, median: str, study: str, column
             time_to(moment, percentile_95),
             title=f"Time until an event is {state}, 95th percentile",
             study=f"{short}_p95",
-            is_restricted=True,
+            moment=moment,
+        ),
+        Metric(
+            f"{above}.worst_tenth",
+            "the same, mean over the tenth of these events for which it took longest",
+            "s",
+            time_to(moment, worst_tenth),
+            title=f"Mean time until an event is {state}, slowest tenth",
+            study=f"{short}_worst_tenth",
+            moment=moment,
         ),
         Metric(
             f"{above}.beyond_horizon",
@@ -112,6 +128,7 @@ def until(moment: Moment, state: str, mean: str, median: str, study: str, column
             compute=share_beyond_horizon(moment),
             title=f"Share of events not {state} within the horizon",
             study=f"{short}_beyond",
+            moment=moment,
         ),
     ]
 
@@ -123,7 +140,6 @@ _WORKLOADS = attrgetter("workloads")
 METRICS = (
     *until(
         SENSED,
-        "sensed",
         "waiting_time_s.restricted_mean",
         "waiting_time_s.restricted_median",
         study="waiting_all",
@@ -132,7 +148,6 @@ METRICS = (
     ),
     *until(
         TOLD,
-        "told to the operator",
         "told_s.mean",
         "told_s.median",
         study="told_s",
@@ -141,7 +156,6 @@ METRICS = (
     ),
     *until(
         WORKED,
-        "worked on",
         "worked_s.mean",
         "worked_s.median",
         study="worked_s",
@@ -150,14 +164,19 @@ METRICS = (
     ),
     *until(
         COMPLETED,
-        "complete",
         "completion_s.mean",
         "completion_s.median",
         study="completion_s",
         column="completion_time_s",
         session="completion_s",
     ),
-    Metric("horizon_s", "time for which events are followed", "s", lambda run: run.scenario.metrics.horizon_s),
+    Metric(
+        "horizon_s",
+        "time for which events are followed: the ceiling of the times above",
+        "s",
+        lambda run: run.scenario.metrics.horizon_s,
+        session="horizon_s",
+    ),
     Metric(
         "waiting_time_s.mean",
         "from arrival until an agent first senses the event, over the events that were sensed",

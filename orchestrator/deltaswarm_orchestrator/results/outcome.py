@@ -31,13 +31,29 @@ class EventLife(NamedTuple):
     work_agent_s: float
 
 
-Moment = Callable[[EventLife], float | None]
-"""A moment in the life of an event [s]; None: it has not come."""
+TimeOf = Callable[[EventLife], float | None]
+"""A time in the life of an event [s]; None: it has not come."""
 
-SENSED: Moment = attrgetter("sensed_s")
-TOLD: Moment = attrgetter("told_s")
-WORKED: Moment = attrgetter("worked_s")
-COMPLETED: Moment = attrgetter("completed_s")
+
+@dataclass(frozen=True)
+class Moment:
+    """One of the four moments in the life of an event."""
+
+    column: str
+    """Its column in the table of events [s]; without a value: it has not come."""
+    state: str
+    """What the event is from then on, in words."""
+
+    def __call__(self, event: EventLife) -> float | None:
+        """Return when the moment came [s]; None: it has not come."""
+        time_s: float | None = getattr(event, self.column)
+        return time_s
+
+
+SENSED = Moment("sensed_s", "sensed")
+TOLD = Moment("told_s", "told to the operator")
+WORKED = Moment("worked_s", "worked on")
+COMPLETED = Moment("completed_s", "complete")
 
 
 @dataclass
@@ -114,6 +130,11 @@ def percentile_95(values: Sequence[float]) -> float | None:
     return sorted(values)[math.ceil(0.95 * len(values)) - 1] if values else None
 
 
+def worst_tenth(values: Sequence[float]) -> float | None:
+    """Return the mean of the largest tenth of the values, rounded up to whole values; None of nothing."""
+    return mean_of(sorted(values)[-math.ceil(len(values) / 10) :])
+
+
 def mean_of(values: Sequence[float]) -> float | None:
     """Return the mean; None of nothing."""
     return fmean(values) if values else None
@@ -137,7 +158,7 @@ def followed(events: Iterable[EventLife], end_s: float, horizon_s: float) -> lis
     return [event for event in events if event.arrived_s + horizon_s <= end_s]
 
 
-def time_until(event: EventLife, moment: Moment, horizon_s: float) -> float:
+def time_until(event: EventLife, moment: TimeOf, horizon_s: float) -> float:
     """Return the time from an event's arrival to a moment; at most the horizon, also if the moment has not come [s]."""
     then_s = moment(event)
     return horizon_s if then_s is None else min(then_s - event.arrived_s, horizon_s)

@@ -171,6 +171,11 @@ def rare_garbage_collections() -> Iterator[None]:
 
 
 @rare_garbage_collections()
+def densest_places(scenario: Scenario) -> Callable[[float], tuple[float, float] | None]:
+    """Return a function from a time [s] to the place where events are densest then [m]; None if there is none."""
+    return WorldCore(scenario).environment.density.densest_m
+
+
 def run_in_process(
     scenario: Scenario,
     sink: Sink | None = None,

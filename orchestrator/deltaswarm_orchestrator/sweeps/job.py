@@ -65,7 +65,7 @@ class Task:
 
 
 Result = dict[str, Any]
-"""What is kept of a run: summary, time series and cost, as plain values for JSON."""
+"""What is kept of a run: summary, time series, events and cost, as plain values for JSON."""
 
 
 def work(task: Task) -> Result:
@@ -93,6 +93,7 @@ def work(task: Task) -> Result:
         "commit": provenance.commit(),
         "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK + PRINTED},
         "series": series_of(outcome, scenario, task.job.series_every_s),
+        "events": events_of(outcome),
         "cost": {
             "wall_s": time.monotonic() - began,
             "steps_per_s": summary["steps_per_s"],
@@ -202,6 +203,12 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
             times_s = ([time_until(event, over.moment, horizon_s) for event in window] for window in windows)
             columns[over.column] = [_mean(np.array(window)) for window in times_s]
     return columns
+
+
+def events_of(outcome: Outcome) -> dict[str, list[float | None]]:
+    """Return the columns of `events.csv`, in order of arrival."""
+    lives = outcome.lives
+    return {name: [getattr(life, name) for life in lives] for name in EventLife._fields}
 
 
 def _mean(window: "np.ndarray[Any, np.dtype[np.float64]]") -> float | None:

@@ -20,7 +20,10 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.plugins import SWEEPS, find
 
-STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "fit", "grid", "figure", "finding")
+STUDY_TABLES = (
+    *("study", "metric", "contrast", "claim", "recovery", "fit", "grid"),
+    *("survival", "rings", "figure", "finding"),
+)
 """Tables of a study file that a sweep ignores."""
 
 OWN = ("seed", "record")

@@ -85,6 +85,8 @@ class SweepResult:
     table: pd.DataFrame
     series: pd.DataFrame
     """Empty unless it was asked for."""
+    kept: tables.Finished = field(default_factory=list)
+    """The finished runs with all that is kept of each."""
     failed: list[str] = field(default_factory=list)
     """Runs without a result, and an engine that was lost, with the reason."""
     invalid: list[InvalidRun] = field(default_factory=list)
@@ -117,6 +119,7 @@ def run_sweep(
     *,
     means: str = IN_PROCESS,
     with_series: bool = False,
+    with_events: bool = False,
 ) -> SweepResult:
     """Do the missing runs of a sweep, and write tables of all finished runs.
 
@@ -175,6 +178,8 @@ def run_sweep(
         }
         written = {"table": table, "costs": tables.costs_of(runs), "senders": tables.senders_of(runs)}
         written |= {"series": series} if with_series else {}
+        if with_events or (path / "events.csv").exists():
+            written["events"] = tables.events_of(runs)
         names = [file.name for name, frame in written.items() for file in tables.write_table(path / name, frame)]
         folder.write_manifest(manifest, seal.digests(path, [PLAN, *names]))
     finished = sum(folder.has(job, means) for job in jobs)
@@ -185,6 +190,7 @@ def run_sweep(
         manifest=manifest,
         table=table,
         series=series,
+        kept=runs,
         failed=failed,
         invalid=[*invalid.values()],
         differing=differing,

@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from deltaswarm_orchestrator.results.outcome import EventLife
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Result
 from deltaswarm_orchestrator.sweeps.plan import Job, Sweep, cell, flattened
@@ -118,6 +119,22 @@ def series_of(runs: Finished) -> pd.DataFrame:
         if result["series"]
     ]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+
+
+def events_of(runs: Finished) -> pd.DataFrame:
+    """Make a row per run and event: columns that identify the run, those of a run's `events.csv`, the run's end [s].
+
+    Runs of earlier versions, which kept no events, have no rows.
+    """
+    frames = [
+        pd.DataFrame(result["events"], dtype=float).assign(**_head(job), end_s=job.scenario.run.duration_s)
+        for job, result in runs
+        if result.get("events")
+    ]
+    if not frames:
+        return pd.DataFrame()
+    events = pd.concat(frames, ignore_index=True).astype({"event": int})
+    return events[[*_head(runs[0][0]), *EventLife._fields, "end_s"]]
 
 
 def costs_of(runs: Finished) -> pd.DataFrame:

@@ -24,6 +24,7 @@ from deltaswarm_orchestrator.results.outcome import (
     followed,
     percentile_95,
     time_until,
+    worst_tenth,
 )
 from deltaswarm_orchestrator.results.summary import EVERY_KEY, computed
 from deltaswarm_orchestrator.run.in_process import run_in_process
@@ -55,6 +56,7 @@ def test_waiting_times_are_until_first_sensed() -> None:
         "restricted_mean": (0.0 + 0.5 + 1.5 + 2.0) / 4,
         "restricted_median": 1.0,
         "p95": 2.0,
+        "worst_tenth": 2.0,
         "beyond_horizon": 0.25,
     }
 
@@ -68,6 +70,7 @@ def test_restricted_means_follow_each_event_for_the_horizon() -> None:
         "mean": pytest.approx((0.5 + 1.0 + 1.0) / 3),
         "median": 1.0,
         "p95": 1.0,
+        "worst_tenth": 1.0,
         "beyond_horizon": pytest.approx(2 / 3),
     }
     assert found["waiting_time_s"]["restricted_mean"] == pytest.approx((0.2 + 0.5 + 1.0) / 3)
@@ -91,6 +94,7 @@ def test_four_times_of_an_event_are_told_apart() -> None:
         "mean": pytest.approx((0.2 + 0.8 + 1.5) / 3),
         "median": pytest.approx(0.8),
         "p95": 1.5,
+        "worst_tenth": 1.5,
         "beyond_horizon": pytest.approx(1 / 3),
     }
     assert found["worked_s"]["mean"] == pytest.approx((0.3 + 0.6 + 1.5) / 3)
@@ -103,6 +107,25 @@ def test_four_times_of_an_event_are_told_apart() -> None:
 def test_the_95th_percentile_is_a_value_that_95_of_100_do_not_exceed(count: int, rank: int) -> None:
     """The smallest such value: no number that nobody measured."""
     assert percentile_95([float(value) for value in range(count, 0, -1)]) == rank
+
+
+@pytest.mark.parametrize(("count", "tenth"), [(1, [1]), (10, [10]), (11, [11, 10]), (20, [20, 19]), (21, [21, 20, 19])])
+def test_the_worst_tenth_is_the_mean_of_the_longest_times(count: int, tenth: list[float]) -> None:
+    """A tenth rounded up to whole events: of a few events, the longest."""
+    assert worst_tenth([float(value) for value in range(1, count + 1)]) == fmean(tenth)
+
+
+def test_a_swarm_that_ignores_the_rim_is_seen_in_the_worst_tenth() -> None:
+    """Two swarms with the same mean: one serves all events alike, the other never finds two of twenty."""
+    outcome = whole()
+    mean_s, tenths = [], []
+    for sensed_s in ([0.3] * 20, [*[0.2] * 17, 0.6, None, None]):
+        outcome.events = [event(number, 0.0, time_s) for number, time_s in enumerate(sensed_s)]
+        found = metrics(outcome, a_scenario(1.0))["waiting_time_s"]
+        mean_s.append(found["restricted_mean"])
+        tenths.append(found["worst_tenth"])
+    assert mean_s == [pytest.approx(0.3), pytest.approx(0.3)]
+    assert tenths == [pytest.approx(0.3), 1.0]
 
 
 TIMES = st.lists(st.tuples(st.floats(0, 100), st.none() | st.floats(0, 50), st.none() | st.floats(0, 50)), max_size=20)

@@ -60,11 +60,21 @@ def whole(**more: Any) -> Outcome:
 
 KEYS = {
     "waiting_time_s": {
-        *("mean", "median", "n", "never_sensed", "restricted_mean", "restricted_median", "p95", "beyond_horizon")
+        *(
+            "mean",
+            "median",
+            "n",
+            "never_sensed",
+            "restricted_mean",
+            "restricted_median",
+            "p95",
+            "worst_tenth",
+            "beyond_horizon",
+        )
     },
-    "told_s": {"mean", "median", "p95", "beyond_horizon"},
-    "worked_s": {"mean", "median", "p95", "beyond_horizon"},
-    "completion_s": {"mean", "median", "p95", "beyond_horizon"},
+    "told_s": {"mean", "median", "p95", "worst_tenth", "beyond_horizon"},
+    "worked_s": {"mean", "median", "p95", "worst_tenth", "beyond_horizon"},
+    "completion_s": {"mean", "median", "p95", "worst_tenth", "beyond_horizon"},
     "completed": None,
     "open_events": {"mean"},
     "arrivals": {"n", "followed", "times", "places"},

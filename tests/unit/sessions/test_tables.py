@@ -113,6 +113,7 @@ FULL = {
     "told_s": {"mean": 20.5},
     "worked_s": {"mean": 31.5},
     "completion_s": {"mean": 30.25},
+    "horizon_s": 600.0,
     "completed": 8,
     "operator_messages_per_s": {"mean": 0.5},
     "operator_time_above_threshold_s": 44.0,
@@ -161,6 +162,7 @@ RUNS = {
     "told_s": "20.5",
     "worked_s": "31.5",
     "completion_s": "30.25",
+    "horizon_s": "600.0",
     "completed": "8",
     "messages_per_s": "0.5",
     "time_above_threshold_s": "44.0",
@@ -194,6 +196,7 @@ NUMBERS = {
         "told_s",
         "worked_s",
         "completion_s",
+        "horizon_s",
         "messages_per_s",
         "time_above_threshold_s",
         "missed_share",
@@ -203,7 +206,10 @@ NUMBERS = {
 }
 TEXTS = {"invalid_because", "condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
 UNITS = dict.fromkeys(
-    ("waiting_time_s", "told_s", "worked_s", "completion_s", "time_above_threshold_s", "acknowledge_s", "page_away_s"),
+    (
+        *("waiting_time_s", "told_s", "worked_s", "completion_s", "horizon_s"),
+        *("time_above_threshold_s", "acknowledge_s", "page_away_s"),
+    ),
     "s",
 )
 UNITS["messages_per_s"] = "1/s"
