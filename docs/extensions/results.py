@@ -6,7 +6,6 @@ Each part is between marks `<!-- NAME -->` and `<!-- /NAME -->`.
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from deltaswarm_orchestrator.results.metrics import PER_EVENT
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
@@ -30,7 +29,7 @@ def study_metrics() -> Iterator[str]:
     for metric in EVERY_KEY:
         if metric.study:
             over_time = "yes" if metric.over else ""
-            ceiling = "horizon" if metric.over and metric.over.kind == PER_EVENT else ""
+            ceiling = "horizon" if metric.is_restricted else ""
             yield f"| `{metric.study}` | {metric.unit} | {metric.meaning} | {over_time} | {ceiling} |"
 
 

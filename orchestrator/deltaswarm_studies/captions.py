@@ -5,17 +5,13 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from deltaswarm_orchestrator.results.metrics import METRICS
+from deltaswarm_studies.ceilings import AT
+from deltaswarm_studies.event_checks import horizons_s
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.kinds import KINDS
-from deltaswarm_studies.metrics import BUILT_IN
+from deltaswarm_studies.metrics import source_of
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.study import Study
-
-NEAR = 0.01
-"""A value is at its ceiling if it lies within this share of it."""
-
-_RESTRICTED = {metric.key for metric in METRICS if metric.is_restricted}
 
 Sizes = Mapping[str, int]
 """The number of replicates behind each value that a figure shows, by the value's name."""
@@ -102,12 +98,10 @@ def left_out(settings: FigureSettings, study: Study) -> list[str]:
 
 def ceiling_of(study: Study, name: str) -> float:
     """Return the value that a metric cannot exceed because it counts longer times as the horizon; else infinity [s]."""
-    metric = study.metrics[name]
-    column = BUILT_IN[metric.of].column if metric.of else metric.column
-    horizon_s = max(variant.scenario.metrics.horizon_s for variant in study.sweep.variants)
-    return horizon_s if column in _RESTRICTED else math.inf
+    source = source_of(study.metrics[name])
+    return horizons_s(study, list(study.levels))[-1] if source and source.is_restricted else math.inf
 
 
 def at_ceiling(study: Study, name: str, rows: pd.DataFrame) -> pd.Series:
     """Return which rows have a value that is, or almost is, the metric's ceiling."""
-    return rows[name] >= (1 - NEAR) * ceiling_of(study, name)
+    return rows[name] >= AT * ceiling_of(study, name)

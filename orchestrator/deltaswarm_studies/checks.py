@@ -10,9 +10,11 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.ceilings import ceiling_problems
+from deltaswarm_studies.event_checks import MOMENTS, event_problems
 from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
-from deltaswarm_studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, StudyMetric
+from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, StudyMetric, source_of
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.checked import Problem, did_you_mean
@@ -38,6 +40,8 @@ def problems_of(study: Study) -> Iterator[Problem]:
         yield from _sensitivity(study)
         yield from figure_problems(study)
         yield from _incomparable(study)
+        yield from event_problems(study)
+        yield from ceiling_problems(study)
 
 
 def used_metrics(study: Study) -> list[str]:
@@ -49,7 +53,7 @@ def used_metrics(study: Study) -> list[str]:
     names += [grid.metric for grid in file.grid]
     for figure in file.figure:
         kind = KINDS[figure.kind]
-        names += [] if kind.is_over_time else [getattr(figure, name) for name in kind.metrics]
+        names += [] if kind.is_over_time or kind.is_of_events else [getattr(figure, name) for name in kind.metrics]
     return list(dict.fromkeys(names))
 
 
@@ -96,7 +100,8 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
     for i, figure in enumerate(file.figure):
         where, drawn = f"figure[{i}]", KINDS[figure.kind]
         for name in drawn.metrics:
-            yield f"{where}.{name}", [getattr(figure, name)], _over_time() if drawn.is_over_time else metrics
+            known = MOMENTS if drawn.is_of_events else _over_time() if drawn.is_over_time else metrics
+            yield f"{where}.{name}", [getattr(figure, name)], known
         for name in drawn.factors:
             yield f"{where}.{name}", [getattr(figure, name)] if getattr(figure, name) else [], factors
         paths = itertools.chain(*figure.paths.values())
@@ -184,7 +189,7 @@ def _times(study: Study) -> Iterator[Problem]:
         if metric.kind == COLUMN and (settings.from_s or settings.until_s is not None):
             allowed = f"cannot be applied to {name!r}, which has no time series"
             yield Problem("study.from_s", f"{settings.from_s:.15g}", allowed)
-        if (metric.of or name) in PER_EVENT and metric.from_s + horizon_s >= end_s:
+        if source_of(metric) and metric.from_s + horizon_s >= end_s:
             longest = f"{end_s - metric.from_s:.15g} for {name!r}"
             allowed = f"must be less than {longest}: no event could be followed for that long"
             yield Problem("metrics.horizon_s", f"{horizon_s:.15g}", allowed)

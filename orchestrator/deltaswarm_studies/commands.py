@@ -237,6 +237,7 @@ def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "
     """
     from deltaswarm_orchestrator.sweeps.folder import copy_runs
     from deltaswarm_orchestrator.sweeps.table import invalid_line
+    from deltaswarm_studies.events import events_of
     from deltaswarm_studies.evidence import Evidence
     from deltaswarm_studies.origin import provenance_of
 
@@ -253,7 +254,7 @@ def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "
             f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page{because}",
             exit_code_of(result),
         )
-    evidence = Evidence.of_sweep(study, result.table, result.series, result.invalid)
+    evidence = Evidence.of_sweep(study, result.table, result.series, result.invalid, events_of(study, result.kept))
     return evidence, provenance_of(study, result.manifest)
 
 

@@ -9,15 +9,19 @@ import numpy as np
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_line, read_table, write_table
+from deltaswarm_studies import events as event_tables
 from deltaswarm_studies import montecarlo, tables
+from deltaswarm_studies.ceilings import undecided
 from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of, disagreements
 from deltaswarm_studies.metrics import ID, PER_EVENT
 from deltaswarm_studies.origin import sealed_tables
+from deltaswarm_studies.rings import rings_of
 from deltaswarm_studies.sensitivity import sensitivity_of
 from deltaswarm_studies.settings import FitSettings, FitVerdict, GridSettings, RecoverySettings
 from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
+from deltaswarm_studies.survival import survival_of
 from deltaswarm_studies.tables import Row, column, samples_of
 
 FIT_RESAMPLES = 4000
@@ -39,8 +43,9 @@ class Evidence:
         courses: pd.DataFrame,
         recovery: pd.DataFrame,
         invalid: Sequence[InvalidRun] = (),
+        events: pd.DataFrame | None = None,
     ) -> None:
-        """Evaluate the runs; `courses` and `recovery`, which need the time series, are given.
+        """Evaluate the runs and their events; `courses` and `recovery`, which need the time series, are given.
 
         `invalid` are the runs that are no replicates. A variant with too many of them is shown and not judged.
         """
@@ -50,9 +55,13 @@ class Evidence:
         """Variants that are not judged, with their number of valid replicates."""
         judged = runs[~runs["variant"].isin(self.unjudged)]
         self.estimates = tables.estimates_of(study, runs)
-        self.contrasts = contrasts_of(study, judged)
-        self.claims = claims_of(study, judged, is_whole=not self.unjudged)
+        self.contrasts, self.claims, at_ceiling = undecided(
+            study, judged, contrasts_of(study, judged), claims_of(study, judged, is_whole=not self.unjudged)
+        )
         self.sensitivity = sensitivity_of(study, judged)
+        self.events = pd.DataFrame(columns=event_tables.COLUMNS) if events is None else events
+        self.survival = survival_of(study, self.events, self.unjudged)
+        self.rings = rings_of(study, self.events)
         self.fits, self.grids = fits_of(study, judged), grids_of(study, judged, self.unjudged)
         self.findings = findings_of(study, {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits})
         self.arrivals = tables.same_arrivals(study, runs)
@@ -61,14 +70,20 @@ class Evidence:
             *self._invalid_lines(study),
             *tables.missing_runs(study, runs, self.invalid),
             *tables.missing_metrics(study, runs),
+            *event_tables.lacking(study, self.events),
         ]
         """What the tables lack of what the study asks."""
         self.undrawn: list[str] = []
         """Figures that could not be drawn, with the reason; known when the page is made."""
         self.contradictions = disagreements(study, judged)
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
-        self.doubts = [*too_few(self.contrasts), *vacuous_claims(study, judged), *tables.part_of_points(study)]
-        """Contrasts with too few replicates, and claims that nothing could contradict."""
+        self.doubts = [
+            *too_few(self.contrasts),
+            *vacuous_claims(study, judged),
+            *at_ceiling,
+            *tables.part_of_points(study),
+        ]
+        """Contrasts with too few replicates, claims that nothing could contradict, verdicts at a ceiling."""
 
     def _invalid_lines(self, study: Study) -> list[str]:
         """Say which runs are no replicates, and which variants are not judged for that."""
@@ -81,9 +96,14 @@ class Evidence:
 
     @classmethod
     def of_sweep(
-        cls, study: Study, table: pd.DataFrame, series: pd.DataFrame, invalid: Sequence[InvalidRun] = ()
+        cls,
+        study: Study,
+        table: pd.DataFrame,
+        series: pd.DataFrame,
+        invalid: Sequence[InvalidRun] = (),
+        events: pd.DataFrame | None = None,
     ) -> "Evidence":
-        """Evaluate the tables of a sweep, and its runs that are no replicates.
+        """Evaluate the tables of a sweep, its runs that are no replicates, and its events.
 
         Raises:
             ValueError: If the tables lack a column that the study needs.
@@ -92,7 +112,7 @@ class Evidence:
         runs, courses = tables.runs_of(study, table, series), tables.courses_of(study, windows)
         unjudged = tables.too_few(study, tables.invalid_of(runs, invalid))
         recovery = recovery_of(study, windows[~windows["variant"].isin(unjudged)])
-        return cls(study, runs, courses, recovery, invalid)
+        return cls(study, runs, courses, recovery, invalid, events)
 
     @classmethod
     def of_folder(cls, study: Study, folder: Path) -> "Evidence":
@@ -114,11 +134,11 @@ class Evidence:
             raise ValueError(
                 f"{folder / 'runs.csv'} must have runs of the study's variants, such as {next(iter(study.levels))!r}"
             )
-        courses, recovery, invalid = (
+        courses, recovery, invalid, events = (
             read_table(file, labels) if (file := folder / f"{name}.csv").exists() else pd.DataFrame()
-            for name in ("courses", "recovery", "invalid")
+            for name in ("courses", "recovery", "invalid", "events")
         )
-        return cls(study, runs, courses, recovery, invalid.to_dict("records"))
+        return cls(study, runs, courses, recovery, invalid.to_dict("records"), events)
 
     @property
     def surprises(self) -> list[str]:
@@ -141,7 +161,8 @@ class Evidence:
 
     def save(self, folder: Path) -> list[Path]:
         """Write every table that has rows, except the findings; return the files."""
-        names = ("runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids")
+        names = ["runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids"]
+        names += ["events", "survival", "rings"]
         frames = {name: getattr(self, name) for name in names}
         if self.sensitivity:
             frames |= {name: getattr(self.sensitivity, name) for name in ("points", "shares", "keys")}

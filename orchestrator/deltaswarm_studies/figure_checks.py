@@ -27,8 +27,9 @@ def _variants(study: Study, figure: FigureSettings) -> Sequence[str]:
 
 
 def _one_line_of_many(study: Study, figure: FigureSettings) -> Iterator[Problem]:
-    """Report a figure over time that would draw several variants as one line."""
-    if not KINDS[figure.kind].is_over_time:
+    """Report a figure over time or of single events that would draw several variants as one line."""
+    kind = KINDS[figure.kind]
+    if not (kind.is_over_time or (kind.is_of_events and figure.hue)):
         return
     lines: dict[tuple[str, ...], str] = {}
     for variant in _variants(study, figure):
@@ -43,11 +44,23 @@ def _one_line_of_many(study: Study, figure: FigureSettings) -> Iterator[Problem]
 def _too_many(study: Study, figure: FigureSettings) -> Iterator[Problem]:
     """Report more colours than a reader can tell apart."""
     hues = {study.levels[name][figure.hue] for name in _variants(study, figure)} if figure.hue else ()
-    counts = {"hue": len(hues), "paths": len(figure.paths) + len(figure.variants) if figure.paths else 0}
+    lines = len(_variants(study, figure)) if KINDS[figure.kind].is_of_events and not figure.hue else 0
+    counts = {
+        "hue": len(hues),
+        "variants": lines,
+        "paths": len(figure.paths) + len(figure.variants) if figure.paths else 0,
+    }
     for name, count in counts.items():
         if count > MOST_LOOKS:
-            other = "a factor of more levels can be x or facet" if name == "hue" else "with the variants beside them"
+            other = _INSTEAD[name]
             yield Problem(name, f"{count} to tell apart", f"must be at most {MOST_LOOKS}; {other}")
+
+
+_INSTEAD = {
+    "hue": "a factor of more levels can be x or facet",
+    "variants": "name those to show, or divide them by hue and facet",
+    "paths": "with the variants beside them",
+}
 
 
 def _not_drawn(study: Study, figure: FigureSettings) -> Iterator[Problem]:

@@ -19,6 +19,8 @@ class Kind:
     """Keys that name metrics."""
     is_over_time: bool = False
     """Whether its metrics must have a time series; others have a number per run."""
+    is_of_events: bool = False
+    """Whether it is drawn from single events; its metrics must be means of times until a moment."""
     factors: tuple[str, ...] = ("hue", "facet")
     """Keys that name factors."""
     needs: tuple[str, ...] = ()
@@ -60,6 +62,18 @@ KINDS: Mapping[str, Kind] = {
         metrics=("metric", "x"),
         factors=("facet",),
         needs=("x", "paths"),
+    ),
+    "survival": Kind(
+        "the share of events that still wait, by Kaplan and Meier",
+        "event_page:survival",
+        is_of_events=True,
+        heeds=("variants", "horizon_s"),
+    ),
+    "rings": Kind(
+        "times by distance from the densest place",
+        "event_page:rings",
+        is_of_events=True,
+        heeds=("variants", "horizon_s", "rings"),
     ),
     "swarm": Kind(
         "agents and events at a moment",

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.results.metrics import COUNT, RATE
+from deltaswarm_orchestrator.results.metrics import COUNT, RATE, Metric
 from deltaswarm_orchestrator.results.metrics import PER_EVENT as BY_EVENT
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_wire.checked import Problem, key
@@ -101,6 +101,15 @@ BUILT_IN: Mapping[str, StudyMetric] = {
 def _of_kind(kind: str) -> tuple[str, ...]:
     """Return the metrics whose time series is of this kind."""
     return tuple(metric.study for metric in EVERY_KEY if metric.over and metric.over.kind == kind)
+
+
+_OF_EVENTS = {metric.key: metric for metric in EVERY_KEY if metric.moment}
+
+
+def source_of(metric: StudyMetric) -> Metric | None:
+    """Return the run's metric of the time until a moment that a study's metric is, or is a window of; None: another."""
+    column = BUILT_IN[metric.of].column if metric.kind == WINDOW else metric.column if metric.kind == COLUMN else ""
+    return _OF_EVENTS.get(column)
 
 
 PER_STEP = _of_kind(RATE)

@@ -9,7 +9,9 @@ import pandas as pd
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import sensitivity_page, style
+from deltaswarm_studies import event_page, sensitivity_page, style
+from deltaswarm_studies import events as event_tables
+from deltaswarm_studies.ceilings import shown
 from deltaswarm_studies.design import design
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
@@ -64,6 +66,7 @@ def pages(
             "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
             "tests": _tests(evidence),
             "arrivals": evidence.arrivals,
+            "events": event_tables.kept(study, evidence.events, evidence.runs),
             "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
             "horizons_s": sorted({scenario.metrics.horizon_s for scenario in study.sweep.scenarios}),
             "per_event": [study.metrics[name].title for name in PER_EVENT if name in set(evidence.estimates["metric"])],
@@ -98,6 +101,8 @@ def _sections(
         ("Closest to what is published", evidence.fits, _fits),
         ("Medians", evidence.grids, _grids),
         ("Recovery", evidence.recovery, _recovered),
+        ("Times of events", evidence.survival, event_page.survival_tables),
+        ("Times over space", evidence.rings, event_page.ring_tables),
     )
     if len(evidence.claims):
         yield {"heading": "Verdicts", "tables": list(_claims(study, evidence.claims)), "pictures": []}
@@ -206,7 +211,10 @@ def _estimates(study: Study, evidence: Evidence) -> Table:
     metrics = list(dict.fromkeys(rows["metric"]))
     replicates = evidence.runs.groupby("variant")["replicate"].nunique()
     rows["cell"] = [
-        with_interval(*(_known(row[name]) for name in ("median", "low", "high", "mcse")))
+        shown(
+            with_interval(*(_known(row[name]) for name in ("median", "low", "high", "mcse"))),
+            *(_known(row["median"]), study.metrics[row["metric"]], study, row["variant"]),
+        )
         + (f" (n = {row['n']})" if 0 < row["n"] < replicates[row["variant"]] else "")
         for _, row in rows.iterrows()
     ]

@@ -53,6 +53,8 @@ class Frame:
     """Least width of a panel [in]; panels are side by side only as far as they have it."""
     starts_at_zero: bool = True
     """Whether the vertical axis starts at 0 if there are no negative values."""
+    y_label: str = ""
+    """Empty: the metric's."""
 
 
 def panels(
@@ -63,7 +65,7 @@ def panels(
     columns = max(1, min(len(facets), COLUMNS, int((style.TEXT_IN - 0.5) / frame.width_in)))
     lines = math.ceil(len(facets) / columns)
     handles = [*frame.handles]
-    metric = study.metrics[settings.metric]
+    y_label = frame.y_label or study.metrics[settings.metric].label
     with style.drawing():
         figure = style.new_figure(style.TEXT_IN, 2.5 if lines == 1 else 2.1 * lines)
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
@@ -90,8 +92,8 @@ def panels(
         if frame.starts_at_zero and rows[settings.metric].min() >= 0:
             grid[0, 0].set_ylim(bottom=0)
         for axes in grid[:, 0]:
-            width = LETTERS_UP if len(metric.label) <= LETTERS_UP else len(metric.label) // 2 + 5
-            axes.set_ylabel("\n".join(textwrap.wrap(style.shown(metric.label), width)))
+            width = LETTERS_UP if len(y_label) <= LETTERS_UP else len(y_label) // 2 + 5
+            axes.set_ylabel("\n".join(textwrap.wrap(style.shown(y_label), width)))
         if handles:
             style.add_legend(figure, handles, frame.legend_title)
     style.laid_out(figure)

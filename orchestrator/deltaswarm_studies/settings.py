@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
+from deltaswarm_studies.event_settings import HORIZON_DOC, RingsSettings, SurvivalSettings
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import MetricSettings
 from deltaswarm_wire.checked import Problem, key
@@ -48,6 +49,7 @@ class StudySettings:
     from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)
     until_s: float | None = key(None, "end of that time [s]; default: the end of the run", low=0)
     window_s: float = key(300.0, "length of the windows of time in figures and for recovery [s]", above=0)
+    max_events: int = key(100_000, "maximum number of rows of `events.csv`: whole replicates, from the first", low=0)
 
 
 @dataclass(frozen=True)
@@ -233,6 +235,8 @@ class FigureSettings:
     published: dict[str, Any] = key(dict, "boxes: a published median and interquartile range by level or variant")
     lines: dict[str, Any] = key(dict, "horizontal lines: by text, a number, or a variant for its median")
     spans: tuple[SpanSettings, ...] = key((), "time: stretches to mark")
+    horizon_s: float | None = key(None, f"survival, rings: {HORIZON_DOC}", above=0)
+    rings: int = key(5, "rings: number of rings, each with the same number of events", low=2, high=50)
     at_s: float = key(600.0, "swarm: the moment to draw [s]", low=0)
     seed: int = key(1, "swarm: the run's seed", low=0, high=2**63 - 1)
 
@@ -306,6 +310,8 @@ class StudyFile:
     recovery: tuple[RecoverySettings, ...] = key((), "times to come back after a fault")
     fit: tuple[FitSettings, ...] = key((), "distances to published numbers")
     grid: tuple[GridSettings, ...] = key((), "medians by two factors")
+    survival: tuple[SurvivalSettings, ...] = key((), "times until a moment of events")
+    rings: tuple[RingsSettings, ...] = key((), "times until a moment of events, by distance")
     figure: tuple[FigureSettings, ...] = key((), "what is drawn")
     finding: tuple[FindingSettings, ...] = key((), "what follows, in words")
 

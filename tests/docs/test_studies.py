@@ -15,6 +15,7 @@ from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import repeat, sealed_tables
 from deltaswarm_studies.settings import StudyFile
+from deltaswarm_wire.checked import SettingsError
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.tiers import nightly
 
@@ -27,13 +28,33 @@ SHORTER = "--set run.duration_s=100 --set metrics.horizon_s=50 --repeats 7 --pro
 @pytest.mark.slow
 def test_the_example_works(tmp_path: Path) -> None:
     """Its commands in their order, with shorter runs: a page with the finding's claim judged."""
-    [(name, text)] = files(PAGE).items()
-    (tmp_path / name).write_text(text)
+    (tmp_path / "my-study.toml").write_text(files(PAGE)["my-study.toml"])
     for command in commands(PAGE):
         done = shell(f"{command} {SHORTER}", tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
     assert pd.read_csv(tmp_path / "studies/my-study/claims.csv")["verdict"].notna().all()
     assert (tmp_path / "studies/my-study/figures/messages.pdf").exists()
+
+
+@pytest.mark.slow
+def test_the_example_of_single_events_works(tmp_path: Path) -> None:
+    """With shorter runs: curves, rings and both tables."""
+    (tmp_path / "heard.toml").write_text(files(PAGE)["heard.toml"])
+    done = shell("deltaswarm study heard.toml --set run.duration_s=300 --repeats 3 --prove 0", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for name in ("events", "survival", "rings"):
+        assert len(pd.read_csv(tmp_path / f"studies/heard/{name}.csv"))
+    for name in ("told", "told-by-distance"):
+        assert (tmp_path / f"studies/heard/figures/{name}.pdf").exists()
+
+
+def test_an_example_looks_good_and_is_refused(tmp_path: Path) -> None:
+    """Before any run, for the reason that the page gives."""
+    for name, text in files(PAGE).items():
+        (tmp_path / name).write_text(text)
+    assert load_study(str(tmp_path / "heard.toml"))
+    with pytest.raises(SettingsError, match="no event is complete within 30 s, whatever the swarm does"):
+        load_study(str(tmp_path / "too-short.toml"))
 
 
 def test_the_page_of_keys_is_up_to_date() -> None:

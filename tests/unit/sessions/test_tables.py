@@ -273,7 +273,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 52
+    assert len(rows) == 53
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row

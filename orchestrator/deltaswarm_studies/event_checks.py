@@ -1,0 +1,144 @@
+"""What a study asks about single events, and what must hold so that its runs can answer."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from deltaswarm_orchestrator.results.outcome import COMPLETED, TOLD, Moment
+from deltaswarm_orchestrator.results.summary import EVERY_KEY
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.event_settings import RingsSettings, SurvivalSettings
+from deltaswarm_studies.kinds import KINDS
+from deltaswarm_studies.settings import FigureSettings
+from deltaswarm_studies.study import Study
+from deltaswarm_wire.checked import Problem, did_you_mean
+
+SURVIVAL, RINGS = "survival", "rings"
+
+MOMENTS: Mapping[str, Moment] = {
+    metric.study: metric.moment for metric in EVERY_KEY if metric.study and metric.moment and metric.over
+}
+"""The four moments of an event, each by the metric of the mean time until it."""
+
+
+class Asked(NamedTuple):
+    """A table or a figure about single events."""
+
+    where: str
+    kind: str
+    settings: SurvivalSettings | RingsSettings | FigureSettings
+
+    def variants(self, study: Study) -> Sequence[str]:
+        """Return the variants that it shows, in order."""
+        return self.settings.variants or list(study.levels)
+
+    @property
+    def references(self) -> list[str]:
+        """The variant with which it compares the others, if there is one."""
+        reference = getattr(self.settings, "reference", "")
+        return [reference] if reference else []
+
+
+def asked(study: Study) -> list[Asked]:
+    """List every table and figure about single events."""
+    file = study.file
+    found = [Asked(f"survival[{i}]", SURVIVAL, settings) for i, settings in enumerate(file.survival)]
+    found += [Asked(f"rings[{i}]", RINGS, settings) for i, settings in enumerate(file.rings)]
+    figures = [(i, figure) for i, figure in enumerate(file.figure) if KINDS[figure.kind].is_of_events]
+    return found + [Asked(f"figure[{i}]", figure.kind, figure) for i, figure in figures]
+
+
+def asked_variants(study: Study) -> list[str]:
+    """List the variants whose events are asked about, in the study's order; all if nothing is asked."""
+    names = {name for each in asked(study) for name in [*each.variants(study), *each.references]}
+    return [name for name in study.levels if not names or name in names]
+
+
+def horizon_s(study: Study, settings: SurvivalSettings | RingsSettings | FigureSettings) -> float:
+    """Return the time for which a table or a figure follows events [s]."""
+    if settings.horizon_s is not None:
+        return settings.horizon_s
+    return min(horizons_s(study, settings.variants or list(study.levels)))
+
+
+def scenarios_of(study: Study, variants: Sequence[str]) -> list[tuple[str, Scenario]]:
+    """Return these variants' scenarios, in a sensitivity study those at all points, each with the variant's name."""
+    every = [variant for each in study.sweep.points or [study.sweep.variants] for variant in each]
+    return [(variant.label, variant.scenario) for variant in every if variant.label in variants]
+
+
+def horizons_s(study: Study, variants: Sequence[str]) -> list[float]:
+    """Return the different horizons of these variants' scenarios, in order [s]."""
+    return sorted({scenario.metrics.horizon_s for _, scenario in scenarios_of(study, variants)})
+
+
+def least_s(moment: Moment, scenario: Scenario) -> tuple[float, str]:
+    """Return the shortest time until a moment that the scenario allows [s], and why; 0 if nothing is known.
+
+    An event that arrives beside all agents is complete after its work, shared by all of them. A report takes at least
+    the uplink's delay, which is rounded to whole steps.
+    """
+    step_s, agents = scenario.run.step_s, scenario.agents.count
+    if moment is COMPLETED:
+        work_s = scenario.events.work_agent_s / agents - step_s
+        return max(0.0, work_s), f"the work of {agents} agents on an event (events.work_agent_s)"
+    if moment is TOLD:
+        return scenario.uplink.latency_s // step_s * step_s, "the delay of a report (uplink.latency_s)"
+    return 0.0, ""
+
+
+def too_short(moment: Moment, study: Study, variants: Sequence[str], followed_s: float | None = None) -> str:
+    """Say in which variant no event can reach a moment within the horizon, and why; empty if there is none."""
+    for name, scenario in scenarios_of(study, variants):
+        least, why = least_s(moment, scenario)
+        horizon = scenario.metrics.horizon_s if followed_s is None else followed_s
+        if 0 < horizon <= least:
+            return (
+                f"must be longer than {least:.6g} s, which {why} takes at least in {name!r}: no event is "
+                f"{moment.state} within {horizon:.15g} s, whatever the swarm does"
+            )
+    return ""
+
+
+def event_problems(study: Study) -> Iterator[Problem]:
+    """Yield what makes it impossible to answer what is asked about single events."""
+    known, file = list(study.levels), study.file
+    for table, all_of in (("survival", file.survival), ("rings", file.rings)):
+        called = [(settings.text, settings.metric) for settings in all_of]
+        for i, own in enumerate(called):
+            if own in called[:i]:
+                allowed = f"must differ from that of {table}[{called.index(own)}], which has the same metric"
+                yield Problem(f"{table}[{i}].text", repr(own[0]), allowed)
+    for each in asked(study):
+        where, settings, variants = each.where, each.settings, each.variants(study)
+        if settings.metric not in MOMENTS:
+            yield Problem(f"{where}.metric", repr(settings.metric), f"must be one of {', '.join(MOMENTS)}")
+            continue
+        unknown = [name for name in [*variants, *each.references] if name not in study.levels]
+        for name in unknown:
+            hint = did_you_mean(name, known).rstrip()
+            yield Problem(where, repr(name) + (hint and f"; {hint}"), f"must be one of {', '.join(map(repr, known))}")
+        if not unknown:
+            yield from _horizon(study, each, [*variants, *each.references])
+            yield from _densest(study, each)
+
+
+def _horizon(study: Study, each: Asked, variants: Sequence[str]) -> Iterator[Problem]:
+    where, own = f"{each.where}.horizon_s", horizons_s(study, variants)
+    if each.settings.horizon_s is None and len(own) > 1:
+        yield Problem(where, "missing", f"must be given: metrics.horizon_s is {' or '.join(f'{s:g}' for s in own)}")
+        return
+    followed_s = horizon_s(study, each.settings)
+    end_s = min(scenario.run.duration_s for _, scenario in scenarios_of(study, variants))
+    if followed_s >= end_s:
+        allowed = f"must be less than the length of the runs, {end_s:.15g} s: no event could be followed for that long"
+        yield Problem(where, f"{followed_s:.15g}", allowed)
+    elif reason := too_short(MOMENTS[each.settings.metric], study, variants, followed_s):
+        yield Problem(where, f"{followed_s:.15g}", reason)
+
+
+def _densest(study: Study, each: Asked) -> Iterator[Problem]:
+    for name, scenario in scenarios_of(study, each.variants(study)) if each.kind == RINGS else ():
+        if scenario.events.density.kind == "uniform":
+            allowed = f"must not be uniform for rings around the densest place; it is in {name!r}"
+            yield Problem(each.where, "events.density.kind 'uniform'", allowed)
+            return

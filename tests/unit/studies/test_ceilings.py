@@ -1,0 +1,191 @@
+"""Values at their ceiling: refused before the runs where that is known, not decided after them, shown as no less."""
+
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from deltaswarm_studies.ceilings import at_ceiling
+from deltaswarm_studies.evidence import Evidence
+from deltaswarm_wire.checked import SettingsError
+from tests.support.studying import FAST, LEVELS, MODES, OWN, SAME, SLOW, SWEEP, Value, made, table
+from tests.support.tiers import in_one_test
+
+HORIZON_S = 100.0
+CONTRAST = (
+    '[[contrast]]\nid = "limit"\nfactor = "loss"\nreference = "loss=0.0"\nmargin = 1.1\nmetrics = ["waiting_all"]\n'
+)
+
+
+def claim(kind: str, **keys: Any) -> str:
+    own = {"id": "it", "text": "it", "kind": kind, "metric": "waiting_all", **keys}
+    return "[[claim]]\n" + "".join(f"{name} = {value!r}\n" for name, value in own.items())
+
+
+def judged(own: str, waiting: Value) -> Evidence:
+    study = made(OWN + own)
+    return Evidence.of_sweep(study, table(waiting).assign(**{"arrivals.times": "t"}), pd.DataFrame())
+
+
+def stuck(*variants: str, below: int = 0) -> Value:
+    """Replicates at the ceiling under these variants, but for the first few, and around 30 s under all others."""
+
+    def waiting(level: str, mode: str, replicate: int) -> float:
+        is_stuck = f"{level}, {mode}" in variants and replicate >= below
+        return HORIZON_S if is_stuck else 30.0 * 1.02**replicate
+
+    return waiting
+
+
+def verdict(own: str, waiting: Value) -> str:
+    evidence = judged(own, waiting)
+    line = [line for line in evidence.doubts if line.startswith("Not decided: the claim 'it'")]
+    found = str(evidence.claims["verdict"].iloc[0])
+    assert bool(line) == (found == "undecided")
+    return found
+
+
+ORDER = claim("order", less=FAST, more=SLOW)
+
+
+@in_one_test(
+    ("own", "at", "expected"),
+    [
+        (ORDER, [SLOW], "holds"),  # longer times of the longer side change nothing
+        (ORDER, [FAST], "refuted"),
+        (ORDER, [FAST, SLOW], "undecided"),
+        (claim("order", less=FAST, more=SLOW, at_least=2.5), [SLOW], "holds"),
+        (claim("order", less=FAST, more=SLOW, at_least=3.5), [SLOW], "undecided"),  # 3.3 times or more
+        (claim("alike", a=FAST, b=SLOW, margin=1.2), [FAST, SLOW], "undecided"),  # equal, since both are cut off
+        (claim("alike", a=FAST, b=SLOW, margin=1.2), [SLOW], "refuted"),
+        (claim("alike", a=FAST, b=SLOW, margin=4.0), [SLOW], "undecided"),
+        (claim("value", of=SLOW, within=[90.0, 110.0]), [SLOW], "undecided"),
+        (claim("value", of=SLOW, within=[20.0, 50.0]), [SLOW], "refuted"),
+        (claim("value", of=SLOW, within=[200.0, 300.0]), [SLOW], "undecided"),  # it may be there, beyond the horizon
+        (claim("value", of=SLOW, above=50.0), [SLOW], "holds"),
+        (claim("value", of=SLOW, above=150.0), [SLOW], "undecided"),
+        (claim("value", of=FAST, within=[20.0, 50.0]), [SLOW], "holds"),  # the other variant is not at its ceiling
+    ],
+)
+def test_a_claim_keeps_the_verdict_that_longer_times_could_not_change(own: str, at: list[str], expected: str) -> None:
+    """Any other verdict is undone, with a line that says why."""
+    assert verdict(own, stuck(*at)) == expected
+
+
+@pytest.mark.parametrize(("below", "expected"), [(0, "undecided"), (4, "undecided"), (5, "holds"), (10, "holds")])
+def test_most_values_at_the_ceiling_are_more_than_half(below: int, expected: str) -> None:
+    """With half of ten replicates below it, the median is not at the ceiling."""
+    assert (
+        judged(claim("value", of=SLOW, within=[1.0, 101.0]), stuck(SLOW, below=below)).claims["verdict"] == expected
+    ).all()
+
+
+def test_a_contrast_at_the_ceiling_is_not_decided() -> None:
+    """Both sides at the horizon look alike; one side there is higher, and by how much nobody knows."""
+    at = [f"{level}, {MODES[1]}" for level in LEVELS[:2]]
+    evidence = judged(CONTRAST, stuck(*at, FAST))
+    rows = evidence.contrasts.set_index(["level", "within"])["verdict"]
+    assert rows["loss=0.5", MODES[1]] == "unclear"  # both at their ceiling: a ratio of 1 with p 1, "alike" without care
+    assert rows["loss=0.9", MODES[1]] == "lower"  # than a reference at its ceiling
+    assert rows["loss=0.9", MODES[0]] == "higher"
+    assert rows["loss=0.5", MODES[0]] == "alike"
+    assert [line for line in evidence.doubts if line.startswith("Not decided")] == [
+        "Not decided: the contrast 'limit' (loss=0.5 against loss=0.0), since 10 of 10 values of 'waiting_all' in "
+        "'loss=0.5, hybrid 3' are at their ceiling, the horizon of 100 s."
+    ]
+
+
+def test_an_interaction_at_the_ceiling_is_not_decided() -> None:
+    """Of two changes one is cut off, so their ratio says nothing."""
+    own = '[[contrast]]\nid = "i"\nfactor = "loss"\npairs = [["loss=0.9", "loss=0.0"]]\nmetrics = ["waiting_all"]\n'
+    own += f'across = "mode"\nacross_pairs = [["{MODES[1]}", "{MODES[0]}"]]\n'
+    assert judged(own, stuck(SLOW)).contrasts["verdict"].tolist() == ["unclear"]
+    assert judged(own, stuck(SAME)).contrasts["verdict"].tolist() == ["unclear"]
+    wide: Value = lambda level, mode, replicate: 30.0 * 1.02**replicate * (2 if f"{level}, {mode}" == SLOW else 1)  # noqa: E731
+    assert judged(own, wide).contrasts["verdict"].tolist() == ["higher"]
+
+
+def test_messages_have_no_ceiling() -> None:
+    """A number that happens to be the horizon, of a metric that the horizon does not bound."""
+    study = made(OWN + CONTRAST)
+    runs = Evidence.of_sweep(study, table(stuck(SLOW), stuck(*study.levels)), pd.DataFrame()).runs
+    assert [*at_ceiling(study, runs)] == [("waiting_all", SLOW)]
+
+
+def test_a_metric_of_ones_own_has_its_columns_ceiling() -> None:
+    """A column of the sweep's table by another name."""
+    own = (
+        OWN.replace('"waiting_all", ', '"mine", ')
+        + '[[metric]]\nname = "mine"\ncolumn = "waiting_time_s.restricted_mean"\n'
+    )
+    study = made(own)
+    runs = Evidence.of_sweep(study, table(stuck(SLOW)), pd.DataFrame()).runs
+    assert [*at_ceiling(study, runs)] == [("mine", SLOW)]
+
+
+# Before the runs
+
+BARE = OWN.replace('metrics = ["waiting_all", "messages"]', 'metrics = ["messages"]')
+LONG_WORK = SWEEP.replace("[scenario]", "[scenario]\nevents.work_agent_s = 606.0")  # six agents need 101 s, less a step
+LATE = SWEEP.replace("[scenario]", "[scenario]\nuplink.latency_s = 101.0")
+LONG_HORIZON = SWEEP.replace("metrics.horizon_s = 100.0", "metrics.horizon_s = 1000.0")
+
+
+def about(metric: str, kind: str = "claim") -> str:
+    tables = {
+        "claim": claim("order", less=FAST, more=SLOW, metric=metric),
+        "contrast": CONTRAST.replace("waiting_all", metric),
+        "grid": f'[[grid]]\nmetric = "{metric}"\nrows = "mode"\nfactor = "loss"\ncolumns = {{ a = ["loss=0.0"] }}\n',
+        "fit": f'[[fit]]\nfactor = "loss"\ntargets = [{{ level = "loss=0.0", metric = "{metric}", says = 1.0 }}]\n',
+        "recovery": f'[[recovery]]\nmetric = "{metric}"\nfactor = "loss"\nlevel = "loss=0.9"\nreference = "loss=0.0"\n',
+    }
+    return BARE + tables[kind]
+
+
+@in_one_test(
+    ("own", "sweep", "complaint"),
+    [
+        *((about("completion_s", kind), LONG_WORK, "longer than 100 s, which the work of 6 agents") for kind in
+          ("claim", "contrast", "grid", "fit", "recovery")),
+        (about("completion_p95"), LONG_WORK, "(claim[0]: 'completion_p95')"),
+        (about("completion_beyond"), LONG_WORK, "(claim[0]: 'completion_beyond')"),
+        (about("told_worst_tenth", "contrast"), LATE, "longer than 101 s, which the delay of a report"),
+        *((about(name), LONG_HORIZON, "no event could be followed for that long") for name in
+          ("waiting_all", "waiting_p95", "told_worst_tenth", "worked_beyond")),
+    ],
+)  # fmt: skip
+def test_what_the_horizon_decides_is_refused_before_the_runs(own: str, sweep: str, complaint: str) -> None:
+    """Work or a delay that takes the whole horizon; a horizon as long as the run."""
+    with pytest.raises(SettingsError) as caught:
+        made(own, sweep)
+    assert complaint in "\n".join(map(str, caught.value.problems))
+
+
+@in_one_test(
+    ("own", "sweep"),
+    [
+        (about("completion_s"), LONG_WORK.replace("606.0", "605.9")),
+        (about("told_s"), LATE.replace("101.0", "99.0")),
+        (about("waiting_all"), LATE),
+        (about("messages"), LONG_HORIZON),
+        (BARE.replace('"messages"', '"completion_s"'), LONG_WORK),  # shown, and not judged
+    ],
+)
+def test_what_some_event_could_reach_is_not_refused(own: str, sweep: str) -> None:
+    """Just before the horizon; other moments; what is only shown, as being longer."""
+    assert made(own, sweep)
+
+
+def test_means_to_different_horizons_are_not_compared() -> None:
+    """Within a horizon they may be."""
+    sweep = SWEEP.replace("metrics.horizon_s = 100.0", "").replace(
+        "radio.loss = [0.0, 0.5, 0.9]", "metrics.horizon_s = [100.0, 200.0]"
+    )
+    own = OWN.replace("loss =", "horizon_s =") + CONTRAST.replace("loss=0.0", "horizon_s=100.0")
+    across = own.replace('"loss"', '"horizon_s"')
+    with pytest.raises(
+        SettingsError, match=r"must be the same for .* which are compared \(contrast\[0\]: 'waiting_all'\)"
+    ):
+        made(across, sweep)
+    within = own.replace('"loss"', '"mode"').replace('"horizon_s=100.0"', f'"{MODES[0]}"')
+    assert made(within, sweep)
