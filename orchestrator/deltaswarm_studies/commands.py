@@ -146,7 +146,8 @@ def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict
                 files.append(amend(study, folders[study.name], file, arguments.amend))
         except ProtocolError as error:
             errors.append(str(error))
-    show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
+    if files or arguments.json:
+        show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
     if errors:
         raise CommandError("\ndeltaswarm: ".join(errors))
     return OK
@@ -163,10 +164,14 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, sealed_tables
     from deltaswarm_studies.page import write
     from deltaswarm_studies.protocol import protocol_of
+    from deltaswarm_studies.settings import CONFIRMATORY
 
     protocol = protocol_of(study, folder)
-    for line in protocol.problems if not arguments.render else ():  # before hours are spent
-        complain(f"{study.name}: {line}")
+    if not arguments.render:  # before hours are spent
+        for line in protocol.problems:
+            complain(f"{study.name}: {line}")
+        if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
+            notice(f"{study.name}: not frozen (--freeze fixes what it asks and expects before its first run)")
     try:
         sealed = WITH_THE_RUNS
         if arguments.render:

@@ -56,7 +56,7 @@ def pages(
     sections = list(_sections(study, evidence, pictures, provenance, sealed, protocol))
     context: dict[str, Any] = {
         "title": study.title,
-        "status": protocol.status,
+        "status": protocol.lead(evidence.claims),
         "question": " ".join(study.file.study.question.split()),
         "design": design(study),
         "findings": [" ".join(text.split()) for text in supported],

@@ -208,7 +208,7 @@ class Protocol:
 
     @property
     def status(self) -> str:
-        """The first line of the study's page."""
+        """Whether and when the study was frozen."""
         if self.kind == EXPLORATORY:
             return "Exploratory: nothing was frozen before its runs, so its results suggest and do not confirm."
         late = "what it asks and expects could still be changed after the first results were seen."
@@ -263,7 +263,7 @@ class Protocol:
         if claims.empty:
             return pd.DataFrame(columns=["claim", "text", "expected", "verdict", "is_surprise"])
         timely = [entry["protocol"] for entry in self.entries if not self._is_late(entry)]
-        asked = (timely[-1] if timely else self.now)["claim"]
+        asked = (timely[-1] if timely else self.now).get("claim", {})
         rows = claims[["claim", "text", "verdict"]].assign(
             expected=[asked.get(name, {}).get("expect") for name in claims["claim"]]
         )
@@ -284,6 +284,11 @@ class Protocol:
             for entry, changes in changed
         ]
 
+    def lead(self, claims: pd.DataFrame) -> str:
+        """The first line of the study's page: its status, and the surprises."""
+        judged = self.surprises(claims)
+        return f"{self.status} Surprises: {_share(judged)}." if len(judged) else self.status
+
     def facts(self, claims: pd.DataFrame) -> pd.DataFrame:
         """Make a table of what is known of the protocol: date, hash, commits, surprises."""
         judged = self.surprises(claims)
@@ -291,15 +296,19 @@ class Protocol:
         if self.entries:
             entry = self.entries[0]
             rows |= {"frozen": entry["date"], "hash": entry["hash"], "commit": _commit(entry)}
-            rows |= {"not in the commit": "; ".join(entry["uncommitted"])} if entry["uncommitted"] else {}
+            rows |= {"not in the commit": "; ".join(map(str, entry["uncommitted"]))} if entry["uncommitted"] else {}
             rows |= {"amendments": len(self.entries) - 1}
         else:
             rows |= {"frozen": "no", **({"amendments": len(self.history)} if self.history else {})}
         if len(judged):
-            rows["surprises"] = f"{judged['is_surprise'].sum()} of {len(judged)}"
+            rows["surprises"] = _share(judged)
         if new := len(claims) - len(judged):
             rows["claims without a frozen expectation"] = new
         return pd.DataFrame({"what": rows.keys(), "value": map(str, rows.values())})
+
+
+def _share(judged: pd.DataFrame) -> str:
+    return f"{judged['is_surprise'].sum()} of {len(judged)}"
 
 
 def hash_of(entry: Mapping[str, Any], study: str, before: str) -> str:
@@ -309,7 +318,10 @@ def hash_of(entry: Mapping[str, Any], study: str, before: str) -> str:
 
 
 def _time(date: str) -> datetime:
-    return datetime.fromisoformat(date)
+    time = datetime.fromisoformat(date)
+    if time.tzinfo is None:
+        raise ValueError(f"{date!r} has no time zone")
+    return time
 
 
 def _commit(entry: Mapping[str, Any]) -> str:
@@ -338,9 +350,10 @@ def _read(file: Path) -> Content:
         record = json.loads(file.read_text(encoding="utf-8"))
         for entry in record["entries"]:
             wrong = [name for name, kind in ENTRY.items() if not isinstance(entry[name], kind)]
-            if wrong or not {"condition", "scenario", "claim"} <= set(entry["protocol"]):
-                raise ValueError(f"wrong {', '.join(wrong) or 'protocol'}")
+            if wrong:
+                raise ValueError(f"wrong {', '.join(wrong)}")
             _time(entry["date"])
+            differences(entry["protocol"], entry["protocol"])
         if not record["entries"]:
             raise ValueError("no entries")
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:

@@ -41,6 +41,7 @@ class Study:
     metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
     is_built_in: bool = False
+    """Whether it comes with deltaswarm."""
 
     @property
     def title(self) -> str:

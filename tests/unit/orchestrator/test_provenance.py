@@ -63,6 +63,24 @@ def test_a_build_knows_the_commit_of_a_clone_and_of_a_source_archive(
     assert commit_of(clone) == f"{head}-dirty"
 
 
+def test_a_file_is_committed_as_it_is_or_not(tmp_path: Path) -> None:
+    """Changed, new, ignored, in a repository without a commit, in none."""
+    folder = tmp_path / "clone"
+    folder.mkdir()
+    for name in ("same", "changed", "new", "ignored"):
+        (folder / name).write_text("1")
+    (folder / ".gitignore").write_text("ignored\n")
+    assert provenance.commit_of(folder / "same") == (None, False)
+    git(folder, "init", "-q")
+    assert provenance.commit_of(folder / "same") == (None, False)
+    git(folder, "add", "same", "changed", ".gitignore")
+    git(folder, "commit", "-qm", "x")
+    (folder / "changed").write_text("2")
+    head = git(folder, "rev-parse", "HEAD")
+    found = {name: provenance.commit_of(folder / name) for name in ("same", "changed", "new", "ignored")}
+    assert found == {"same": (head, True), "changed": (head, False), "new": (head, False), "ignored": (head, False)}
+
+
 def test_the_cores_are_those_that_the_run_may_use() -> None:
     """And not all of the machine, of which a job on a cluster often has a few."""
     allowed = os.sched_getaffinity(0)

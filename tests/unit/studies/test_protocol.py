@@ -16,7 +16,7 @@ from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, hash_of, protocol_of
 from deltaswarm_studies.study import Study
-from tests.support.studying import LIMIT, OWN, SWEEP, made, series, table
+from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
 
 CLAIM = (
@@ -114,6 +114,36 @@ def test_another_condition_is_named(folder: Path) -> None:
     """One is gone, one is new."""
     names = {name for key in changed(folder, sweep=SWEEP.replace("0.5, 0.9", "0.5, 0.8")) for name in [key]}
     assert {"condition.loss=0.8, hybrid 3", "condition.loss=0.9, hybrid 3"} <= names
+
+
+def test_a_change_within_some_conditions_is_named_in_these(folder: Path) -> None:
+    """Their labels are the same, and the other conditions too."""
+    sweep = SWEEP.replace(
+        'control.mode = ["decentralised", "hybrid"]', 'control.mode = ["decentralised", "hierarchical"]'
+    )
+    assert changed(folder, sweep=sweep) == [f"condition.{loss}, hybrid 3.control.mode" for loss in LEVELS]
+
+
+@in_one_test(
+    ("commit", "told"),
+    [
+        ("abc", []),
+        ("abc-dirty", ["the sources of deltaswarm differ from it"]),
+        (None, ["the sources of deltaswarm have no known commit"]),
+    ],
+)
+def test_a_commit_that_says_nothing_is_told(
+    commit: str | None, told: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of deltaswarm, and of a study file that no repository has."""
+    monkeypatch.setattr(provenance, "commit", lambda: commit)
+    for file, more in ((None, []), (tmp_path / "own.toml", ["own.toml is not committed as it is"])):
+        where = tmp_path / f"{commit} {len(more)}" / "made-up"
+        freeze(made(ASKED), where, file)
+        found = protocol_of(made(ASKED), where)
+        assert found.entries[0]["uncommitted"] == [*told, *more]
+        row = found.facts(pd.DataFrame()).query("what == 'not in the commit'")["value"].tolist()
+        assert row == ["; ".join([*told, *more])] * bool(told or more)
 
 
 def test_words_figures_and_findings_are_no_part_of_it(folder: Path) -> None:
@@ -262,11 +292,30 @@ def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -
 
 
 @in_one_test("text", ["", "[]", "{}", '{"study": "made-up", "entries": []}', '{"study": "made-up", "entries": [{}]}'])
-def test_a_damaged_protocol_is_named(text: str, folder: Path) -> None:
+def test_a_file_that_is_no_protocol_is_named(text: str, folder: Path) -> None:
     """Instead of a traceback, or of no protocol."""
     (folder / FILE).write_text(text)
     with pytest.raises(ProtocolError, match=FILE):
         protocol_of(made(ASKED), folder)
+
+
+def test_a_protocol_of_the_wrong_form_is_named(folder: Path) -> None:
+    """Whatever part of it was taken out or replaced."""
+    whole = (folder / FILE).read_text()
+    edits: list[Callable[[dict[str, Any]], object]] = [
+        lambda entry: entry.pop("reason"),
+        lambda entry: entry.update(date="yesterday"),
+        lambda entry: entry.update(date="2026-01-01T12:00:00"),
+        lambda entry: entry["protocol"].update(claim=[]),
+        lambda entry: entry["protocol"].pop("scenario"),
+        lambda entry: entry["protocol"].update(contrast=[]),
+        lambda entry: entry["protocol"]["condition"].update({"loss=0.0, hybrid 3": 3}),
+    ]
+    for edit in edits:
+        (folder / FILE).write_text(whole)
+        edited(folder, lambda record, edit=edit: edit(record["entries"][0]))
+        with pytest.raises(ProtocolError, match="restore it"):
+            protocol_of(made(ASKED), folder)
 
 
 def test_the_first_line_of_a_page_says_what_was_frozen(folder: Path, tmp_path: Path) -> None:
