@@ -155,6 +155,12 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         {"form": TEXT, "number": Field("integer", LEFT_OUT), "answers": Field("Record<string, unknown>"), **SHOWN},
         is_input=True,
     ),
+    "ready": MessageForm(
+        "the person is ready for the question that a prompt announces",
+        (PARTICIPANT,),
+        {"form": TEXT, "number": INTEGER, **SHOWN},
+        is_input=True,
+    ),
     "note": MessageForm("a note", (PARTICIPANT, CONDUCTOR), {"text": Field("string", most=MAX_NOTE)}, is_input=True),
     "page": MessageForm(
         "what happened to the page",

@@ -10,7 +10,7 @@ from deltaswarm_scenario.columns import MONOTONIC, PAGE, Column, Utc
 from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
 _ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
-_KINDS = ("command", "proposal", "veto", "read", "pace", "note", *_ANSWERS)
+_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "ready", *_ANSWERS)
 
 PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
@@ -68,6 +68,16 @@ class ProbeRow(NamedTuple):
     shown_page_s: Annotated[float | None, Column(PAGE, "when the page first painted the question")] = None
     answered_page_s: Annotated[float | None, Column(PAGE, "time of the answer")] = None
     reaction_s: Annotated[float | None, Column(PAGE, "from `shown_page_s` to `answered_page_s`")] = None
+    ready_s: Annotated[
+        float | None, Column("s", "when the person was ready, and the question was shown; empty: there was no prompt")
+    ] = None
+    ready_latency_s: Annotated[
+        float | None, Column(MONOTONIC, "time from the prompt until the person was ready, without pauses")
+    ] = None
+    ready_reaction_s: Annotated[float | None, Column(PAGE, "the same, from the frame that first showed it")] = None
+    known: Annotated[
+        str, Column("", "what the page showed at the question about the situation, or several with or between them")
+    ] = ""
 
 
 class InboxRow(NamedTuple):

@@ -105,7 +105,19 @@ class FormTechnique(Technique):
 
     def shown(self, number: int, asked_s: float, left_s: float | None) -> dict[str, Any]:
         """Return the form."""
-        return {"kind": FORM, "number": number, "hides": self.hides, "left_s": left_s, "form": plain(self.form(number))}
+        return self._shown(number, left_s, self.form(number), is_prompt=False)
+
+    def prompt(self, number: int) -> FormSettings:
+        """Return what is asked before the question, if it has a prompt: a form without questions."""
+        raise NotImplementedError
+
+    def shown_prompt(self, number: int, left_s: float | None) -> dict[str, Any]:
+        """Return the prompt in the page's format."""
+        return self._shown(number, left_s, self.prompt(number), is_prompt=True)
+
+    def _shown(self, number: int, left_s: float | None, form: FormSettings, *, is_prompt: bool) -> dict[str, Any]:
+        ask = {"kind": FORM, "number": number, "hides": self.hides, "left_s": left_s, "form": plain(form)}
+        return ask | ({"prompt": True} if is_prompt else {})
 
     def is_meant(self, number: int, message: Mapping[str, Any]) -> bool:
         """Compare the form's name, and the question's number if it is given."""

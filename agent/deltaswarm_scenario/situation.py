@@ -1,27 +1,31 @@
-"""Questions about the situation, compared with the truth: SAGAT holds the run and hides the page, SPAM does not.
+"""Questions about the situation, compared with what the page showed and with the truth.
 
-SAGAT: situation awareness global assessment technique (Endsley 1988). SPAM: situation present assessment method; one
-question at a time beside the map, so that the time until the answer is a measure, too.
+SAGAT: situation awareness global assessment technique (Endsley 1988); the run is held and the page hidden. SPAM:
+situation present assessment method (Durso et al. 1998); one question at a time beside the map, once the person says
+to be ready, so that the time until then and the time until the answer are measures, too.
+
+A person cannot know what nobody has reported, so an answer is right if it is what the page showed (`known`). Whether
+that was true says something about the swarm.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 from typing import Annotated, NamedTuple
 
 from deltaswarm_scenario.columns import Column
 from deltaswarm_scenario.questions import CHOICE, NUMBER, FormSettings, FormTechnique, QuestionSettings
-from deltaswarm_scenario.technique import Measure, Recorded, ScoredTable, Technique
+from deltaswarm_scenario.technique import Measure, Recorded, ScoredTable, Seen, Technique
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.checked import Problem, key
 
 SAGAT, SPAM = "sagat", "spam"
 OPEN_EVENTS, IN_TREES, TREES, MOST_EVENTS = "open_events", "agents_in_trees", "trees", "most_events"
 QUARTERS = ("top left", "top right", "bottom left", "bottom right")
-RIGHT_SHARE = "person.situation_right_share"
-TITLE = "What is the situation?"
+TITLE, READY = "What is the situation?", "Are you ready for a question?"
+OR = " or "
 _MANY = 9999.0
 
 SITUATION = {
@@ -33,20 +37,37 @@ SITUATION = {
         QuestionSettings(MOST_EVENTS, "Which quarter of the area has most open events now?", CHOICE, choices=QUARTERS),
     )
 }
+EVERYWHERE = (OPEN_EVENTS, MOST_EVENTS)
+"""Questions that every control can be asked about; without trees the answers to the others are always 0."""
 
 
 @dataclass(frozen=True)
-class SagatSettings:
+class TimesSettings:
+    """The keys of times that are drawn for each run."""
+
+    situation_first_s: float = key(60.0, "earliest time that sagat_count and spam_count draw [s]", low=0, high=1e9)
+    situation_gap_s: float = key(
+        60.0, "least time between two drawn times, and from the last one to the end of the run [s]", above=0, high=1e9
+    )
+
+
+@dataclass(frozen=True)
+class SagatSettings(TimesSettings):
     """The keys of SAGAT."""
 
     sagat_at_s: tuple[float, ...] = key(
         (), "times at which the run is held and asks about the situation (SAGAT) [s]", above=0, high=1e9
     )
-    sagat_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about", choices=tuple(SITUATION))
+    sagat_count: int = key(
+        0, "number of such times that are drawn for each run, instead of sagat_at_s", low=0, high=100
+    )
+    sagat_questions: tuple[str, ...] = key(
+        EVERYWHERE, "what it asks about, each time in a drawn order", choices=tuple(SITUATION)
+    )
 
 
 @dataclass(frozen=True)
-class SpamSettings:
+class SpamSettings(TimesSettings):
     """The keys of SPAM."""
 
     spam_at_s: tuple[float, ...] = key(
@@ -55,49 +76,76 @@ class SpamSettings:
         above=0,
         high=1e9,
     )
-    spam_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about, in turn", choices=tuple(SITUATION))
-    spam_wait_s: float = key(30.0, "wall time after which a SPAM question counts as missing [s]", above=0, high=3600)
+    spam_count: int = key(0, "number of such times that are drawn for each run, instead of spam_at_s", low=0, high=100)
+    spam_questions: tuple[str, ...] = key(
+        EVERYWHERE, "what it asks about, in turn; each round has a drawn order", choices=tuple(SITUATION)
+    )
+    spam_wait_s: float = key(
+        30.0, "wall time after which the person is not ready, or an answer is missing [s]", above=0, high=3600
+    )
+    spam_ready: bool = key(True, "whether the person says to be ready before the question is shown")
 
 
 class SituationRow(NamedTuple):
-    """An answer about the situation beside the truth, in `situation.csv`."""
+    """An answer about the situation beside what the page showed and the truth, in `situation.csv`."""
 
     probe: Annotated[str, Column("", f"{SAGAT} or {SPAM}")]
     number: Annotated[int, Column("", "number of the question, as in probes.csv")]
     item: Annotated[str, Column("", "what was asked")]
-    asked_s: Annotated[float, Column("s", "time of the question")]
+    asked_s: Annotated[float, Column("s", "time at which the question was shown")]
     answer: Annotated[str, Column("", "the answer; empty: none was given")]
+    known: Annotated[str, Column("", "the right answer by what the page showed, or several with or between them")]
     truth: Annotated[str, Column("", "the right answer, or several with or between them")]
-    is_right: Annotated[int | None, Column("", "1: the answer is right")]
-    error: Annotated[float | None, Column("", "a number that was answered minus the right one")]
+    is_right: Annotated[int | None, Column("", "1: the answer is right by what the page showed")]
+    error: Annotated[float | None, Column("", "a number that was answered minus the one that the page showed")]
+    is_true: Annotated[int | None, Column("", "1: the answer is right by the truth")]
+    true_error: Annotated[float | None, Column("", "a number that was answered minus the true one")]
+    is_known_true: Annotated[int | None, Column("", "1: what the page showed was true, which depends on the swarm")]
+    known_error: Annotated[float | None, Column("", "the number that the page showed minus the true one")]
 
 
 def score(run: Recorded) -> list[SituationRow] | None:
-    """Score each answer against the truth at the end of the step of its question, if that is known."""
+    """Score each answer against what was known and true at the end of the step of its question, if that is known."""
     answers = [row for row in run.rows("probes") or () if row["probe"] in (SAGAT, SPAM)]
     by_time = {record.time_s: record for record in run.steps}
     rows = []
     for answer in answers:
-        record = by_time.get(float(answer["asked_s"]))
+        record = by_time.get(float(answer.get("ready_s") or answer["asked_s"]))
         if record is None:
             continue
-        truths = _truths(answer["item"], record, run)
-        value, is_number = answer["value"], answer["item"] != MOST_EVENTS
-        error = float(value) - float(truths[0]) if value and is_number else None
-        is_right = None if not value else int(error == 0) if is_number else int(value in truths)
-        asked = (answer["probe"], int(answer["number"]), answer["item"], record.time_s)
-        rows.append(SituationRow(*asked, value, " or ".join(truths), is_right, error))
+        value, known, item = answer["value"], answer.get("known", ""), answer["item"]
+        truth = OR.join(truths(item, record, run))
+        asked = (answer["probe"], int(answer["number"]), item, record.time_s)
+        of_known, of_truth, of_both = _compare(value, known), _compare(value, truth), _compare(known, truth)
+        rows.append(SituationRow(*asked, value, known, truth, *of_known, *of_truth, *of_both))
     return rows if answers else None
 
 
-def _truths(item: str, record: StepRecord, run: Recorded) -> list[str]:
-    """Return the right answers: several quarters may have most events."""
+def _compare(value: str, right: str) -> tuple[int | None, float | None]:
+    """Return whether a value is one of the right ones, and the difference of numbers; None without a value."""
+    if not value or not right:
+        return None, None
+    try:
+        error = float(value) - float(right)
+    except ValueError:
+        return int(value in right.split(OR) or value == right), None
+    return int(error == 0), error
+
+
+def truths(item: str, record: StepRecord, run: Recorded) -> list[str]:
+    """Return the right answers at the end of a step: several quarters may have most events."""
     if item != MOST_EVENTS:
         number = {OPEN_EVENTS: record.events_open, IN_TREES: record.agents_in_trees, TREES: record.trees}[item]
         return [str(number)]
-    counts = Counter(_quarter(event, run) for event in run.events if is_open(event, record.time_s))
-    most = max(counts.values(), default=0)
-    return [quarter for quarter in QUARTERS if counts[quarter] == most]
+    places = [(event.x_m, event.y_m) for event in run.events if is_open(event, record.time_s)]
+    return _most(places, run.width_m, run.height_m)
+
+
+def known(item: str, seen: Seen) -> str:
+    """Return the right answers by what the page shows."""
+    if item == MOST_EVENTS:
+        return OR.join(_most(seen.events_m, seen.width_m, seen.height_m))
+    return str({OPEN_EVENTS: len(seen.events_m), IN_TREES: len(seen.roots), TREES: len({*seen.roots})}[item])
 
 
 def is_open(event: EventState, time_s: float) -> bool:
@@ -105,53 +153,116 @@ def is_open(event: EventState, time_s: float) -> bool:
     return event.arrived_s <= time_s and (event.completed_s is None or event.completed_s > time_s)
 
 
-def _quarter(event: EventState, run: Recorded) -> str:
-    is_right, is_top = event.x_m >= run.width_m / 2, event.y_m >= run.height_m / 2
-    return QUARTERS[2 * (not is_top) + is_right]
+def _most(places_m: Iterable[tuple[float, float]], width_m: float, height_m: float) -> list[str]:
+    """Return the quarters of the area with most of these places."""
+    counts = Counter(QUARTERS[2 * (y_m < height_m / 2) + (x_m >= width_m / 2)] for x_m, y_m in places_m)
+    most = max(counts.values(), default=0)
+    return [quarter for quarter in QUARTERS if counts[quarter] == most]
+
+
+NEEDS = "operator.probes.sagat_at_s, .sagat_count, .spam_at_s or .spam_count"
+
+
+SHARES = (
+    (
+        "situation_right_share",
+        "is_right",
+        "answers about the situation (SAGAT, SPAM) that are what the page showed, as a share of those asked for",
+    ),
+    ("situation_true_share", "is_true", "the same by the truth"),
+    ("situation_known_share", "is_known_true", "questions to which what the page showed was true: the swarm's share"),
+)
+"""Measures with their columns of `situation.csv` and their meanings."""
+
+
+def shares(rows: Sequence[Mapping[str, str]]) -> dict[str, float | None]:
+    """Return the shares of rows of `situation.csv` that are right; one without an answer is not.
+
+    Of what the page showed, only questions that were shown count.
+    """
+
+    def share(column: str) -> float | None:
+        values = [row[column] for row in rows if column in row]  # a table may be older than a column
+        if column == "is_known_true":
+            values = [value for value in values if value]
+        return values.count("1") / len(values) if values else None
+
+    return {name: share(column) for name, column, _ in SHARES}
 
 
 class AtTimes(FormTechnique):
-    """What SAGAT and SPAM share: questions about the situation at given times, to a person."""
+    """What SAGAT and SPAM share: questions about the situation at given or drawn times, to a person."""
 
     needs_person = True
     scored = ScoredTable("situation", SituationRow, score)
-    measures = (
-        Measure(
-            RIGHT_SHARE,
-            "right answers about the situation (SAGAT, SPAM), as a share of those asked for",
-            "situation_right_share",
-            "operator.probes.sagat_at_s or .spam_at_s",
-            is_in_summary=False,
-        ),
+    measures = tuple(
+        Measure(f"person.{name}", meaning, name, NEEDS, is_in_summary=False) for name, _, meaning in SHARES
     )
-    texts = (TITLE, *(question.text for question in SITUATION.values()), *QUARTERS)
+    texts = (TITLE, READY, *(question.text for question in SITUATION.values()), *QUARTERS)
 
-    def __init__(self, at_s: Sequence[float], questions: Sequence[str]) -> None:
+    def __init__(self, at_s: Sequence[float], count: int, questions: Sequence[str], times: TimesSettings) -> None:
         self._at_s = sorted(at_s)
+        self._count = count
+        self._times = times
         self._questions = [SITUATION[name] for name in questions]
+        self._orders: list[list[QuestionSettings]] = []
+        """The questions in the drawn order of each round."""
 
     @classmethod
-    def missing(cls, at_s: Sequence[float], questions: Sequence[str]) -> list[Problem]:
-        """Return a problem if there are times but no questions."""
-        if questions or not at_s:
-            return []
-        allowed = f"must be at least one question, since {cls.name}_at_s has times"
-        return [Problem(f"{cls.name}_questions", "none", allowed)]
+    def wrong(cls, at_s: Sequence[float], count: int, questions: Sequence[str]) -> list[Problem]:
+        """Return a problem if there are times but no questions, or times of both kinds."""
+        problems = []
+        if (at_s or count) and not questions:
+            allowed = f"must be at least one question, since {cls.name}_at_s or {cls.name}_count gives times"
+            problems.append(Problem(f"{cls.name}_questions", "none", allowed))
+        if at_s and count:
+            problems.append(Problem(f"{cls.name}_count", f"{count}", f"must be 0, since {cls.name}_at_s gives times"))
+        return problems
 
     def problems_within(self, duration_s: float) -> list[Problem]:
-        """Return a problem if a time is not before the end of the run."""
+        """Return a problem if a time is not before the end of the run, or drawn times do not fit into it."""
         if late := ", ".join(f"{at_s:g}" for at_s in self._at_s if at_s >= duration_s):
             allowed = f"must be before the end of the run, run.duration_s = {duration_s:g}"
             return [Problem(f"operator.probes.{self.name}_at_s", late, allowed)]
+        if self._count and self._slack_s(duration_s) < 0:
+            first_s, gap_s = self._times.situation_first_s, self._times.situation_gap_s
+            most = max(0, math.floor((duration_s - first_s) / gap_s))
+            allowed = (
+                f"must be at most {most}: times from situation_first_s = {first_s:g} on, situation_gap_s = {gap_s:g} "
+                f"apart and before the end, run.duration_s = {duration_s:g}"
+            )
+            return [Problem(f"operator.probes.{self.name}_count", f"{self._count}", allowed)]
         return []
+
+    def _slack_s(self, duration_s: float) -> float:
+        """Return the time by which all drawn times together may move."""
+        return duration_s - self._times.situation_first_s - self._count * self._times.situation_gap_s
+
+    def draw(self, rng: Random, duration_s: float) -> None:
+        """Draw the times of a run, if they are not given, uniformly with their gap, and the order of the questions."""
+        if self._count:
+            first_s, gap_s = self._times.situation_first_s, self._times.situation_gap_s
+            shifts_s = sorted(rng.uniform(0.0, self._slack_s(duration_s)) for _ in range(self._count))
+            self._at_s = [round(first_s + at * gap_s + shift_s, 1) for at, shift_s in enumerate(shifts_s)]
+        self._orders = [rng.sample(self._questions, len(self._questions)) for _ in self._at_s]
+
+    def round(self, number: int) -> Sequence[QuestionSettings]:
+        """Return the questions in the order of a round; as they were given, if none was drawn."""
+        return self._orders[number] if number < len(self._orders) else self._questions
 
     def due_s(self, number: int, last_s: float, rng: Random) -> float:
         """Return the time with this number."""
         return self._at_s[number] if number < len(self._at_s) else math.inf
 
+    def known(self, number: int, seen: Seen) -> Mapping[str, str]:
+        """Return the right answer to each question by what the page shows."""
+        return {item: known(item, seen) for item in self.items(number)}
+
     @property
     def outline(self) -> str:
         """Its times."""
+        if self._count:
+            return f"{self.title} at {self._count} drawn times"
         return f"{self.title} at {', '.join(f'{at_s:g}' for at_s in self._at_s)} s"
 
 
@@ -163,16 +274,17 @@ class Sagat(AtTimes):
     @classmethod
     def of(cls, settings: SagatSettings) -> Iterable[Technique]:
         """Return SAGAT if it has times."""
-        return [cls(settings.sagat_at_s, settings.sagat_questions)] if settings.sagat_at_s else []
+        given = (settings.sagat_at_s, settings.sagat_count)
+        return [cls(*given, settings.sagat_questions, settings)] if any(given) else []
 
     @classmethod
     def problems(cls, settings: SagatSettings) -> list[Problem]:
         """Ask something."""
-        return cls.missing(settings.sagat_at_s, settings.sagat_questions)
+        return cls.wrong(settings.sagat_at_s, settings.sagat_count, settings.sagat_questions)
 
     def form(self, number: int) -> FormSettings:
         """Return all questions."""
-        return FormSettings(SAGAT, TITLE, question=tuple(self._questions))
+        return FormSettings(SAGAT, TITLE, question=tuple(self.round(number)))
 
 
 class Spam(AtTimes):
@@ -181,19 +293,25 @@ class Spam(AtTimes):
     name, title = SPAM, "SPAM"
 
     def __init__(self, settings: SpamSettings) -> None:
-        super().__init__(settings.spam_at_s, settings.spam_questions)
+        super().__init__(settings.spam_at_s, settings.spam_count, settings.spam_questions, settings)
         self.wait_s = settings.spam_wait_s
+        self.has_prompt = settings.spam_ready
 
     @classmethod
     def of(cls, settings: SpamSettings) -> Iterable[Technique]:
         """Return SPAM if it has times."""
-        return [cls(settings)] if settings.spam_at_s else []
+        return [cls(settings)] if settings.spam_at_s or settings.spam_count else []
 
     @classmethod
     def problems(cls, settings: SpamSettings) -> list[Problem]:
         """Ask something."""
-        return cls.missing(settings.spam_at_s, settings.spam_questions)
+        return cls.wrong(settings.spam_at_s, settings.spam_count, settings.spam_questions)
 
     def form(self, number: int) -> FormSettings:
         """Return the question whose turn it is."""
-        return FormSettings(SPAM, TITLE, question=(self._questions[number % len(self._questions)],))
+        at, place = divmod(number, len(self._questions))
+        return FormSettings(SPAM, TITLE, question=(self.round(at)[place],))
+
+    def prompt(self, number: int) -> FormSettings:
+        """Return what is asked before the question."""
+        return FormSettings(SPAM, READY)

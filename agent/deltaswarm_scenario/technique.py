@@ -31,6 +31,17 @@ class Recorded(NamedTuple):
     height_m: float = 0.0
 
 
+class Seen(NamedTuple):
+    """What the participant's page shows of the swarm at the end of a step."""
+
+    events_m: Sequence[tuple[float, float]] = ()
+    """Places of the events that are reported [m]."""
+    roots: Sequence[int] = ()
+    """The root of each agent that is shown in a tree, roots included."""
+    width_m: float = 0.0
+    height_m: float = 0.0
+
+
 class Measure(NamedTuple):
     """A number that a technique gives a run."""
 
@@ -73,6 +84,8 @@ class Technique:
     """Wall time to answer while the run goes on; None: the run is held until there is an answer."""
     needs_person = False
     """Whether it is asked only of a person at the station."""
+    has_prompt = False
+    """Whether the person says to be ready before the question is shown."""
     scored: ClassVar[ScoredTable | None] = None
     measures: Sequence[Measure] = ()
     texts: ClassVar[Sequence[str]] = ()
@@ -91,6 +104,13 @@ class Technique:
     def problems_within(self, duration_s: float) -> list[Problem]:
         """Return the mistakes in its settings in a run of this length."""
         return []
+
+    def draw(self, rng: Random, duration_s: float) -> None:
+        """Draw what is left to chance in a run of this length."""
+
+    def known(self, number: int, seen: Seen) -> Mapping[str, str]:
+        """Return what is right by what the page shows, by item; empty if it asks nothing about that."""
+        return {}
 
     def due_s(self, number: int, last_s: float, rng: Random) -> float:
         """Return the time at which a question during the run is due, after the last one; inf: never [s]."""

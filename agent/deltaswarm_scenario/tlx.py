@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from random import Random
 from typing import Any
 
 from deltaswarm_scenario.technique import AFTER, Answers, Measure, Technique
@@ -37,6 +39,7 @@ class Tlx(Technique):
 
     def __init__(self, settings: TlxSettings) -> None:
         self._has_weights = settings.tlx_weights
+        self._pairs = [list(pair) for pair in combinations(SCALES, 2)]
         if not self._has_weights:
             self.measures = self.measures[:1]
 
@@ -44,6 +47,15 @@ class Tlx(Technique):
     def of(cls, settings: TlxSettings) -> Iterable[Technique]:
         """Return NASA-TLX if it is asked."""
         return [cls(settings)] if settings.tlx else []
+
+    def draw(self, rng: Random, duration_s: float) -> None:
+        """Draw the order of the pairs, and of the scales in each."""
+        if self._has_weights:
+            self._pairs = [rng.sample(pair, 2) for pair in rng.sample(self._pairs, PAIRS)]
+
+    def shown(self, number: int, asked_s: float, left_s: float | None) -> dict[str, Any]:
+        """Return the pairs, if they are asked for."""
+        return {"kind": TLX} | ({"pairs": self._pairs} if self._has_weights else {})
 
     def items(self, number: int) -> Sequence[str]:
         """Return the scales; weights have rows only if they are given."""

@@ -25,6 +25,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
 from deltaswarm_sessions.folder import folder_name
+from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
@@ -135,7 +136,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     participant: int = arguments.participant
     check_out(out)
     runner = Runner(
-        session=Session(participant, plan(settings, participant, beside)),
+        session=Session(participant, plan(settings, participant, beside), shows_score=settings.score),
         folder=out / folder_name(participant),
         speed=settings.speed,
         listen=arguments.station_listen,
@@ -147,6 +148,8 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     for warning in runner.check():
         notice(warning)
     if arguments.dry_run:
+        for warning in situation_warnings(runner.session.runs):
+            notice(warning)
         outlined = outline(settings, runner.session.runs, is_concealed=not runner.has_begun)
         show(arguments, outlined, outline_text(outlined))
         return OK

@@ -11,6 +11,7 @@ from deltaswarm_orchestrator.results.folder import results_in
 from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION, read_rows
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.situation import shares
 from deltaswarm_scenario.technique import AFTER
 from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_sessions.plan import PlannedRun
@@ -105,8 +106,7 @@ def summary_of(run: Path) -> dict[str, Any]:
     seal.checked(run / seal.MANIFEST)
     summary = _with_later_answers(run, _having(run / SUMMARY, seal.read_sealed(run / SUMMARY), "complete"))
     if rows := read_rows(run / SITUATION):
-        share = sum(row["is_right"] == "1" for row in rows) / len(rows)
-        summary["person"] = {**(summary.get("person") or {}), "situation_right_share": share}
+        summary["person"] = {**(summary.get("person") or {}), **shares(rows)}
     return summary
 
 

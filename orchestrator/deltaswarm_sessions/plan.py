@@ -161,7 +161,9 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         if place == 0:
             number = 0  # all train with the same arrivals
         elif settings.arrivals == CROSSED and stream is not None:
-            number = stream + 1
+            chosen = (participant - 1) // group_of(count, is_crossed=True) % settings.arrival_sets
+            number = chosen * (MAX_CONDITIONS + 1) + stream + 1
+            stream += chosen * count
         else:
             number, stream = participant * (MAX_CONDITIONS + 1) + place, None
         scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
@@ -237,12 +239,15 @@ def outline(settings: SessionSettings, planned: Sequence[PlannedRun], *, is_conc
         runs[1:] = sorted(runs[1:], key=lambda run: labels.index(run.label))
     rows = [_row(run.label, run.scenario, settings.speed) for run in runs]
     minutes = [row["wall_min"] for row in rows]
+    count, is_crossed = len(settings.condition), settings.arrivals == CROSSED
     return {
         "runs": rows,
         "is_order_concealed": is_concealed,
         "training_runs_at_most": settings.training.criterion.max_runs if settings.training.criterion else 1,
         "wall_min": None if None in minutes else sum(minutes),
         "forms": {form.name: form.when for form in settings.form},
+        "group": group_of(count, is_crossed=is_crossed),
+        "streams": count * settings.arrival_sets if is_crossed else None,
     }
 
 
@@ -259,6 +264,12 @@ def outline_text(outlined: dict[str, Any]) -> str:
         lines.append(f"Forms of the session: {forms}.")
     if (most := outlined["training_runs_at_most"]) > 1:
         lines.append(f"Training: until the criterion is reached, at most {most} runs.")
+    lines.append(f"Recruit participants in groups of {outlined['group']}, which do every order equally often.")
+    if (streams := outlined["streams"]) is not None:
+        lines.append(
+            f"Streams of arrivals: {streams}. A measure of the swarm that nobody commands has n = {streams} per "
+            "condition, however many participants there are; a measure of the person has one value per participant."
+        )
     if outlined["wall_min"] is not None:
         lines.append(f"All runs take {outlined['wall_min']:.0f} min, besides questions, forms and repeated training.")
     return "\n".join(lines)

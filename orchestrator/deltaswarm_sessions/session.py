@@ -103,9 +103,10 @@ class Say:
 class Session:
     """The state of a session. Its user carries out each step, and puts the attempts that exist then into `attempts`."""
 
-    def __init__(self, participant: int, runs: Sequence[PlannedRun]) -> None:
+    def __init__(self, participant: int, runs: Sequence[PlannedRun], *, shows_score: bool = True) -> None:
         self.participant = participant
         self.runs = runs
+        self._shows_score = shows_score
         self.attempts: dict[str, list[Attempt]] = {run.folder: [] for run in runs}
         """All attempts at each run that have ended, in order, by the folder of the run."""
 
@@ -170,7 +171,7 @@ class Session:
 
     def _after(self, run: PlannedRun, attempt: Attempt) -> Iterator[Ask | Say]:
         """Yield what follows a run that has just ended: the score, questions without an answer, and what they lack."""
-        if score := attempt.score:
+        if (score := attempt.score) and self._shows_score:
             yield Ask(attempt, ProbeSettings(isa_every_s=0.0, form=(score,)), "")
         yield from self._asked(run, attempt)
         if missing := self.attempts[run.folder][-1].answers_missing:

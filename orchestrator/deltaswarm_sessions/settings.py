@@ -160,6 +160,13 @@ class SessionSettings:
         "crossed: one stream of arrivals per condition, balanced over conditions and places; own: new ones each run",
         choices=(CROSSED, OWN),
     )
+    arrival_sets: int = key(
+        1,
+        "with crossed: sets of streams; each group of participants gets the next one, and after the last the first",
+        low=1,
+        high=MAX_PARTICIPANT,
+    )
+    score: bool = key(True, "whether the page shows the score after a run with a task")
     consent: str = key("", "a text file that a participant must agree to before the first run")
     set: tuple[str, ...] = key((), "scenario keys of all runs, as key=value; a run's own set goes last")
     language: str = key("", "language of the page, as operator.page.language; a file is in the same folder")
@@ -176,6 +183,8 @@ class SessionSettings:
         if not 1 <= len(self.condition) <= MAX_CONDITIONS:
             allowed = f"must be 1 to {MAX_CONDITIONS} tables [[session.condition]]"
             problems.append(Problem("condition", f"{len(self.condition)}", allowed))
+        if self.arrivals == OWN and self.arrival_sets != 1:
+            problems.append(Problem("arrival_sets", f"{self.arrival_sets}", "must be 1, since arrivals are own"))
         if len(set(labels)) < len(labels):
             problems.append(Problem("condition", ", ".join(labels), "must have different labels"))
         forms = [form.name for form in self.form]

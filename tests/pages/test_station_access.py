@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from tests.support.station_feed import Message, Swarm
+from tests.support.station_feed import TLX, Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 from tests.support.tiers import first_of, nightly
 
@@ -42,7 +42,7 @@ QUESTIONS = [
 
 def a_form(name: str, *, hides: bool) -> Message:
     form = {"name": name, "title": "About you", "text": "Please answer.", "question": QUESTIONS}
-    return {"kind": "form", "number": 0, "hides": hides, "form": form}
+    return {"kind": "form", "number": 0, "hides": hides, "left_s": None, "form": form}
 
 
 PROBES: dict[str, Message] = {
@@ -50,7 +50,7 @@ PROBES: dict[str, Message] = {
     "form": a_form("you", hides=False),
     "sagat": a_form("sagat", hides=True),
     "isa": {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0},
-    "tlx": {"kind": "tlx"},
+    "tlx": TLX,
 }
 
 
@@ -148,10 +148,22 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
         return page.asked(kind)
 
     ask(page, "sheet")
-    press(Keys.TAB, Keys.SPACE, Keys.TAB, Keys.TAB, Keys.TAB, Keys.ENTER)
+    press(Keys.TAB, Keys.TAB, Keys.SPACE, Keys.TAB, Keys.TAB, Keys.TAB, Keys.ENTER)
     assert done("sheet")["consent"] is True
     ask(page, "form")
-    press(Keys.TAB, "30", Keys.TAB, Keys.SPACE, Keys.ARROW_RIGHT, Keys.TAB, Keys.SPACE, Keys.TAB, Keys.TAB, Keys.ENTER)
+    press(
+        Keys.TAB,
+        Keys.TAB,
+        "30",
+        Keys.TAB,
+        Keys.SPACE,
+        Keys.ARROW_RIGHT,
+        Keys.TAB,
+        Keys.SPACE,
+        Keys.TAB,
+        Keys.TAB,
+        Keys.ENTER,
+    )
     assert page.asked("form")["answers"] == {"age": 30, "sure": 2, "hand": "left"}
     page.player.swarm.probe = None
     page.player.show(101.5)
@@ -166,8 +178,10 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
     press("a note", Keys.TAB, Keys.ENTER)
     assert page.asked("note")["text"] == "a note"
     ask(page, "tlx")
+    press(Keys.TAB)
     for _ in range(6):
         press(Keys.ARROW_RIGHT, Keys.TAB)
+    press(Keys.ENTER, Keys.TAB)
     for _ in range(15):
         press(Keys.SPACE, Keys.TAB)
     press(Keys.ENTER)

@@ -14,7 +14,7 @@ from deltaswarm_scenario.page_language import TEXTS, page_texts
 from deltaswarm_scenario.task import GOAL
 from deltaswarm_sessions import session
 from tests.support.page_texts import texts
-from tests.support.station_feed import CONSENT, FORMS, Message, Swarm
+from tests.support.station_feed import CONSENT, FORMS, TLX, Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -34,6 +34,7 @@ SESSION = {
     "sheet": {"consent": CONSENT, "participant": "P07", "condition": "2"},
     "asks": {"isa": True, "tlx": True, "weights": True},
 }
+SET_SCALES = "for (const e of document.querySelectorAll('#tlx [type=range]')) e.dispatchEvent(new Event('input'));"
 DATA = {"P07", "NASA", "TLX", "min"}
 """Words that are no texts: a participant's code, an instrument's name, a unit."""
 
@@ -163,7 +164,10 @@ def test_every_question_is_translated(pseudo: Callable[..., Page]) -> None:
     assert untranslated(page) == []
     asks(page, "isa", kind="isa", number=3, asked_s=90.0, left_s=21.0)
     assert untranslated(page) == []
-    asks(page, "tlx", kind="tlx")
+    asks(page, "tlx", **TLX)
+    assert untranslated(page) == []
+    page.driver.execute_script(SET_SCALES)
+    page.at("tlx-send").click()
     assert untranslated(page) == []
     asks_form(page)
     page.at("form-send").click()
@@ -227,9 +231,10 @@ def work(page: Page) -> list[Message]:
         page.all(f"#form-questions {selector}")[0].click()
     page.at("form-send").click()
     sent.append(page.asked("form"))
-    asks(page, "tlx", kind="tlx")
+    asks(page, "tlx", **TLX)
+    page.driver.execute_script(SET_SCALES)
+    page.at("tlx-send").click()
     page.driver.execute_script(
-        "for (const e of document.querySelectorAll('#tlx [type=range]')) e.dispatchEvent(new Event('input'));"
         "for (const e of document.querySelectorAll('#tlx-pairs fieldset')) e.querySelector('input').click();"
     )
     page.at("tlx-send").click()

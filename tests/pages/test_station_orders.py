@@ -108,13 +108,14 @@ def test_an_event_is_the_place_of_an_order(page: Page) -> None:
 
 
 def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
-    """A letter that begins an option chooses it, others and the answers to ISA are shortcuts; Escape leaves a field."""
+    """A letter that begins an option chooses it, and so do digits right after it; Escape leaves a field."""
     page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
     page.player.show(101.0)
     page.until(lambda: page.at("isa").is_displayed())
     page.press("c", "h")
     assert page.at("command-name").get_property("value") == "hold"
     page.press("4")
+    page.press(Keys.ESCAPE, "4")
     assert page.asked("isa") == {"type": "isa", "number": 3, "answer": 4}
     page.press(Keys.ESCAPE, "n", "p")
     assert page.at("note-text").get_property("value") == "p"

@@ -9,7 +9,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from tests.support.station_feed import PATIENCE_S, Swarm
+from tests.support.station_feed import PATIENCE_S, SCALES, TLX, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -153,27 +153,29 @@ def test_help_over_isa_does_not_swallow_its_answer(page: Page) -> None:
 
 def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
     """Six scales by keyboard, fifteen pairs, and nothing is sent before all are answered."""
-    asks = {"isa": True, "tlx": True, "weights": True}
-    page.feed.send(page.player.swarm.hello(session={"sheet": None, "asks": asks}))
-    page.player.swarm.probe = {"kind": "tlx"}
+    page.player.swarm.probe = TLX
     page.player.show(101.0)
     page.until(lambda: page.at("tlx").is_displayed())
     page.press(Keys.ESCAPE)
     assert page.at("tlx").is_displayed()
-    scales = ["mental", "physical", "temporal", "performance", "effort", "frustration"]
-    for count, name in enumerate(scales):
+    for count, name in enumerate(SCALES):
+        assert page.at(f"tlx-{name}").get_attribute("data-answered") == "false"
+        assert not page.at("tlx-send").is_enabled()
         page.at(f"tlx-{name}").send_keys(Keys.HOME, *[Keys.ARROW_RIGHT] * count)
+    assert not page.at("tlx-pairs").is_displayed()
+    page.at("tlx-send").click()
     assert not page.at("tlx-send").is_enabled()
     assert page.text("tlx-missing") == "Still to answer: 15 of 15 pairs."
     page.driver.refresh()
     page.until(lambda: page.at("tlx").is_displayed())
+    assert not page.at("tlx-scales").is_displayed()
     for pair in page.all("#tlx-pairs fieldset"):
         pair.find_elements(By.TAG_NAME, "input")[0].click()
     page.at("tlx-send").click()
     assert page.asked("tlx") == {
         "type": "tlx",
-        "scales": {name: 5 * count for count, name in enumerate(scales)},
-        "weights": {name: 5 - count for count, name in enumerate(scales)},
+        "scales": {name: 5 * count for count, name in enumerate(SCALES)},
+        "weights": {name: 5 - count for count, name in enumerate(SCALES)},
     }
     page.until(lambda: not page.at("tlx").is_displayed())
 
@@ -194,7 +196,7 @@ def test_the_sheet_and_notes(page: Page) -> None:
     page.press("the left half is <empty>")
     ActionChains(page.driver).key_down(Keys.CONTROL).send_keys(Keys.ENTER).key_up(Keys.CONTROL).perform()
     assert page.asked("note") == {"type": "note", "text": "the left half is <empty>"}
-    assert page.texts("#notes-list > li") == ["1:41the left half is <empty>"]
+    page.until(lambda: page.texts("#notes-list > li") == ["1:41the left half is <empty>"])
     page.driver.refresh()
     page.until(lambda: page.texts("#notes-list > li") == ["1:41the left half is <empty>"])
 

@@ -1,5 +1,6 @@
 """The page as an instrument: nothing passes from one run to the next, and what happens to it is noted."""
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -256,6 +257,91 @@ def test_a_question_in_passing_leaves_all_in_view(page: Page) -> None:
     page.player.swarm.probe = None
     page.player.show(102.0)
     page.until(lambda: not page.at("form").is_displayed())
+
+
+def test_no_question_takes_a_key_that_was_meant_for_something_else(page: Page) -> None:
+    """Digits of a note stay in it when a question comes, beside the map or over it; q leads to one beside it."""
+    form = {**a_form(0)["form"], "title": "Are you ready?", "question": []}
+    page.press("n")
+    page.press("1")
+    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0, "prompt": True, "form": form}
+    page.player.show(101.0)
+    page.until(lambda: page.at("form").is_displayed())
+    page.press("2")
+    assert page.at("note-text").get_property("value") == "12"
+    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0}
+    page.player.show(102.0)
+    page.until(lambda: page.texts("#form-questions input"))
+    page.press("3")
+    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    page.player.show(103.0)
+    page.until(lambda: page.at("isa").is_displayed())
+    page.press("4")
+    assert page.at("note-text").get_property("value") == "1234"
+    page.player.swarm.probe = a_form(1)
+    page.player.show(104.0)
+    page.until(lambda: page.at("form").is_displayed())
+    page.press("5")
+    assert page.at("question-0").get_property("value") == ""
+    page.player.swarm.probe = {**a_form(2), "hides": False, "left_s": 20.0}
+    page.player.show(105.0)
+    page.until(lambda: page.at("note-text").is_displayed() and page.at("form").is_displayed())
+    page.driver.execute_script("document.activeElement.blur()")
+    page.press("q")
+    page.press("6")
+    assert page.at("question-0").get_property("value") == "6"
+    assert page.at("note-text").get_property("value") == "1234"
+
+
+def test_a_prompt_comes_before_the_question_and_both_are_timed_by_the_page(page: Page) -> None:
+    """From the frame that shows each; the question itself is not on the page before the person is ready."""
+    form = {**a_form(0)["form"], "title": "Are you ready?", "question": []}
+    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0, "prompt": True, "form": form}
+    page.player.show(101.0)
+    page.until(lambda: page.at("form").is_displayed())
+    assert page.text("form-send") == "Ready"
+    assert page.texts("#form-questions > *") == []
+    page.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+    page.at("form-send").click()
+    ready = page.player.heard(lambda intent: intent["type"] == "ready")
+    assert (ready["form"], ready["number"]) == ("sagat", 0)
+    assert 0.0 < ready["page_s"] - ready["shown_s"] < 30.0
+    assert abs(ready["page_s"] - time.time()) < 30.0
+    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0}
+    page.player.show(102.0)
+    page.until(lambda: page.texts("#form-questions input"))
+
+
+def test_a_scale_has_no_mark_before_the_first_click(page: Page) -> None:
+    """Nothing suggests an answer, neither to the eye nor to a screen reader."""
+    asks(page, "tlx")
+    slider = page.at("tlx-mental")
+    assert slider.get_attribute("aria-valuetext") == "not answered yet"
+    looks = []
+    for value in (0, 100):
+        page.driver.execute_script("arguments[0].value = arguments[1]", slider, value)
+        looks.append(slider.screenshot_as_png)
+    assert looks[0] == looks[1]
+    slider.click()
+    assert slider.get_property("value") == "50"
+    assert slider.get_attribute("aria-valuetext") is None
+    page.press(Keys.TAB)
+    assert slider.screenshot_as_png != looks[0]
+
+
+def test_an_event_is_not_judged_after_the_end(page: Page) -> None:
+    """Neither by a button nor by a key."""
+    hello(page, goal="Find the targets.")
+    page.at("tab-events").click()
+    page.until(lambda: page.texts("#events-list > li"))
+    page.all('#events-list [data-key="2"] button')[0].click()
+    page.until(lambda: page.at("judge-target").is_enabled())
+    page.player.swarm.over = True
+    page.player.show(101.0)
+    page.until(lambda: not page.at("judge-target").is_enabled())
+    page.press("x", "n")
+    page.player.heard(lambda intent: intent["type"] == "page" and intent.get("text") == "tab-notes")
+    assert not any(intent["type"] == "judge" for intent in page.player.intents)
 
 
 ACTIVITY = """

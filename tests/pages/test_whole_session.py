@@ -95,10 +95,14 @@ class Participant:
             self.at("tlx-send").click()
             wait_until(lambda: not self.at("tlx").is_displayed(), "NASA-TLX is taken")
         elif self.at("isa").is_displayed():
-            before = time.time()
-            self.driver.execute_script("document.querySelector('#isa [data-answer=\"3\"]').click()")
-            wait_until(lambda: not self.at("isa").is_displayed(), "ISA is taken")
-            self.isa.append((before, time.time()))
+            self.answer_isa()
+
+    def answer_isa(self) -> None:
+        """Click on an answer."""
+        before = time.time()
+        self.driver.execute_script("document.querySelector('#isa [data-answer=\"3\"]').click()")
+        wait_until(lambda: not self.at("isa").is_displayed(), "ISA is taken")
+        self.isa.append((before, time.time()))
 
     def fill(self) -> None:
         """Fill in the form, which has one question."""

@@ -14,13 +14,15 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 Message = dict[str, Any]
 
 PATIENCE_S = 30.0
-AGAIN_S = 1.0
-"""The newest picture comes again after this time: a page over whose connection nothing comes connects anew."""
+SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
+TLX: Message = {"kind": "tlx", "pairs": [list(pair) for pair in combinations(SCALES, 2)]}
+"""NASA-TLX with weights."""
 
 FORMS: list[Message] = [
     {
@@ -272,7 +274,10 @@ class Feed:
 
 
 class Player:
-    """Answers browsers from a thread, as an operator would, and keeps what they asked."""
+    """Answers browsers from a thread, as an operator would, and keeps what they asked.
+
+    A beat is answered by the newest picture: a page over whose connection nothing comes connects anew.
+    """
 
     def __init__(self, feed: Feed, swarm: Swarm, time_s: float = 100.0) -> None:
         self.swarm = swarm
@@ -309,9 +314,7 @@ class Player:
     def _run(self) -> None:
         while True:
             try:
-                while not select.select([self._feed.socket], [], [], AGAIN_S)[0]:
-                    with self._news:
-                        self._feed.send(self._shown)
+                select.select([self._feed.socket], [], [])
                 intent: Message = json.loads(self._feed.socket.recv(1 << 20))
             except (OSError, ValueError):
                 return  # the feed is closed
@@ -322,6 +325,7 @@ class Player:
                 self._feed.send(*self.swarm.answer(intent, self.time_s))
                 if intent["type"] not in ("catch_up", "page", "beat"):
                     self._shown = self.swarm.picture(self.time_s)
+                if intent["type"] not in ("catch_up", "page"):
                     self._feed.send(self._shown)
                 if intent["type"] not in ("catch_up", "beat"):
                     self.intents.append(intent)

@@ -23,6 +23,7 @@ from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow
+from deltaswarm_scenario.technique import Seen
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -81,7 +82,9 @@ class Console:
     def __init__(self, briefing: Briefing, command_log: CommandLog | None = None, *, in_air: bool = False) -> None:
         self.picture = Picture(briefing.step_s)
         self.command_log = command_log or CommandLog(briefing.forms)
-        self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
+        rng = Random(f"deltaswarm/{briefing.seed}/probes")
+        drawn = Random(f"deltaswarm/{briefing.seed}/probes drawn")  # of its own: ISA's times stay
+        self.probes = Probes(briefing.operator.probes, rng, drawn, briefing.duration_s)
         self.probes.is_timed = False
         self.person = person_of(briefing)
         self.autonomy = autonomy_of(briefing)
@@ -107,6 +110,8 @@ class Console:
         self.step = -1
         """The newest closed step."""
         self._is_over = False
+        self.over_wall_s: float | None = None
+        """When the last step was closed; None before."""
         self._workload: Workload | None = None
         self._messages = 0
         self._steps_above = [0 for _ in self._thresholds]
@@ -189,6 +194,7 @@ class Console:
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self.history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
+        self.over_wall_s = wall_s if clock.last else None
         self.beats.close_step(wall_s)
         self.probes.tick(
             clock.time_s,
@@ -197,6 +203,7 @@ class Console:
             is_attended=self.is_attended,
             is_held=self.is_held,
             is_away=self.beats.is_away,
+            see=self.see,
         )
         if self.attention is not None:
             self.attention.close_step(self.picture)
@@ -206,6 +213,10 @@ class Console:
         if self.autonomy is not None:
             self._act_as_system(self.autonomy, workload.rate_60s_hz)
         return self.turn()
+
+    def see(self) -> Seen:
+        """Return what the page shows of the swarm."""
+        return self.picture.seen(self.briefing.width_m, self.briefing.height_m)
 
     def turn(self) -> Turn:
         """Return the turn with the commands given so far."""

@@ -109,11 +109,14 @@ def _veto(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if not console.briefing.operator.task.is_on:
         raise ValueError("in this run events are not judged")
+    made_wall_s = at["monotonic_s"] - (at["delay_s"] or 0.0)
+    if console.over_wall_s is not None and made_wall_s > console.over_wall_s:
+        raise ValueError("the run is over")
     event, answer = raw["event"], raw["answer"]
     if answer not in CLASSES:
         raise ValueError(f"the answer must be {' or '.join(CLASSES)} (got {answer!r})")
-    if event not in console.picture.events:
-        raise ValueError(f"event {event} must be one that is reported now")
+    if event not in console.picture.events and event not in console.picture.closed:
+        raise ValueError(f"event {event} must be one that was reported")
     console.judgements[event] = answer
     console.note(kind="judge", name=answer, event=event, **at)
     return []
@@ -135,6 +138,12 @@ def _answer(console: Console, raw: Raw, at: Raw) -> list[Message]:
     console.note(kind=raw["type"], **columns, **at)
     if was_held:
         console.go_on(at["monotonic_s"])
+    return []
+
+
+def _ready(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    console.probes.be_ready(raw, console.picture.now_s, at["monotonic_s"], console.see())
+    console.note(kind="ready", name=raw["form"], **at)
     return []
 
 
@@ -182,6 +191,7 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "isa": _answer,
     "tlx": _answer,
     "form": _answer,
+    "ready": _ready,
     "note": _note,
     "page": _page,
     "beat": lambda console, raw, at: [],  # that it came is noted above

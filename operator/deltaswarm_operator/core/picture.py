@@ -7,6 +7,7 @@ Everything reported is kept with its time, so it ages; nothing else is made up.
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from deltaswarm_scenario.technique import Seen
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Report
 
@@ -199,6 +200,11 @@ class Picture:
     def waiting(self, longer_than_s: float) -> int:
         """Return the number of unread items older than this [s]."""
         return sum(self.now_s - self.inbox[number].time_s > longer_than_s for number in self.unread)
+
+    def seen(self, width_m: float, height_m: float) -> Seen:
+        """Return what the page shows, to compare answers about the situation with."""
+        places_m = [(known.x_m, known.y_m) for known in self.events.values()]
+        return Seen(places_m, [known.root for known in self.agents.values() if known.root != NOBODY], width_m, height_m)
 
     def rows(self) -> dict[str, list[list[Any]]]:
         """Return agents and events in the page's format; events with the agents that say they attend them."""

@@ -6,14 +6,22 @@ does not hold the run is not asked beside another, and is missing if its answer 
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from random import Random
 from typing import Any, NamedTuple
 
 from deltaswarm_scenario.person_tables import ProbeRow
-from deltaswarm_scenario.questions import SHEET
-from deltaswarm_scenario.technique import AFTER, BEFORE, DURING, Answers, Technique
+from deltaswarm_scenario.questions import SHEET, FormTechnique
+from deltaswarm_scenario.technique import AFTER, BEFORE, DURING, Answers, Seen, Technique
 from deltaswarm_scenario.techniques import TECHNIQUES, ProbeSettings
+
+NOT_OPEN = "this question is no longer open"
+
+
+def _reaction_s(message: Mapping[str, Any]) -> float | None:
+    """Return the time from the frame that showed a question to the answer, by the page's clock [s]."""
+    shown_s, page_s = message.get("shown_s"), message.get("page_s")
+    return None if shown_s is None or page_s is None else round(page_s - shown_s, 3)
 
 
 class _Asked(NamedTuple):
@@ -25,6 +33,10 @@ class _Asked(NamedTuple):
     asked_wall_s: float
     held_s: float = 0.0
     """Wall time since then in which the run was held [s]."""
+    known: Mapping[str, str] = {}
+    """What is right by what the page showed, by item."""
+    ready: "_Ready | None" = None
+    """How the person became ready, after a prompt."""
 
     @property
     def items(self) -> tuple[str, ...]:
@@ -35,6 +47,25 @@ class _Asked(NamedTuple):
     def holds_run(self) -> bool:
         """Whether the run waits for the answer."""
         return self.technique.wait_s is None
+
+    @property
+    def is_prompt(self) -> bool:
+        """Whether the person is still to say to be ready."""
+        return self.technique.has_prompt and self.ready is None
+
+    @property
+    def since_wall_s(self) -> float:
+        """Return when the time to answer began, or that to become ready."""
+        return self.asked_wall_s if self.ready is None else self.ready.wall_s
+
+
+class _Ready(NamedTuple):
+    """When the person was ready for a question, and for how long its prompt had been there."""
+
+    ready_s: float
+    wall_s: float
+    latency_s: float
+    reaction_s: float | None
 
 
 class _Due(NamedTuple):
@@ -47,7 +78,9 @@ class _Due(NamedTuple):
 class Probes:
     """The questions of one run. `wall_s` is any monotonic clock, such as `time.monotonic`."""
 
-    def __init__(self, settings: ProbeSettings, rng: Random) -> None:
+    def __init__(
+        self, settings: ProbeSettings, rng: Random, drawn: Random | None = None, duration_s: float = 0.0
+    ) -> None:
         self.rows: list[ProbeRow] = []
         """Every answer, or its absence."""
         self.opened: deque[ProbeRow] = deque()
@@ -58,6 +91,8 @@ class Probes:
         """Number of rows that were taken to be written down."""
         self._techniques = {technique.name: technique for technique in settings.techniques}
         self._rng = rng
+        for technique in self._techniques.values():
+            technique.draw(drawn or rng, duration_s)
         self._questions = self._missing = 0
         self._due = {
             name: _Due(0, technique.due_s(0, 0.0, rng))
@@ -104,9 +139,15 @@ class Probes:
         """Return a row for each item; `wall_s`: when it was answered, None if it was not."""
         latency_s = None if wall_s is None else round(self._waited_s(asked, wall_s), 3)
         row = ProbeRow(asked.technique.name, asked.number, "", None, asked.asked_s, latency_s)
+        if (ready := asked.ready) is not None:
+            row = row._replace(
+                ready_s=ready.ready_s, ready_latency_s=ready.latency_s, ready_reaction_s=ready.reaction_s
+            )
         if self.is_timed:
             row = row._replace(asked_monotonic_s=asked.asked_wall_s, answered_monotonic_s=wall_s)
-        return [row._replace(item=item, value=value) for item, value in answers.items()]
+        return [
+            row._replace(item=item, value=value, known=asked.known.get(item, "")) for item, value in answers.items()
+        ]
 
     @property
     def is_sheet_open(self) -> bool:
@@ -128,7 +169,7 @@ class Probes:
     def hold(self, wall_s: float, *, is_held: bool) -> None:
         """Note that the run is held, or goes on: meanwhile the time for an answer does not pass."""
         if self._held_since_wall_s is not None and self._asked is not None:
-            since_wall_s = max(self._held_since_wall_s, self._asked.asked_wall_s)
+            since_wall_s = max(self._held_since_wall_s, self._asked.since_wall_s)
             self._asked = self._asked._replace(held_s=self._asked.held_s + wall_s - since_wall_s)
         self._held_since_wall_s = wall_s if is_held else None
 
@@ -137,10 +178,10 @@ class Probes:
         if not self.is_timed:
             return 0.0
         if asked.holds_run:
-            return wall_s - asked.asked_wall_s
+            return wall_s - asked.since_wall_s
         held = self._held_since_wall_s
-        held_s = 0.0 if held is None else wall_s - max(held, asked.asked_wall_s)
-        return wall_s - asked.asked_wall_s - asked.held_s - held_s
+        held_s = 0.0 if held is None else wall_s - max(held, asked.since_wall_s)
+        return wall_s - asked.since_wall_s - asked.held_s - held_s
 
     def _left_s(self, asked: _Asked, wall_s: float) -> float | None:
         """Return how much time is left to answer a question [wall s]; None: it holds the run."""
@@ -173,10 +214,11 @@ class Probes:
         is_attended: bool = False,
         is_held: bool = False,
         is_away: bool = False,
+        see: Callable[[], Seen] = Seen,
     ) -> None:
         """Ask the questions that are due at a simulated time, one that holds the run only while it is held.
 
-        While the participant's page is away, only a question that holds the run is asked.
+        While the participant's page is away, only a question that holds the run is asked. `see` returns what it shows.
         """
         self._expire(wall_s, at_once=is_last)
         if is_last:
@@ -186,7 +228,8 @@ class Probes:
             technique = self._techniques[name]
             may_ask = is_held if technique.wait_s is None else self._asked is None and not is_away
             if now_s >= due_s and may_ask and (is_attended or not technique.needs_person):
-                self._ask(_Asked(technique, number, now_s, wall_s))
+                known = {} if technique.has_prompt else technique.known(number, see())
+                self._ask(_Asked(technique, number, now_s, wall_s, known=known))
                 self._due[name] = _Due(number + 1, technique.due_s(number + 1, max(due_s, now_s), self._rng))
 
     def end(self, now_s: float, wall_s: float) -> None:
@@ -220,7 +263,25 @@ class Probes:
         if asked is None:
             return None
         left_s = self._left_s(asked, wall_s)
-        return asked.technique.shown(asked.number, asked.asked_s, None if left_s is None else round(left_s, 1))
+        left_s = None if left_s is None else round(left_s, 1)
+        if asked.is_prompt:
+            assert isinstance(asked.technique, FormTechnique)
+            return asked.technique.shown_prompt(asked.number, left_s)
+        return asked.technique.shown(asked.number, asked.asked_s, left_s)
+
+    def be_ready(self, message: Mapping[str, Any], now_s: float, wall_s: float, seen: Seen) -> None:
+        """Take the person's word to be ready: the question is shown, about what is seen now.
+
+        Raises:
+            ValueError: no such prompt is open.
+        """
+        self._expire(wall_s, at_once=False)
+        asked = self._asked
+        if asked is None or not asked.is_prompt or not asked.technique.is_meant(asked.number, message):
+            raise ValueError(NOT_OPEN)
+        ready = _Ready(now_s, wall_s, round(self._waited_s(asked, wall_s), 3), _reaction_s(message))
+        known = asked.technique.known(asked.number, seen)
+        self._asked = asked._replace(ready=ready, held_s=0.0, known=known)
 
     def answer(self, message: Mapping[str, Any], wall_s: float) -> tuple[dict[str, Any], bool]:
         """Take an answer from the page; return columns of the act, and whether the run was held for it.
@@ -231,8 +292,8 @@ class Probes:
         self._expire(wall_s, at_once=False)
         asked = self._asked
         is_open = asked is not None and asked.technique.kind == message["type"]
-        if asked is None or not is_open or not asked.technique.is_meant(asked.number, message):
-            raise ValueError("this question is no longer open")
+        if asked is None or not is_open or asked.is_prompt or not asked.technique.is_meant(asked.number, message):
+            raise ValueError(NOT_OPEN)
         return self._add(asked, asked.technique.answers(asked.number, message), wall_s, message)
 
     def answer_as(self, load: float, wall_s: float) -> tuple[str, dict[str, Any]] | None:
@@ -246,10 +307,11 @@ class Probes:
     def _add(
         self, asked: _Asked, answers: Answers, wall_s: float, message: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, Any], bool]:
-        shown_s, page_s = ((message or {}).get(name) for name in ("shown_s", "page_s"))
-        reaction_s = None if shown_s is None or page_s is None else round(page_s - shown_s, 3)
+        given = message or {}
         self.rows += [
-            row._replace(shown_page_s=shown_s, answered_page_s=page_s, reaction_s=reaction_s)
+            row._replace(
+                shown_page_s=given.get("shown_s"), answered_page_s=given.get("page_s"), reaction_s=_reaction_s(given)
+            )
             for row in self._rows(asked, answers, wall_s)
         ]
         self._close(wall_s)

@@ -10,7 +10,7 @@ from deltaswarm_operator.core.console import INPUTS_KEPT, Console
 from deltaswarm_operator.core.page_beats import AWAY_AFTER_S, PageBeats
 from deltaswarm_operator.io.console_server import ConsoleServer
 from tests.support.commanding import briefing, taken_over
-from tests.unit.operator.test_console import close, say, shown
+from tests.unit.operator.test_console import close, report, say, shown
 
 HOLDS = {"page": {"hold_while_away": True}}
 
@@ -113,6 +113,20 @@ def test_an_input_that_is_sent_again_counts_once() -> None:
     for number in range(INPUTS_KEPT):
         say(console, "note", id=f"n-{number}", text="x")
     assert len(console.inputs) == INPUTS_KEPT
+
+
+def test_a_judgement_counts_if_it_was_made_before_the_end() -> None:
+    """Though it arrives after it, of an event that is no longer reported; one that was made after it is refused."""
+    console = Console(briefing(operator={"task": {"target_share": 0.5}}))
+    close(console, 0, report(1, 0), wall_s=10.0)
+    close(console, 1, report(1, 1), last=True, wall_s=20.0)
+    assert 1 not in console.picture.events
+    late = {"event": 1, "answer": "target", "page_s": 100.0}
+    assert say(console, "judge", 25.0, **late, sent_s=106.0) == []
+    for sent_s in (104.0, 100.0):
+        [refusal] = say(console, "judge", 25.0, **late, sent_s=sent_s)
+        assert refusal["why"] == "the run is over"
+    assert [act.delay_s for act in console.actions] == [6.0]
 
 
 def test_an_input_is_noted_once_it_is_on_disk(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.action_log import ActionLog
+from deltaswarm_scenario.situation import SITUATION
 from tests.support.commanding import RIGHT, briefing, taken_over
 from tests.unit.operator.test_console import close, report, say, shown
 
@@ -100,7 +101,8 @@ def test_a_run_may_leave_the_pace_and_orders_out() -> None:
 
 def test_a_run_is_held_for_questions_about_the_situation() -> None:
     """From the step on that closes at their time, until all is answered; whoever steps does not step past them."""
-    console = Console(briefing(operator={"probes": {"sagat_at_s": [5.0, 8.0], "isa_every_s": 0}}))
+    asks = {"sagat_at_s": [5.0, 8.0], "sagat_questions": [*SITUATION], "isa_every_s": 0}
+    console = Console(briefing(operator={"probes": asks}))
     console.attend()
     console.start(0.0)
     assert console.pace.hold_step == 6
@@ -125,22 +127,23 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
         assert say(console, "form", form="sagat", answers=wrong)[0]["type"] == "refused"
     assert not say(console, "form", 4.5, form="sagat", answers=answers)
     assert (console.pace.hold_step, shown(console)["probe"]) == (9, None)
+    order = [question["name"] for question in probe["form"]["question"]]
     assert [(row.item, row.value, row.asked_s, row.latency_s) for row in console.probes.rows] == [
-        (item, value, 5.0, 4.5) for item, value in answers.items()
+        (item, answers[item], 5.0, 4.5) for item in order
     ]
     for step in range(6, 9):
         close(console, step)
     other = taken_over(console, has_station=True)
     other.start(0.0)
     assert (other.pace.hold_step, shown(other)["probe"]) == (-1, None)
-    assert [row.value for row in other.probes.rows] == [3, 2, 1, "top left", *[None] * 4]
+    assert [row.value for row in other.probes.rows] == [*(answers[item] for item in order), *[None] * 4]
     assert [row.value for row in other.probes.take_rows()] == [None] * 4
     assert other.probes.outcomes["answers_missing"] == 1
 
 
 def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> None:
     """The run was held for it while ISA was open: both have their rows, and the run goes on."""
-    asks = {"probes": {"sagat_at_s": [5.0], "isa_every_s": 4}}
+    asks = {"probes": {"sagat_at_s": [5.0], "sagat_questions": ["trees"], "isa_every_s": 4}}
     console = Console(briefing(operator=asks))
     console.attend()
     console.start(0.0)
@@ -150,13 +153,14 @@ def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> N
     other = taken_over(console, has_station=True)
     other.start(0.0)
     assert (other.is_held, shown(other)["probe"]) == (False, None)
-    assert [(row.probe, row.value) for row in other.probes.rows] == [("isa", None), *[("sagat", None)] * 4]
+    assert [(row.probe, row.value) for row in other.probes.rows] == [("isa", None), ("sagat", None)]
     assert (other.probes.outcomes["questions"], other.probes.outcomes["answers_missing"]) == (2, 2)
 
 
 def test_questions_in_passing_let_the_run_go_on() -> None:
-    """One question at a time, in turn; not beside another, and missing after its time."""
+    """One question at a time, in a drawn order; not beside another, and missing after its time."""
     spam = {"spam_at_s": [2.0, 4.0, 6.0], "spam_questions": ["trees", "open_events"], "spam_wait_s": 10.0}
+    spam |= {"spam_ready": False}
     console = Console(briefing(operator={"probes": {**spam, "isa_every_s": 5}}))
     console.attend()
     console.start(0.0)
@@ -164,16 +168,17 @@ def test_questions_in_passing_let_the_run_go_on() -> None:
         close(console, step)
     probe = shown(console)["probe"]
     assert (probe["form"]["name"], probe["hides"], probe["left_s"]) == ("spam", False, 10.0)
-    assert [question["name"] for question in probe["form"]["question"]] == ["trees"]
+    [first] = [question["name"] for question in probe["form"]["question"]]
+    [second] = {"trees", "open_events"} - {first}
     assert (console.pace.hold_step, console.probes.holds_run) == (-1, False)
-    assert not say(console, "form", 3.5, form="spam", answers={"trees": 2})
+    assert not say(console, "form", 3.5, form="spam", answers={first: 2})
     for step in (3, 4, 5):
         close(console, step, wall_s=20.0)
-    assert shown(console, 21.0)["probe"]["form"]["question"][0]["name"] == "open_events"
-    assert say(console, "form", 40.0, form="spam", answers={"open_events": 2})[0]["type"] == "refused"
+    assert shown(console, 21.0)["probe"]["form"]["question"][0]["name"] == second
+    assert say(console, "form", 40.0, form="spam", answers={second: 2})[0]["type"] == "refused"
     close(console, 6, wall_s=41.0)
     rows = [(row.probe, row.number, row.item, row.value, row.latency_s) for row in console.probes.rows]
-    assert rows == [("spam", 0, "trees", 2, 3.5), ("spam", 1, "open_events", None, None)]
+    assert rows == [("spam", 0, first, 2, 3.5), ("spam", 1, second, None, None)]
     other = taken_over(console)
     assert [(row.probe, row.value) for row in other.probes.take_rows()] == [("spam", None)]
 
@@ -229,7 +234,7 @@ def test_forms_come_one_after_another() -> None:
 @pytest.mark.parametrize(("name", "holds"), [("spam", False), ("sagat", True)])
 def test_an_answer_lets_only_a_run_go_on_that_was_held_for_it(name: str, holds: bool) -> None:
     """A run that the person has paused stays paused."""
-    asks = {"probes": {f"{name}_at_s": [2.0], f"{name}_questions": ["trees"], "isa_every_s": 0}}
+    asks = {"probes": {f"{name}_at_s": [2.0], f"{name}_questions": ["trees"], "isa_every_s": 0, "spam_ready": False}}
     console = Console(briefing(operator=asks))
     console.attend()
     console.start(0.0)

@@ -8,6 +8,7 @@ import pytest
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.questions import FormSettings, QuestionSettings
+from deltaswarm_scenario.technique import Seen
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_scenario.tlx import SCALES
 from tests.support.commanding import reloaded
@@ -149,6 +150,7 @@ ALL = {
     "sagat_questions": ("trees",),
     "spam_at_s": (20.0, 30.0),
     "spam_questions": ("trees",),
+    "spam_ready": False,
     "isa_every_s": 20.0,
     "isa_wait_s": 10.0,
     "tlx": True,
@@ -233,7 +235,11 @@ def test_whom_a_question_is_asked(name: str, is_attended: bool, is_held: bool, k
 @pytest.mark.parametrize(("first", "second"), [("spam", "isa"), ("isa", "spam")])
 def test_no_question_is_asked_over_an_open_one(first: str, second: str) -> None:
     """Neither SPAM over ISA nor ISA over SPAM: it comes once the other is answered or missing."""
-    due = {"spam_at_s": (5.0 if first == "spam" else 7.0,), "isa_every_s": 5.0 if first == "isa" else 7.0}
+    due: dict[str, Any] = {
+        "spam_ready": False,
+        "spam_at_s": (5.0 if first == "spam" else 7.0,),
+        "isa_every_s": 5.0 if first == "isa" else 7.0,
+    }
     asked = probes(**due, spam_wait_s=30.0, isa_wait_s=30.0)
     shown = []
     for now_s, wall_s in ((5.0, 0.0), (7.0, 20.0), (8.0, 29.9), (9.0, 30.0)):
@@ -302,3 +308,40 @@ def test_after_a_restart_the_last_questions_are_asked_once() -> None:
     assert other.open(2.0) is None
     other.end(9.0, 2.0)
     assert other.open(2.0) == {"kind": "tlx"}
+
+
+def test_a_person_says_to_be_ready_before_a_question_in_passing() -> None:
+    """Each step has its time limit and both its latencies; the question is about the moment at which it is shown."""
+    asked = probes(isa_every_s=0.0, spam_at_s=(5.0, 6.0), spam_questions=("open_events",), spam_wait_s=10.0)
+    asked.tick(5.0, False, 100.0, is_attended=True, see=lambda: Seen([(1.0, 1.0)]))
+    probe = asked.open(104.0)
+    assert (probe["prompt"], probe["left_s"], probe["form"]["question"]) == (True, 6.0, [])
+    answer = {"type": "form", "form": "spam", "number": 0, "answers": {"open_events": 2}}
+    ready = {"form": "spam", "number": 0, "shown_s": 50.25, "page_s": 54.0}
+    with pytest.raises(ValueError, match="no longer open"):
+        asked.answer(answer, 104.0)
+    asked.be_ready(ready, 9.0, 104.0, Seen([(1.0, 1.0), (2.0, 2.0)]))
+    with pytest.raises(ValueError, match="no longer open"):
+        asked.be_ready(ready, 9.0, 104.0, Seen())
+    probe = asked.open(105.0)
+    assert ("prompt" in probe, probe["left_s"], probe["form"]["question"][0]["name"]) == (False, 9.0, "open_events")
+    asked.answer({**answer, "shown_s": 54.5, "page_s": 57.0}, 107.0)
+    [row] = asked.take_rows()
+    assert (row.asked_s, row.ready_s, row.value, row.known) == (5.0, 9.0, 2, "2")
+    assert (row.ready_latency_s, row.ready_reaction_s, row.latency_s, row.reaction_s) == (4.0, 3.75, 3.0, 2.5)
+    asked.tick(10.0, False, 110.0, is_attended=True)
+    asked.open(120.0)
+    [row] = asked.take_rows()
+    assert (row.number, row.value, row.ready_s, row.latency_s, row.known) == (1, None, None, None, "")
+
+
+def test_a_late_answer_is_not_that_to_the_next_question() -> None:
+    """Though both ask the same: an answer names its question by number."""
+    asked = probes(isa_every_s=0.0, spam_at_s=(5.0, 6.0), spam_questions=("trees",), spam_wait_s=10.0, spam_ready=False)
+    asked.tick(5.0, False, 0.0, is_attended=True)
+    asked.tick(6.0, False, 11.0, is_attended=True)
+    late = {"type": "form", "form": "spam", "number": 0, "answers": {"trees": 2}}
+    with pytest.raises(ValueError, match="no longer open"):
+        asked.answer(late, 12.0)
+    asked.answer({**late, "number": 1}, 12.0)
+    assert [(row.number, row.value) for row in asked.rows] == [(0, None), (1, 2)]

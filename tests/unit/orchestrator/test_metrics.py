@@ -353,5 +353,6 @@ person.questions person.answers_missing autonomy.changes autonomy.vetoes operato
 def test_counts_are_whole_numbers() -> None:
     """Tables of sessions write them without a point; only the share of right answers is known after the summary."""
     assert {metric.key for metric in EVERY_KEY if metric.is_whole} == {*WHOLE.split()}
-    assert [metric.key for metric in EVERY_KEY if not metric.is_in_summary] == ["person.situation_right_share"]
+    shares = [f"person.situation_{name}_share" for name in ("right", "true", "known")]
+    assert [metric.key for metric in EVERY_KEY if not metric.is_in_summary] == shares
     assert {metric.study for metric in EVERY_KEY} >= {"person_isa", "person_load", "person_commands"}

@@ -16,6 +16,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "isa": {"number": 0, "answer": 3},
     "tlx": {"scales": {}},
     "form": {"form": "trust", "answers": {}},
+    "ready": {"form": "spam", "number": 0},
     "note": {"text": "x"},
     "page": {"event": "opened"},
     "sheet": {"consent": True},

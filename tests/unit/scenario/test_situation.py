@@ -4,8 +4,8 @@ import pytest
 
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_scenario.situation import SituationRow, is_open, score
-from deltaswarm_scenario.technique import Recorded
+from deltaswarm_scenario.situation import SITUATION, SituationRow, is_open, known, score
+from deltaswarm_scenario.technique import Recorded, Seen
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
 from tests.support.tiers import in_one_test
 
@@ -21,9 +21,11 @@ def step(time_s: float, **truth: int) -> StepRecord:
     return StepRecord.of({**empty, "time_s": time_s, **truth})
 
 
-def scored(answers: list[tuple[str, str]], events: list[EventState], **truth: int) -> list[SituationRow]:
-    """The rows of (item, value), asked at 10 s."""
-    asked = {"probe": "sagat", "number": "2", "asked_s": "10.0"}
+def scored(
+    answers: list[tuple[str, str]], events: list[EventState], known: str = "", **truth: int
+) -> list[SituationRow]:
+    """The rows of (item, value), asked at 4 s and shown at 10 s."""
+    asked = {"probe": "sagat", "number": "2", "asked_s": "4.0", "ready_s": "10.0", "known": known}
     rows = [{**asked, "item": item, "value": value} for item, value in answers]
     rows.append({**asked, "probe": "isa", "item": "isa", "value": "3"})
     found = score(Recorded({"probes": rows}.get, [step(9.0), step(10.0, **truth), step(11.0)], events, **ARENA))
@@ -49,9 +51,37 @@ def scored(answers: list[tuple[str, str]], events: list[EventState], **truth: in
 def test_an_answer_is_compared_with_the_truth(
     item: str, value: str, truth: str, is_right: int | None, error: float | None
 ) -> None:
-    """Of the step at which it was asked; a missing answer is neither right nor wrong."""
+    """Of the step at which it was shown; a missing answer is neither right nor wrong."""
     rows = scored([(item, value)], [event(1, 10.0, 50.0)], events_open=7, agents_in_trees=12, trees=3)
-    assert rows == [SituationRow("sagat", 2, item, 10.0, value, truth, is_right, error)]
+    asked = ("sagat", 2, item, 10.0, value)
+    assert rows == [SituationRow(*asked, "", truth, None, None, is_right, error, None, None)]
+
+
+@in_one_test(
+    ("item", "value", "known", "scores"),
+    [
+        ("open_events", "5", "5", (1, 0.0, 0, -2.0, 0, -2.0)),
+        ("open_events", "7", "5", (0, 2.0, 1, 0.0, 0, -2.0)),
+        ("open_events", "7", "7", (1, 0.0, 1, 0.0, 1, 0.0)),
+        ("open_events", "", "7", (None, None, None, None, 1, 0.0)),
+        ("most_events", "top right", "top left or top right", (1, None, 0, None, 0, None)),
+        ("most_events", "top left", "top left", (1, None, 1, None, 1, None)),
+    ],
+)
+def test_an_answer_is_right_by_what_the_page_showed(
+    item: str, value: str, known: str, scores: tuple[float | None, ...]
+) -> None:
+    """Beside it by the truth, and whether the page showed the truth, which is the swarm's part."""
+    [row] = scored([(item, value)], [event(1, 10.0, 50.0)], known, events_open=7)
+    assert row[7:] == scores
+
+
+def test_what_the_page_shows_is_known() -> None:
+    """Events that are reported, agents in trees with their roots, trees, and quarters by reported places."""
+    seen = Seen([(10.0, 50.0), (90.0, 50.0), (80.0, 40.0)], [4, 4, 4, 7], 100.0, 60.0)
+    assert [known(item, seen) for item in SITUATION] == ["3", "4", "2", "top right"]
+    nothing = [known(item, Seen((), (), 100.0, 60.0)) for item in SITUATION]
+    assert nothing == ["0", "0", "0", "top left or top right or bottom left or bottom right"]
 
 
 @in_one_test(
@@ -74,7 +104,7 @@ def test_the_quarter_with_most_events(places: list[tuple[float, float]], truth: 
     """The origin is at the bottom left; what is on the middle is at the right and at the top; several may be right."""
     [row] = scored([("most_events", "top left")], [event(at, x_m, y_m) for at, (x_m, y_m) in enumerate(places)])
     assert row.truth == truth
-    assert row.is_right == ("top left" in truth)
+    assert row.is_true == ("top left" in truth)
 
 
 @in_one_test(

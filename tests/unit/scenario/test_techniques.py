@@ -1,6 +1,7 @@
 """Each question technique: when it is due, which answers it takes, and how they are scored."""
 
 import math
+from itertools import combinations, pairwise
 from random import Random
 from typing import Any
 
@@ -8,13 +9,16 @@ import pytest
 
 from deltaswarm_scenario.isa import Isa
 from deltaswarm_scenario.questions import Form, FormSettings, QuestionSettings
-from deltaswarm_scenario.situation import QUARTERS, Sagat, Spam
+from deltaswarm_scenario.situation import QUARTERS, SITUATION, Sagat, Spam
 from deltaswarm_scenario.techniques import NAMED, SCORED, ProbeSettings
 from deltaswarm_scenario.tlx import SCALES, Tlx
 from tests.support.tiers import in_one_test
 
 SIX = dict(zip(SCALES, (10, 20, 30, 40, 50, 60), strict=True))
 WEIGHTS = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
+ALL = (*SITUATION,)
+TOP = "top left"
+SHARES = [f"person.situation_{name}_share" for name in ("right", "true", "known")]
 NOTHING = {"open_events": 0, "agents_in_trees": 0, "trees": 0, "most_events": "top left"}
 ANSWERS = {"open_events": 3, "agents_in_trees": 2, "trees": 1, "most_events": "top left"}
 FORM = FormSettings(
@@ -166,10 +170,10 @@ def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
             {**SIX, **{f"{scale} weight": weight for scale, weight in WEIGHTS.items()}},
             {},
         ),
-        ({"sagat_at_s": (5.0,)}, 0, {"answers": ANSWERS}, ANSWERS, {"name": "sagat"}),
-        ({"sagat_at_s": (5.0,)}, 0, {"answers": NOTHING}, NOTHING, {"name": "sagat"}),
-        ({"spam_at_s": (5.0,)}, 0, {"answers": {"open_events": 0}}, {"open_events": 0}, {"name": "spam"}),
-        ({"spam_at_s": (5.0,)}, 5, {"answers": {"agents_in_trees": 9999}}, {"agents_in_trees": 9999}, {"name": "spam"}),
+        ({"sagat_at_s": (5.0,), "sagat_questions": ALL}, 0, {"answers": ANSWERS}, ANSWERS, {"name": "sagat"}),
+        ({"sagat_at_s": (5.0,), "sagat_questions": ALL}, 0, {"answers": NOTHING}, NOTHING, {"name": "sagat"}),
+        ({"spam_at_s": (5.0,)}, 0, {"answers": {"open_events": 9999}}, {"open_events": 9999}, {"name": "spam"}),
+        ({"spam_at_s": (5.0,)}, 3, {"answers": {"most_events": TOP}}, {"most_events": TOP}, {"name": "spam"}),
         ({"form": (FORM,)}, 0, {"answers": GIVEN}, {**GIVEN, "why": None}, {"name": "f"}),
     ],
 )
@@ -203,7 +207,7 @@ def test_answers_that_are_taken(
             )
         ),
         *(
-            ({"sagat_at_s": (5.0,)}, {"answers": wrong}, "answer")
+            ({"sagat_at_s": (5.0,), "sagat_questions": ALL}, {"answers": wrong}, "answer")
             for wrong in (
                 None,
                 {},
@@ -278,6 +282,7 @@ def test_a_simulated_person_answers_isa_by_its_load(load: float, answer: int) ->
         ({"tlx": True, "tlx_weights": True}, "NASA-TLX with weights"),
         ({"sagat_at_s": (20.0, 5.0)}, "SAGAT at 5, 20 s"),
         ({"spam_at_s": (5.0,)}, "SPAM at 5 s"),
+        ({"spam_count": 3}, "SPAM at 3 drawn times"),
         ({"form": (FORM,)}, None),
         ({"consent": "Yes?"}, None),
     ],
@@ -293,8 +298,8 @@ def test_the_outline_of_a_session_says_what_is_asked(settings: dict[str, Any], w
         ({"isa_every_s": 60.0}, ["person.isa"]),
         ({"tlx": True}, ["person.tlx.raw"]),
         ({"tlx": True, "tlx_weights": True}, ["person.tlx.raw", "person.tlx.weighted"]),
-        ({"sagat_at_s": (5.0,)}, ["person.situation_right_share"]),
-        ({"spam_at_s": (5.0,)}, ["person.situation_right_share"]),
+        ({"sagat_at_s": (5.0,)}, SHARES),
+        ({"spam_count": 1}, SHARES),
         ({"form": (FORM,)}, []),
     ],
 )
@@ -321,3 +326,52 @@ def test_what_the_page_shows() -> None:
         {"kind": "tlx"},
         {"kind": "sheet"},
     )
+
+
+def test_times_and_orders_are_drawn_anew_in_each_run() -> None:
+    """The same from the same seed: times with their gap within the run, every question once a round."""
+    drawn = []
+    for seed in (1, 1, *range(2, 40)):
+        spam = technique(spam_count=5, spam_questions=ALL, situation_first_s=30.0, situation_gap_s=50.0)
+        spam.draw(Random(seed), 310.0)
+        times_s = [spam.due_s(number, 0.0, Random(0)) for number in range(5)]
+        assert spam.due_s(5, 0.0, Random(0)) == math.inf
+        assert times_s[0] >= 30.0
+        assert all(after - before >= 49.9 for before, after in pairwise([*times_s, 310.0]))
+        items = [item for number in range(8) for item in spam.items(number)]
+        assert set(items[:4]) == set(items[4:]) == {*ALL}
+        drawn.append((times_s, items))
+    assert drawn[0] == drawn[1]
+    assert len({tuple(times_s) for times_s, _ in drawn}) == 39
+    assert len({tuple(items) for _, items in drawn}) > 30
+    sagat = technique(sagat_at_s=(5.0, 9.0), sagat_questions=ALL)
+    sagat.draw(Random(3), 10.0)
+    assert len({tuple(sagat.items(number)) for number in (0, 1)}) == 2
+
+
+@in_one_test(
+    ("settings", "problem"),
+    [
+        ({"spam_count": 5}, None),
+        ({"spam_count": 6}, "operator.probes.spam_count must be at most 5: times from situation_first_s = 60 on"),
+        ({"sagat_count": 1, "situation_first_s": 400.0}, "operator.probes.sagat_count must be at most 0: times from"),
+    ],
+)
+def test_drawn_times_fit_into_the_run(settings: dict[str, Any], problem: str | None) -> None:
+    """With their gaps, the last one before the end; or the run is refused."""
+    found = [str(one) for one in technique(**settings).problems_within(360.0)]
+    assert len(found) == (problem is not None)
+    assert all(one.startswith(problem or "") for one in found)
+
+
+def test_the_pairs_of_nasa_tlx_have_a_drawn_order() -> None:
+    """All 15, each way round; none without weights."""
+    orders = set()
+    for seed in range(20):
+        tlx = technique(tlx=True, tlx_weights=True)
+        tlx.draw(Random(seed), 100.0)
+        pairs = tlx.shown(0, 9.0, None)["pairs"]
+        assert {frozenset(pair) for pair in pairs} == {frozenset(pair) for pair in combinations(SIX, 2)}
+        orders.add(tuple(map(tuple, pairs)))
+    assert len(orders) == 20
+    assert len({pair for order in orders for pair in order}) == 30

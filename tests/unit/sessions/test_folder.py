@@ -76,15 +76,27 @@ def test_answers_to_forms_alone_leave_the_scores(tmp_path: Path) -> None:
     assert summary_of(nobody) == {"complete": True, "person": None}
 
 
+KNOWN_AND_TRUE = (
+    ("2", "2", "2", 1, 0, 1, 0, 1, 0),
+    ("1", "1", "3", 1, 0, 0, -2, 0, -2),
+    ("2", "1", "3", 0, 1, 0, -1, 0, -2),
+)
+
+
 def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path: Path) -> None:
     """A question without an answer is not right; who was asked nothing has no share."""
     run = a_run(tmp_path / "1-A", {"complete": True, "person": {"read": 1}})
     assert summary_of(run) == {"complete": True, "person": {"read": 1}}
-    rows = [SituationRow("sagat", 0, "trees", 9.0, *of) for of in (("2", "2", 1, 0), ("1", "3", 0, 2), ("", "3", 0, 0))]
+    rows = [SituationRow("sagat", 0, "trees", 9.0, *of) for of in KNOWN_AND_TRUE]
     with (run / "situation.csv").open("w", newline="") as stream:
-        unanswered = SituationRow("spam", 1, "trees", 9.0, "", "3", None, None)
+        unanswered = SituationRow("spam", 1, "trees", 9.0, "", "", "3", None, None, None, None, None, None)
         csv.writer(stream).writerows([SituationRow._fields, *rows, unanswered])
-    assert summary_of(run) == {"complete": True, "person": {"read": 1, "situation_right_share": 0.25}}
+    shares = {"situation_right_share": 0.5, "situation_true_share": 0.25, "situation_known_share": 1 / 3}
+    assert summary_of(run) == {"complete": True, "person": {"read": 1, **shares}}
+    with (run / "situation.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([("probe", "is_right"), ("sagat", "1"), ("sagat", "")])
+    old = {"situation_right_share": 0.5, "situation_true_share": None, "situation_known_share": None}
+    assert summary_of(run) == {"complete": True, "person": {"read": 1, **old}}
 
 
 def test_attempts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """What one participant does: orders and streams are balanced, and each run has its scenario."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -155,6 +156,31 @@ def test_arrivals_may_be_new_in_each_run(tmp_path: Path) -> None:
     assert {run.scenario.operator.page.language.tag for run in runs} == {"de"}
 
 
+def test_each_group_of_participants_gets_the_next_set_of_streams(tmp_path: Path) -> None:
+    """Balanced within a group, with other arrivals in each set; after the last set comes the first again."""
+    settings, beside = load_session(str(a_file(tmp_path, 2)))
+    in_sets = replace(settings, arrival_sets=3)
+    runs = [plan(in_sets, participant, beside)[1:] for participant in range(1, 17)]
+    groups = [runs[at : at + 4] for at in range(0, 16, 4)]
+    streams = [{run.stream for planned in group for run in planned} for group in groups]
+    assert streams == [{0, 1}, {2, 3}, {4, 5}, {0, 1}]
+    for group in groups:
+        pairs = Counter((run.label, run.stream) for planned in group for run in planned)
+        assert set(pairs.values()) == {2}
+    seeds = {(run.stream, run.scenario.seed) for planned in runs for run in planned}
+    assert len(seeds) == len({seed for _, seed in seeds}) == 6
+    first = [(run.stream, run.scenario.seed) for run in plan(settings, 1, beside)]
+    assert first == [(run.stream, run.scenario.seed) for run in plan(in_sets, 1, beside)]
+
+
+def test_sets_of_streams_are_for_crossed_arrivals(tmp_path: Path) -> None:
+    """With arrivals of its own, each run has other ones anyhow."""
+    file = a_file(tmp_path, 2)
+    file.write_text(file.read_text().replace("[session]", '[session]\narrivals = "own"\narrival_sets = 2'))
+    with pytest.raises(SettingsError, match=r"session.arrival_sets must be 1, since arrivals are own \(got 2\)"):
+        load_session(str(file))
+
+
 def test_seeds_of_repeated_runs_differ_and_are_numbers_that_all_programs_read(tmp_path: Path) -> None:
     """Of the training and of three conditions, three times."""
     repeated = {run.attempt(number).seed for run in a_session(tmp_path, 3).runs for number in (1, 2, 3)}
@@ -282,13 +308,25 @@ def test_the_outline_reads_as_lines() -> None:
     """A line for each thing that a session has, and none for what it does not have."""
     row = {"label": "A", "scenario": "smoke", "simulated_s": 90.0, "wall_min": 1.5, "asks": ["ISA every 60 s", "SAGAT"]}
     whole = {"runs": [row], "is_order_concealed": True, "forms": {"trust": "after"}, "training_runs_at_most": 2}
+    whole |= {"group": 4, "streams": 6}
     head, first, *lines = outline_text({**whole, "wall_min": 1.5}).splitlines()
     assert first.split() == ["A", "smoke", "90", "1.5", "ISA", "every", "60", "s;", "SAGAT"]
-    assert [line.split()[0] for line in (head, *lines[1:])] == ["run", "The", "Forms", "Training:", "All"]
+    assert [line.split()[0] for line in (head, *lines[1:])] == [
+        *("run", "The", "Forms", "Training:", "Recruit", "Streams", "All")
+    ]
     assert "trust (after)" in lines[2]
     assert "at most 2 runs" in lines[3]
-    bare = {**whole, "is_order_concealed": False, "forms": {}, "training_runs_at_most": 1, "wall_min": None}
+    assert "in groups of 4," in lines[4]
+    assert "n = 6 per condition" in lines[5]
+    bare = {
+        **whole,
+        "is_order_concealed": False,
+        "forms": {},
+        "training_runs_at_most": 1,
+        "wall_min": None,
+        "streams": None,
+    }
     bare["runs"] = [{**row, "wall_min": None}]
     _, first, *rest = outline_text(bare).splitlines()
     assert "as fast as possible" in first
-    assert [line for line in rest if line] == []
+    assert [line.split()[0] for line in rest if line] == ["Recruit"]

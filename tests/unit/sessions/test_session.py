@@ -107,6 +107,17 @@ def test_workload_is_asked_again_as_it_was(
     assert found is None or found.form == ()
 
 
+def test_the_score_can_be_left_out(tmp_path: Path) -> None:
+    """By a key of the session."""
+    for shows_score in (True, False):
+        planned = a_session(tmp_path)
+        session = Session(1, planned.runs, shows_score=shows_score)
+        steps = session.steps()
+        next(steps)
+        do(session, session.runs[0], task=TASK)
+        assert isinstance(next(steps), Ask) == shows_score
+
+
 def test_the_score_of_a_task_is_shown_once(tmp_path: Path) -> None:
     """On a page of its own, with the numbers of the run, and not again when the session is continued."""
     session = a_session(tmp_path, 1)

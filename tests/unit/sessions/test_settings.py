@@ -102,7 +102,7 @@ def test_all_mistakes_of_a_criterion_are_told_at_once() -> None:
     ("metric", "said"),
     [
         ("redd", "must be a number in summary.json by its dotted name, or one of waiting_time_s"),
-        ("situation_right_share", "lacks operator.probes.sagat_at_s or .spam_at_s"),
+        ("situation_right_share", "lacks operator.probes.sagat_at_s, .sagat_count, .spam_at_s or .spam_count"),
         ("tlx_raw", "lacks operator.probes.tlx"),
         ("person.tlx.weighted", "lacks operator.probes.tlx_weights"),
         ("waiting_time_s.median", ""),

@@ -182,6 +182,8 @@ RUNS = {
     "d_prime": "1.5",
     "criterion": "-0.125",
     "situation_right_share": "0.5",
+    "situation_true_share": "0.0",
+    "situation_known_share": "0.0",
     "isa": "2.5",
     "questions": "11",
     "answers_missing": "1",
@@ -202,6 +204,7 @@ NUMBERS = {
         "missed_share",
     ),
     *("acknowledge_s", "share_right", "d_prime", "criterion", "situation_right_share", "isa", "tlx_raw"),
+    *("situation_true_share", "situation_known_share"),
     *("tlx_weighted", "answered_share", "page_away_s"),
 }
 TEXTS = {"invalid_because", "condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
@@ -222,7 +225,10 @@ def a_full_run(sessions: Path) -> None:
         (here / name).mkdir(parents=True)
         (here / name / "summary.json").write_text(json.dumps(summary))
     situation = here / "0-training-2" / "situation.csv"
-    answers = [SituationRow("sagat", 0, "trees", 9.0, *row) for row in (("2", "2", 1, 0), ("1", "3", 0, 2))]
+    answers = [
+        SituationRow("sagat", 0, "trees", 9.0, *row)
+        for row in (("2", "2", "3", 1, 0, 0, -1, 0, -1), ("1", "3", "4", 0, -2, 0, -3, 0, -1))
+    ]
     with situation.open("w", newline="") as stream:
         csv.writer(stream).writerows([SituationRow._fields, *answers])
     attempts = [
@@ -273,7 +279,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 53
+    assert len(rows) == 55
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row

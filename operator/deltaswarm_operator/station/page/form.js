@@ -48,7 +48,7 @@ export class FormPanel {
     setText(element("form-title"), t(form.title || form.name));
     setText(element("form-text"), retell(form.text));
     element("form-text").hidden = !form.text;
-    setText(element("form-send"), form.question.length ? t("Send answers") : t("Continue"));
+    setText(element("form-send"), this.asked.prompt ? t("Ready") : form.question.length ? t("Send answers") : t("Continue"));
     element("form-questions").replaceChildren(
       ...form.question.map((question, at) => field(question, at, before[question.name] ?? null)),
     );
@@ -71,9 +71,16 @@ export class FormPanel {
     if (!this.asked) return;
     const answers = this.answers();
     const { form, number } = this.asked;
+    if (this.asked.prompt) return this.question.send({ type: "ready", form: form.name, number });
     const missing = form.question.filter(({ name, required }) => required && answers[name] === undefined);
     if (missing.length) return setText(element("form-missing"), t("Still to answer: {questions}", { questions: missing.map(({ text }) => t(text)).join(" ") }));
     this.question.send({ type: "form", form: form.name, number, answers });
+  }
+
+  /** Move to the question that is asked beside the map. */
+  enter() {
+    if (this.question.dialog.open) this.question.enter();
+    else this.app.say(t("No question is asked."));
   }
 
   /** The answers are noted: their draft goes. */

@@ -7,7 +7,7 @@ const STORED = "deltaswarm-shortcuts";
 const TYPING_MS = 1200;
 const OR = later("or");
 
-/** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean, inLists?: () => boolean}} Shortcut */
+/** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean, inHelp?: () => boolean}} Shortcut */
 
 export class Keys {
   /**
@@ -49,12 +49,9 @@ export class Keys {
     const { target } = event;
     const shortcut = this.byKey.get(event.key);
     const open = document.querySelector("dialog:modal");
-    if (open && !(open === this.help && shortcut?.inLists?.())) return; // an answer goes through the help
+    if (open && !(open === this.help && shortcut?.inHelp?.())) return; // an answer goes through the help
     if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
-    if (
-      target instanceof HTMLSelectElement ? !shortcut?.inLists?.() && this.isChoosing(target, event) : isTyping(target)
-    )
-      return;
+    if (target instanceof HTMLSelectElement ? this.isChoosing(target, event) : isTyping(target)) return;
     if (!shortcut || (!this.isOn.checked && !shortcut.always)) return;
     event.preventDefault();
     shortcut.act(event.key);

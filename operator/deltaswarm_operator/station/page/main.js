@@ -240,6 +240,7 @@ function noted(intent) {
   if (intent?.type === "isa") isa.noted(intent.number, intent.answer);
   else if (intent?.type === "tlx") tlx.noted();
   else if (intent?.type === "form") form.noted();
+  else if (intent?.type === "ready") form.question.noted();
   else if (intent?.type === "sheet") session.question.noted();
   else if (intent?.type === "note") session.noted(intent.text);
   showKept();
@@ -303,6 +304,7 @@ const shortcuts = [
   { keys: ["v"], words: later("veto a change of delta"), act: () => autonomy.veto() },
   { keys: ["x"], words: later("judge the selected event: a target"), act: () => task.judge("target") },
   { keys: ["z"], words: later("judge the selected event: a decoy"), act: () => task.judge("decoy") },
+  { keys: ["q"], words: later("to the question that is asked beside the map"), act: () => form.enter() },
   { keys: ["n"], words: later("to notes"), act: () => go("tab-notes", "note-text") },
   { keys: ["j"], words: later("next message"), act: () => inbox.step(1) },
   { keys: ["k"], words: later("message before"), act: () => inbox.step(-1) },
@@ -321,7 +323,7 @@ const shortcuts = [
     words: later("answer how busy you are, while you are asked"),
     act: (key) => isa.isAsking && isa.answer(Number(key)),
     always: true,
-    inLists: () => isa.isAsking,
+    inHelp: () => isa.isAsking,
   },
 ];
 new Keys(shortcuts, [

@@ -95,6 +95,7 @@ export type Intent =
   | { type: "isa"; number: number; answer: number; shown_s?: number | null }
   | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null; shown_s?: number | null }
   | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
+  | { type: "ready"; form: string; number: number; shown_s?: number | null }
   | { type: "note"; text: string }
   | { type: "page"; event: string; text?: string | null }
   | { type: "beat" }

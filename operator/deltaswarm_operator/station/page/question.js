@@ -26,6 +26,8 @@ export class Question {
     this.of = "";
     /** the page's clock when the question was first painted [s] */
     this.shown_s = 0;
+    /** whether the person was in the dialog when the last answer was sent, and so expects the next question there */
+    this.isInside = false;
     this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
     this.dialog.addEventListener("close", () => this.update());
   }
@@ -33,25 +35,37 @@ export class Question {
   /** The answers that were given and are not noted yet. */
   get waiting() {
     const { asked } = this.app.model;
-    return this.app.waiting((intent) => intent.type === this.kind && (intent.type !== "form" || (asked?.kind === "form" && asked.form.name === intent.form && asked.number === intent.number)));
+    return this.app.waiting((intent) =>
+      intent.type === "form" || intent.type === "ready"
+        ? asked?.kind === "form" && asked.form.name === intent.form && asked.number === intent.number && Boolean(asked.prompt) === (intent.type === "ready")
+        : intent.type === this.kind,
+    );
   }
 
   update() {
     const probe = this.app.model.question;
     const isAsked = probe?.kind === this.kind;
-    const of = `${this.app.model.hello?.run}/${probe?.kind === "form" ? `${probe.form.name}/${probe.number}` : ""}`;
+    const of = `${this.app.model.hello?.run}/${probe?.kind === "form" ? `${probe.form.name}/${probe.number}/${probe.prompt ? "ready" : ""}` : ""}`;
     if (!isAsked || of !== this.of) this.isNoted = false;
-    const isOther = isAsked && of !== this.of;
-    if (isOther && this.dialog.open) this.show();
+    if (isAsked && of !== this.of && this.dialog.open) this.dialog.close(); // the next one may be of the other kind
     if (isAsked) this.of = of;
     const isWanted = isAsked && !this.isNoted;
     if (isWanted !== this.dialog.open) {
       if (!isWanted) return this.dialog.close();
       this.show();
-      if (probe?.kind === "form" && probe.left_s !== null) this.dialog.show();
-      else this.dialog.showModal();
+      if (probe?.kind === "form" && probe.left_s !== null) {
+        this.dialog.open = true; // `show()` would take the focus from a person who types
+        if (this.isInside && document.activeElement === document.body) this.enter();
+        else this.app.say(t("You are asked a question: press q to go to it."));
+      } else this.dialog.showModal();
     }
     if (isWanted) this.look();
+  }
+
+  /** Move to the first field. */
+  enter() {
+    const first = this.dialog.querySelector("input, textarea, button");
+    if (first instanceof HTMLElement) first.focus();
   }
 
   /** Fill in the form, and note when it is painted. */
@@ -75,6 +89,7 @@ export class Question {
    * @param {Intent} intent
    */
   send(intent) {
+    this.isInside = this.dialog.contains(document.activeElement);
     this.app.send(/** @type {Intent} */ ({ ...intent, ...(this.shown_s ? { shown_s: this.shown_s } : {}) }));
     this.look();
   }

@@ -32,7 +32,7 @@ export class TaskPanel {
   /** @param {string} answer */
   judge(answer) {
     const { event } = this;
-    if (element("task").hidden || element("judge").hidden) return;
+    if (element("task").hidden || element("judge").hidden || this.app.model.picture?.over) return;
     if (event === null) this.app.say(t("Select a reported event to judge it."));
     else this.app.send({ type: "judge", event, answer });
   }
@@ -42,7 +42,7 @@ export class TaskPanel {
     const given = event === null ? undefined : this.app.model.judged.get(event);
     setText(element("judge-event"), event === null ? t("No event is selected.") : t("Event {number} is", { number: eventName(event) }));
     for (const answer of CLASSES) {
-      button(`judge-${answer}`).disabled = event === null;
+      button(`judge-${answer}`).disabled = event === null || Boolean(this.app.model.picture?.over);
       button(`judge-${answer}`).setAttribute("aria-pressed", String(given === answer));
     }
   }

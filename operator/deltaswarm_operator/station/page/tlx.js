@@ -1,4 +1,4 @@
-/** NASA-TLX at the end of a run: six scales from 0 to 100 in steps of 5, and optionally pairwise weights. */
+/** NASA-TLX at the end of a run: six scales of 21 marks, from 0 to 100, and optionally 15 pairs on a page of their own. */
 
 import { button, element, make, setText } from "./dom.js";
 import { later, t } from "./language.js";
@@ -13,45 +13,73 @@ import { Question } from "./question.js";
 const storedOf = (run) => `deltaswarm-tlx/${run}`;
 
 const [LOW, HIGH] = [later("very low"), later("very high")];
-/** @type {[string, string, string, string, string, string][]} key, title, title in a sentence, question, low end, high end */
+/** @typedef {{key: string, title: string, within: string, definition: string, low: string, high: string}} Scale `within`: the title in a sentence */
+/** @type {Scale[]} */
 const SCALES = [
-  ["mental", later("Mental demand"), later("mental demand"), later("How mentally demanding was the task?"), LOW, HIGH],
-  ["physical", later("Physical demand"), later("physical demand"), later("How physically demanding was the task?"), LOW, HIGH],
-  ["temporal", later("Temporal demand"), later("temporal demand"), later("How hurried or rushed was the pace of the task?"), LOW, HIGH],
-  [
-    "performance",
-    later("Performance"),
-    later("performance"),
-    later("How successful were you in accomplishing what you were asked to do?"),
-    later("perfect"),
-    later("failure"),
-  ],
-  ["effort", later("Effort"), later("effort"), later("How hard did you have to work to accomplish your level of performance?"), LOW, HIGH],
-  [
-    "frustration",
-    later("Frustration"),
-    later("frustration"),
-    later("How insecure, discouraged, irritated, stressed and annoyed were you?"),
-    LOW,
-    HIGH,
-  ],
+  {
+    key: "mental",
+    title: later("Mental demand"),
+    within: later("mental demand"),
+    definition: later("How much mental and perceptual activity was required (thinking, deciding, calculating, remembering, looking, searching)? Was the task easy or demanding, simple or complex?"),
+    low: LOW,
+    high: HIGH,
+  },
+  {
+    key: "physical",
+    title: later("Physical demand"),
+    within: later("physical demand"),
+    definition: later("How much physical activity was required (pushing, pulling, turning, controlling, activating)? Was the task easy or demanding, slow or brisk, slack or strenuous?"),
+    low: LOW,
+    high: HIGH,
+  },
+  {
+    key: "temporal",
+    title: later("Temporal demand"),
+    within: later("temporal demand"),
+    definition: later("How much time pressure did you feel due to the rate or pace at which the tasks occurred? Was the pace slow and leisurely or rapid and frantic?"),
+    low: LOW,
+    high: HIGH,
+  },
+  {
+    key: "performance",
+    title: later("Performance"),
+    within: later("performance"),
+    definition: later("How successful do you think you were in accomplishing the goals of the task? How satisfied were you with your performance in accomplishing these goals?"),
+    low: later("perfect"),
+    high: later("failure"),
+  },
+  {
+    key: "effort",
+    title: later("Effort"),
+    within: later("effort"),
+    definition: later("How hard did you have to work, mentally and physically, to accomplish your level of performance?"),
+    low: LOW,
+    high: HIGH,
+  },
+  {
+    key: "frustration",
+    title: later("Frustration"),
+    within: later("frustration"),
+    definition: later("How insecure, discouraged, irritated, stressed and annoyed, or secure, gratified, content, relaxed and complacent did you feel during the task?"),
+    low: LOW,
+    high: HIGH,
+  },
 ];
-const PAIRS = SCALES.flatMap((first, at) =>
-  SCALES.slice(at + 1).map((second) => /** @type {const} */ ([first, second])),
-);
 
 export class TlxPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
     this.question = new Question(app, "tlx", () => this.open(), "tlx-missing");
-    /** @type {{scales: Record<string, number>, pairs: Record<string, string>}} */
+    /** @type {{scales: Record<string, number>, pairs: Record<string, string>, isSecond?: boolean}} `isSecond`: the page of the pairs */
     this.answers = { scales: {}, pairs: {} };
-    button("tlx-send").addEventListener("click", () => this.send());
+    button("tlx-send").addEventListener("click", () => this.goOn());
   }
 
-  get asksWeights() {
-    return Boolean(this.app.model.hello?.session?.asks.weights);
+  /** The pairs in their drawn order; none if there are no weights. */
+  get pairs() {
+    const { asked } = this.app.model;
+    return asked?.kind === "tlx" ? (asked.pairs ?? []) : [];
   }
 
   get stored() {
@@ -66,90 +94,80 @@ export class TlxPanel {
   open() {
     this.answers = JSON.parse(sessionStorage.getItem(this.stored) ?? "null") ?? { scales: {}, pairs: {} };
     element("tlx-scales").replaceChildren(...SCALES.map((scale) => this.slider(scale)));
-    element("tlx-weights").hidden = !this.asksWeights;
-    element("tlx-pairs").replaceChildren(
-      ...(this.asksWeights ? PAIRS.map(([first, second]) => this.pair(first, second)) : []),
-    );
+    element("tlx-pairs").replaceChildren(...this.pairs.map(([first, second]) => this.pair(first, second)));
     this.note();
   }
 
-  /** @param {typeof SCALES[number]} scale */
-  slider([key, title, , question, low, high]) {
+  /** @param {Scale} scale */
+  slider({ key, title, definition, low, high }) {
     const before = this.answers.scales[key];
     const id = `tlx-${key}`;
-    const slider = make("input", {
-      type: "range",
-      id,
-      min: "0",
-      max: "100",
-      step: "5",
-      "aria-describedby": `${id}-question`,
-    });
-    slider.autofocus = key === SCALES[0]?.[0]; // otherwise the part that scrolls would have the focus
+    const slider = make("input", { type: "range", id, min: "0", max: "100", step: "5", "aria-describedby": `${id}-question` });
     slider.value = String(before ?? 50);
-    slider.dataset["answered"] = String(before !== undefined);
-    const shown = make("output", { for: id }, before === undefined ? "–" : String(before));
+    const show = () => {
+      const value = this.answers.scales[key];
+      slider.dataset["answered"] = String(value !== undefined);
+      if (value === undefined) slider.setAttribute("aria-valuetext", t("not answered yet"));
+      else slider.removeAttribute("aria-valuetext");
+    };
     const take = () => {
       this.answers.scales[key] = slider.valueAsNumber;
-      slider.dataset["answered"] = "true";
-      setText(shown, slider.value);
+      show();
       this.note();
     };
     for (const kind of ["input", "change", "pointerup"]) slider.addEventListener(kind, take);
     slider.addEventListener("keydown", (event) => {
       if (event.key === " " || event.key === "Enter") take();
     });
+    show();
     const ends = make("div", { class: "ends" }, make("span", {}, t(low)), make("span", {}, t(high)));
-    return make(
-      "div",
-      { class: "scale" },
-      make("label", { for: id }, t(title)),
-      make("p", { id: `${id}-question` }, t(question)),
-      shown,
-      slider,
-      ends,
-    );
+    return make("div", { class: "scale" }, make("label", { for: id }, t(title)), make("p", { id: `${id}-question` }, t(definition)), slider, ends);
   }
 
   /**
-   * @param {typeof SCALES[number]} first
-   * @param {typeof SCALES[number]} second
+   * @param {string} first
+   * @param {string} second
    */
   pair(first, second) {
-    const name = `${first[0]}-${second[0]}`;
-    const choices = [first, second].map(([key, title]) => {
+    const name = [first, second].sort().join("-");
+    const scales = SCALES.filter(({ key }) => key === first || key === second).sort((a) => (a.key === first ? -1 : 1));
+    const choices = scales.map(({ key, title, definition }) => {
       const radio = make("input", { type: "radio", name, value: key });
       radio.checked = this.answers.pairs[name] === key;
       radio.addEventListener("change", () => {
         this.answers.pairs[name] = key;
         this.note();
       });
-      return make("label", {}, radio, t(title));
+      return make("label", { title: t(definition) }, radio, t(title));
     });
-    return make(
-      "fieldset",
-      { class: "pair" },
-      make("legend", { class: "unseen" }, t("{scale} or {other}", { scale: t(first[1]), other: t(second[2]) })),
-      ...choices,
-    );
+    const [one, other] = scales.map(({ title, within }) => [t(title), t(within)]);
+    return make("fieldset", { class: "pair" }, make("legend", { class: "unseen" }, t("{scale} or {other}", { scale: one?.[0] ?? "", other: other?.[1] ?? "" })), ...choices);
   }
 
-  /** Store the answers, and show what is missing. */
+  /** Store the answers, and show what is missing on the page that is open. */
   note() {
     sessionStorage.setItem(this.stored, JSON.stringify(this.answers));
-    const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, , title]) => t(title));
-    const pairs = this.asksWeights ? PAIRS.length - Object.keys(this.answers.pairs).length : 0;
-    const missing = [...open, ...(pairs ? [t("{count} of {total} pairs", { count: pairs, total: PAIRS.length })] : [])];
+    const { scales, pairs, isSecond = false } = this.answers;
+    const open = SCALES.filter(({ key }) => scales[key] === undefined).map(({ within }) => t(within));
+    const left = this.pairs.length - Object.keys(pairs).length;
+    const missing = isSecond ? (left ? [t("{count} of {total} pairs", { count: left, total: this.pairs.length })] : []) : open;
+    element("tlx-scales").hidden = isSecond;
+    element("tlx-weights").hidden = !isSecond;
+    setText(button("tlx-send"), isSecond || !this.pairs.length ? t("Send answers") : t("Continue"));
     button("tlx-send").disabled = missing.length > 0;
     setText(element("tlx-missing"), missing.length ? t("Still to answer: {scales}.", { scales: missing.join(", ") }) : t("All is answered."));
   }
 
-  send() {
+  /** Go on to the pairs, or send the answers. */
+  goOn() {
+    if (this.pairs.length && !this.answers.isSecond) {
+      this.answers.isSecond = true;
+      this.note();
+      return element("tlx-title").focus();
+    }
     const { scales, pairs } = this.answers;
     const chosen = Object.values(pairs);
-    const weights = this.asksWeights
-      ? Object.fromEntries(SCALES.map(([key]) => [key, chosen.filter((other) => other === key).length]))
-      : null;
+    const weights = this.pairs.length ? Object.fromEntries(SCALES.map(({ key }) => [key, chosen.filter((other) => other === key).length])) : null;
     this.question.send({ type: "tlx", scales, weights });
   }
 

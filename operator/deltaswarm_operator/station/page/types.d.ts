@@ -87,10 +87,11 @@ export interface FormQuestion {
 
 export type Probe =
   | { kind: "isa"; number: number; asked_s: number; left_s: number }
-  | { kind: "tlx" }
+  /** `pairs`: the scales that are compared, in their drawn order. */
+  | { kind: "tlx"; pairs?: [string, string][] }
   | { kind: "sheet" }
-  /** `hides`: whether what is known must not be seen meanwhile; `left_s`: time left to answer, null: any. */
-  | { kind: "form"; number: number; hides: boolean; left_s: number | null; form: { name: string; title: string; text: string; question: FormQuestion[] } };
+  /** `hides`: whether what is known must not be seen meanwhile; `left_s`: time left to answer, null: any; `prompt`: whether a question comes once the person is ready. */
+  | { kind: "form"; number: number; hides: boolean; left_s: number | null; prompt?: boolean; form: { name: string; title: string; text: string; question: FormQuestion[] } };
 
 export interface Truth {
   agents: [number, number, number, string, number, number, number][];

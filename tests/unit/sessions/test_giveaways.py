@@ -1,0 +1,36 @@
+"""What a condition gives away of the answers about its situation."""
+
+from pathlib import Path
+
+from deltaswarm_sessions.giveaways import situation_warnings
+from deltaswarm_sessions.plan import plan
+from deltaswarm_sessions.settings import load_session
+from tests.support.sessions import a_file
+
+ASKS = "operator.probes.spam_at_s=[20]"
+
+
+def warnings_of(folder: Path, first: str, second: str) -> list[str]:
+    """The warnings about two conditions of a short run, of which each has its keys."""
+    shared = f'set = ["run.duration_s=120", "{ASKS}"]'
+    file = a_file(folder, 2)
+    text = file.read_text().replace("[session]", f"[session]\n{shared}", 1)
+    for before, own in (("control.delta=2", first), ("control.delta=3", second)):
+        text = text.replace(f'"{before}"', own)
+    file.write_text(text)
+    settings, beside = load_session(str(file))
+    return situation_warnings(plan(settings, 1, beside))
+
+
+def test_an_answer_that_is_always_right_is_told(tmp_path: Path) -> None:
+    """Without trees the number of trees is 0; where there are trees it is not, and neither are events."""
+    trees = "\"operator.probes.spam_questions=['trees', 'open_events']\""
+    found = warnings_of(tmp_path, f'"control.mode=decentralised", {trees}', trees)
+    assert found == ["condition A gives away the answer to trees: 0 is right at 100% of its moments"]
+
+
+def test_conditions_that_ask_different_questions_are_told(tmp_path: Path) -> None:
+    """A share of right answers would differ for it."""
+    [said] = warnings_of(tmp_path, "\"operator.probes.spam_questions=['open_events']\"", '"control.delta=3"')
+    assert said.endswith("(A: spam open_events; B: spam open_events, most_events)")
+    assert warnings_of(tmp_path, '"control.delta=2"', '"control.delta=3"') == []
