@@ -21,6 +21,7 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 TEXT_IN = 4.8
 """Width of the paper's text [in]. The figures are as wide, so that nothing is scaled and 8 pt stays 8 pt."""
@@ -166,7 +167,7 @@ def rendered(figure: Figure, kind: str) -> bytes:
     """
     stream = io.BytesIO()
     with drawing():
-        if figure.get_layout_engine() is not None:
+        if isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
             laid_out(figure)
         dpi = figure.dpi
         figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
