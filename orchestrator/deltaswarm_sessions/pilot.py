@@ -22,7 +22,7 @@ from deltaswarm_sessions.power import (
     powers,
 )
 from deltaswarm_sessions.settings import CROSSED, SessionSettings
-from deltaswarm_sessions.variables import KEYS, RUN_ITSELF
+from deltaswarm_sessions.variables import KEYS, RESTRICTED, RUN_ITSELF
 from deltaswarm_wire.reading import read_text, rows_of
 
 MIN_DEGREES = 3
@@ -152,6 +152,13 @@ def _pilot(rows: Sequence[Row], pair: tuple[str, str], metric: str, *, is_adjust
     """Return the participants' differences, second minus first, or what is wrong with the table of runs."""
     first, second = ({row["participant"]: row for row in rows if row["condition"] == name} for name in pair)
     both = [who for who in first if first[who][metric] and who in second and second[who][metric]]
+    for name, of in zip(pair, (first, second), strict=True):
+        reached = sum(_is_at_ceiling(of[who], metric) for who in both)
+        if 2 * reached > len(both) > 0:
+            return (
+                f"must have {metric} below its ceiling, horizon_s, in most runs; a longer metrics.horizon_s shows more "
+                f"(got {reached} of {len(both)} runs at it in {name})"
+            )
     differences = np.array([float(second[who][metric]) - float(first[who][metric]) for who in both])
     others = _others([(first[who], second[who]) for who in both]) if is_adjusted else None
     streams = {row.get("stream", "") for row in rows} - {""}
@@ -172,6 +179,11 @@ def _pilot(rows: Sequence[Row], pair: tuple[str, str], metric: str, *, is_adjust
     if pilot.deviation <= ROUNDING * max(1.0, float(np.max(np.abs(differences)))):
         return f"must have participants whose difference in {metric} varies (got {pilot.mean:g} of each)"
     return pilot
+
+
+def _is_at_ceiling(run: Row, metric: str) -> bool:
+    horizon_s = float(run.get("horizon_s") or "inf")  # tables of earlier versions lack it
+    return metric in RESTRICTED and float(run[metric]) >= horizon_s
 
 
 def _others(pairs: Sequence[tuple[Row, Row]]) -> Array:

@@ -52,6 +52,9 @@ RUN_ITSELF = {
     ),
     "stream": Variable(WHOLE, Column("", "stream of arrivals, from 0; empty: one of its own"), "stream"),
     "seed": Variable(WHOLE, Column("", "seed of the run"), "seed"),
+    "horizon_s": Variable(
+        NUMBER, Column("s", "time for which events are followed: the ceiling of their times"), "horizon_s"
+    ),
     "digest": Variable(TEXT, Column("", "digest of all messages"), "digest"),
     "training_value": Variable(
         NUMBER, Column("", "of a training run: what the training's criterion is about"), "training_value"
@@ -67,3 +70,6 @@ MEASURES = {
 """What the participant and the swarm did in it."""
 
 RUN = RUN_ITSELF | MEASURES
+
+RESTRICTED = {metric.session for metric in EVERY_KEY if metric.session and metric.is_restricted}
+"""Columns with times that the horizon bounds."""

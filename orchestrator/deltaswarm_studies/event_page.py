@@ -155,6 +155,8 @@ def _within(row: Any, name: str, horizon_s: float) -> str:
     ends = [_known(row[f"{name}{side}_s"]) for side in ("", "_low", "_high")]
     decimals = decimals_for(ends)
     value, low, high = (f"> {horizon_s:g}" if end and end >= horizon_s else number(end, decimals) for end in ends)
+    if error := _known(row.get(f"{name}_mcse_s")):
+        value += f" ({number(error, max(decimals, decimals_for([error]) - 1))})"
     return value if MISSING in (low, high) or value == low == high else f"{value} [{low}, {high}]"
 
 

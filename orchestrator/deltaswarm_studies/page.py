@@ -23,6 +23,7 @@ from deltaswarm_studies.sensitivity import tests_in
 from deltaswarm_studies.settings import VERDICTS
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
+from deltaswarm_studies.survival import families_in
 from deltaswarm_wire.files import write_whole
 
 DISTANCES, SUMS = ["distance", "mcse"], ["sum", "sum_mcse"]
@@ -83,6 +84,8 @@ def _tests(evidence: Evidence) -> dict[str, int]:
     families = len(contrasts[["contrast", "metric"]].drop_duplicates()) if len(contrasts) else 0
     families += claims["source"].nunique() if len(claims) else 0
     tests = len(contrasts) + len(claims)
+    of_events = families_in(evidence.survival)
+    tests, families = tests + sum(of_events), families + len(of_events)
     if evidence.sensitivity and (correlations := tests_in(evidence.sensitivity.keys)):
         tests, families = tests + correlations, families + 1
     return {"tests": tests, "families": families}

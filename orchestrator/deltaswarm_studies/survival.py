@@ -47,7 +47,7 @@ def mean_until_s(curve: Any, horizon_s: float) -> float:
     jumps_s = curve.quantiles
     if not len(jumps_s) or (jumps_s[-1] < horizon_s and curve.probabilities[-1] > ROUNDING):
         return math.nan
-    edges_s = np.array([0.0, *jumps_s[(jumps_s > 0) & (jumps_s < horizon_s)], horizon_s])
+    edges_s = np.array([0.0, *np.minimum(jumps_s, horizon_s), horizon_s])
     return float(np.sum(curve.evaluate(edges_s[:-1]) * np.diff(edges_s)))
 
 
@@ -93,11 +93,15 @@ class Survival:
         return [ecdf(censored(self.times[self.times["replicate"] != number])).sf for number in self.runs]
 
     def _error(self, values: Floats) -> Floats:
-        """Return half the width of the 95 % interval of estimates, from those without each run (runs, ...)."""
+        """Return the standard error of estimates, from those without each of the runs (runs, ...)."""
         count = len(values)
-        spread = np.sqrt((count - 1) / count * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
-        half: Floats = spread * scipy_stats.t.isf(ALPHA / 2, count - 1)
-        return half
+        error: Floats = np.sqrt((count - 1) / count * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
+        return error
+
+    @property
+    def _errors(self) -> float:
+        """Half the width of a 95 % interval, in standard errors; NaN with one run."""
+        return float(scipy_stats.t.isf(ALPHA / 2, len(self.runs) - 1)) if len(self.runs) > 1 else math.nan
 
     @cached_property
     def band(self) -> pd.DataFrame:
@@ -106,8 +110,8 @@ class Survival:
         share = self.curve.evaluate(times_s)
         half = np.full_like(share, np.nan)
         if self._without:
-            half = self._error(np.stack([curve.evaluate(times_s) for curve in self._without]))
-        low, high = np.clip(share - half, 0.0, 1.0), np.clip(share + half, 0.0, 1.0)
+            half = self._errors * self._error(np.stack([curve.evaluate(times_s) for curve in self._without]))
+        low, high = np.maximum(share - half, 0.0), np.minimum(share + half, 1.0)
         return pd.DataFrame({"time_s": times_s, "share": share, "low": low, "high": high})
 
     def row(self) -> Row:
@@ -116,14 +120,16 @@ class Survival:
         A quantile is inf if it is not reached within the horizon; its interval is where the band meets the share.
         """
         mean_s = mean_until_s(self.curve, self.horizon_s)
-        half = math.nan
+        error = math.nan
         if self._without:
-            half = float(self._error(np.array([mean_until_s(curve, self.horizon_s) for curve in self._without])))
+            error = float(self._error(np.array([mean_until_s(curve, self.horizon_s) for curve in self._without])))
+        half = self._errors * error
         row: Row = {
             "runs": len(self.runs),
             "events": len(self.times),
             "came": int((~self.times["is_censored"]).sum()),
             "mean_s": mean_s,
+            "mean_mcse_s": error,
             "mean_low_s": float(np.maximum(mean_s - half, 0.0)),
             "mean_high_s": float(np.minimum(mean_s + half, self.horizon_s)),
         }
@@ -158,6 +164,14 @@ def differences(a: Survival, b: Survival) -> tuple[Contrast, Contrast]:
     return means, contrast(ranks, [0.0] * len(ranks), DIFFERENCE)
 
 
+def families_in(survival: pd.DataFrame) -> list[int]:
+    """Return the number of tests in each family of a study's tables `[[survival]]`."""
+    if "difference_n" not in survival:
+        return []
+    sizes = survival[survival["difference_n"].notna()].groupby(["survival", "metric"], sort=False).size()
+    return [int(size) for size in sizes for _ in ("means", "log-rank")]
+
+
 def survival_of(study: Study, events: pd.DataFrame, unjudged: Collection[str] = ()) -> pd.DataFrame:
     """Make a row per table `[[survival]]` and variant that has events; see `Survival.row` and `differences`.
 
@@ -169,8 +183,7 @@ def survival_of(study: Study, events: pd.DataFrame, unjudged: Collection[str] = 
 
 def _table(study: Study, settings: SurvivalSettings, events: pd.DataFrame, unjudged: Collection[str]) -> list[Row]:
     moment, followed_s = MOMENTS[settings.metric], horizon_s(study, settings)
-    reference = [settings.reference] if settings.reference else []
-    variants = dict.fromkeys([*(settings.variants or study.levels), *reference])
+    variants = dict.fromkeys([*(settings.variants or study.levels), *filter(None, [settings.reference])])
     present = set(events["variant"]) if len(events) else set()
     found = {name: Survival.of(events, name, moment, followed_s) for name in variants if name in present}
     head = {"survival": settings.text, "metric": settings.metric, "horizon_s": followed_s}

@@ -175,7 +175,6 @@ METRICS = (
         "time for which events are followed: the ceiling of the times above",
         "s",
         lambda run: run.scenario.metrics.horizon_s,
-        session="horizon_s",
     ),
     Metric(
         "waiting_time_s.mean",

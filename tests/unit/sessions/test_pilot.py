@@ -40,6 +40,28 @@ def planned(folder: Path, file: Path, **question: Any) -> dict[str, Any]:
     return plan_participants(settings, file, Question(**question))
 
 
+def at_the_horizon(folder: Path, at: int, metric: str = "told_s") -> Path:
+    """A pilot with a time in each run: under B, that of so many participants is the horizon of 100 s."""
+    head, *rows = a_table(folder).read_text().splitlines()
+    lines = [f"{head}\t{metric}\thorizon_s"]
+    for row in rows:
+        who, condition = int(row.split("\t")[0]), row.split("\t")[1]
+        lines.append(f"{row}\t{100 if condition == 'B' and who <= at else 20 + who**2}\t100")
+    (folder / "runs.tsv").write_text("\n".join(lines) + "\n")
+    return folder / "runs.tsv"
+
+
+def test_times_at_their_ceiling_plan_no_participants(tmp_path: Path) -> None:
+    """More than half of a condition's runs at the horizon: how much longer they are, nobody knows."""
+    assert (
+        "problem"
+        not in planned(tmp_path, at_the_horizon(tmp_path / "a", 2), metric="told_s", test=T_TEST)["metrics"]["told_s"]
+    )
+    assert planned(tmp_path, at_the_horizon(tmp_path / "b", 4, "load"), metric="load", test=T_TEST)["metrics"]["load"]
+    with pytest.raises(CommandError, match=r"told_s below its ceiling, horizon_s.*got 3 of 4 runs at it in B"):
+        planned(tmp_path, at_the_horizon(tmp_path / "c", 3), metric="told_s", test=T_TEST)
+
+
 def test_a_mean_has_its_error_and_interval() -> None:
     """3 of 1, 2, 3 and 6: the squares of the residuals add up to 14, with 3 degrees of freedom."""
     found = fit(np.array([1.0, 2.0, 3.0, 6.0]))

@@ -100,15 +100,17 @@ def test_tables_by_hand() -> None:
     [slow] = [line for line in markdown.splitlines() if line.startswith(f"| {SLOW} | 8 | 32 |")]
     assert same.split(" | ")[3] == slow.split(" | ")[3] == "75.0"
     assert same.split(" | ")[6:] == ["> 100", "-", "-", "- |"]
-    # (24.5 + 0, 1, 2 on average, and 100) / 4, or twice the first three
-    assert same.split(" | ")[4].startswith("43.4 [")
-    assert slow.split(" | ")[4].startswith("61.8 [")
+    # (24.5 + 0, 1, 2 on average, and 100) / 4, or twice the first three. From run to run 0.75 s more, or 1.5 s: a
+    # standard deviation of 2.45 times that over 8 runs.
+    assert same.split(" | ")[4].startswith("43.4 (0.65) [")
+    assert slow.split(" | ")[4].startswith("61.8 (1.3) [")
     assert slow.split(" | ")[7].startswith("18.4 [")
     assert slow.split(" | ")[8:] == ["0.008", "0.008 |"]
     [outer] = [line for line in markdown.splitlines() if line.startswith("| 3.0 to 4.0 |")]
     assert outer.split(" | ")[1] == "16"
     assert outer.split(" | ")[2].startswith("62.8 [")
     assert "the intervals are over runs" in markdown
+    assert "This page holds 2 tests in 2 families." in markdown
 
 
 def test_a_page_is_the_same_from_its_tables(tmp_path: Path) -> None:

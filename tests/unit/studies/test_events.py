@@ -177,7 +177,9 @@ def test_a_table_of_rings_has_the_variants_that_have_events() -> None:
     assert rings_of(study, events)["variant"].tolist() == [FAST, FAST]
     assert rings_of(study, pd.DataFrame(columns=COLUMNS)).empty
     with pytest.raises(ValueError, match="no place is the densest"):
-        ring_rows(study, study.file.rings[0], events.assign(from_densest_m=math.nan), FAST)
+        ring_rows(study, study.file.rings[0], events.assign(from_densest_m=[1.0, math.nan]), FAST)
+    everything = made(OWN + "[[rings]]\n")
+    assert set(rings_of(everything, pd.concat([events, in_rings([[1.0]], SLOW)]))["variant"]) == {FAST, SLOW}
 
 
 # Before the runs

@@ -14,7 +14,15 @@ from scipy.stats import CensoredData, logrank
 
 from deltaswarm_orchestrator.results.outcome import COMPLETED, TOLD, percentile_95
 from deltaswarm_studies.events import until
-from deltaswarm_studies.survival import Survival, differences, log_rank, mean_until_s, quantile_s, survival_of
+from deltaswarm_studies.survival import (
+    Survival,
+    differences,
+    families_in,
+    log_rank,
+    mean_until_s,
+    quantile_s,
+    survival_of,
+)
 from tests.support.studying import OWN, made
 
 END_S = 1000.0
@@ -156,10 +164,12 @@ def test_a_band_needs_runs_that_differ() -> None:
     assert alone.band[["low", "high"]].isna().all(axis=None)
     assert {math.isnan(alone.row()[f"{name}_low_s"]) for name in ("mean", "median", "p95")} == {True}
     twins = survival(early(10.0, 50.0, None), early(10.0, 50.0, None))
-    assert twins.band["low"].tolist() == pytest.approx(twins.band["share"].tolist())
+    for edge in ("low", "high"):
+        assert twins.band[edge].tolist() == pytest.approx(twins.band["share"].tolist())
     wide = survival(early(10.0, 20.0), early(None, None)).band
     assert (wide["low"].min(), wide["high"].max()) == (0.0, 1.0)
-    assert wide["time_s"].iloc[[0, -1]].tolist() == [0.0, 100.0]
+    assert wide["high"].iloc[0] == wide["low"].iloc[0] == 1.0  # all wait at first
+    assert wide["time_s"].tolist() == [number * 100.0 / 400 for number in range(401)]
 
 
 def test_the_interval_of_a_median_is_where_the_band_meets_one_half() -> None:
@@ -232,6 +242,18 @@ def test_unjudged_variants_are_described_and_not_compared() -> None:
         assert rows["mean_s"].notna().all()
         assert "difference" not in rows
     assert survival_of(study, pd.DataFrame()).empty
+
+
+def test_a_table_without_variants_has_all_and_one_with_variants_has_its_reference_too() -> None:
+    """Of those that have events, in the study's order."""
+    events = pd.concat([table(lives_of(float(place)), name) for place, name in enumerate(LEVELS)])
+    study = made(f'{OWN}[[survival]]\nreference = "{LEVELS[0]}"\n')
+    assert survival_of(study, events)["variant"].tolist() == list(LEVELS)
+    study = made(f'{OWN}[[survival]]\nvariants = ["{LEVELS[2]}"]\nreference = "{LEVELS[0]}"\n')
+    assert survival_of(study, events)["variant"].tolist() == [LEVELS[2], LEVELS[0]]
+    assert survival_of(study, events)["difference_n"].tolist()[:1] == [8]
+    assert families_in(survival_of(study, events)) == [1, 1]
+    assert families_in(survival_of(made(f"{OWN}[[survival]]\n"), events)) == []
 
 
 def test_a_table_may_state_another_horizon() -> None:
