@@ -27,8 +27,8 @@ WHY_NOT: Mapping[str, str] = {
 
 EVERYBODY = tuple(WHY_NOT)
 
-MAX_BYTES = 16 * 1024
-"""Longest message of a page."""
+MAX_BYTES = 128 * 1024
+"""Longest message of a page: a form with 20 long texts fits. The page sends nothing longer."""
 MAX_DATAGRAM_BYTES = MAX_BYTES + 1024
 """The same with what the station adds."""
 

@@ -31,6 +31,7 @@ from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session
 from deltaswarm_sessions.tables import RUNS, write_tables
+from deltaswarm_sessions.variables import OF_SWARM
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""
@@ -168,6 +169,11 @@ def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[
     if effect is not None and ("metric" not in asked or not effect):
         raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")
     planned = plan_participants(settings, arguments.plan / f"{RUNS}.tsv", Question(**asked))
+    if of_swarm := [name for name in OF_SWARM if name in planned["metrics"]]:
+        notice(
+            f"measures of the swarm, not of the person: {', '.join(of_swarm)}; participants with the same stream "
+            "and no orders have the same value and are no replicates"
+        )
     if effect is None:
         notice(
             "the effect is the pilot's own, which is uncertain: give the least difference that matters by --effect, "

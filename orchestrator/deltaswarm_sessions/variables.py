@@ -69,6 +69,9 @@ MEASURES = {
 }
 """What the participant and the swarm did in it."""
 
+OF_SWARM = tuple(name for name, measure in MEASURES.items() if measure.path.split(".")[0] not in ("person", "task"))
+"""Measures of the swarm: participants who give it no orders have the same value with the same stream."""
+
 RUN = RUN_ITSELF | MEASURES
 
 RESTRICTED = {metric.session for metric in EVERY_KEY if metric.session and metric.is_restricted}

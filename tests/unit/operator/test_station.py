@@ -339,6 +339,7 @@ def test_a_feed_that_does_not_listen_holds_nobody_up(feed: Feed) -> None:
             if "busy" in refused["why"]:
                 break
         assert "busy" in refused["why"]
+        assert refused["again"] is True
         say(feed, {"type": "picture", "step": 1})
         assert told(client, "picture")["step"] == 1
 

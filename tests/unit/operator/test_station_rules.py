@@ -1,6 +1,12 @@
 """Whom the station lets in: names and addresses of hosts."""
 
+import json
+import socket
+
+import pytest
+
 from deltaswarm_operator.station import rules
+from deltaswarm_scenario.page_messages import MAX_BYTES, RefusedError
 
 
 def test_hosts_that_are_ours() -> None:
@@ -26,3 +32,16 @@ def test_each_role_has_its_own_address() -> None:
     for path in (f"/{rules.watch_token(watch)}/live", "/", "", "/secret", f"//{watch}/", f"/{watch[:-1]}/"):
         assert rules.role_and_path(tokens, path) is None
     assert rules.role_and_path({rules.OPERATE: "secret"}, f"/{watch}/live") is None
+
+
+def test_long_answers_to_a_form_pass_whole() -> None:
+    """Twenty texts of the greatest length, in letters of three bytes, in one datagram; what is too long is refused."""
+    answers = {f"question {number}": "ア" * 2000 for number in range(20)}
+    text = json.dumps({"type": "form", "form": "f", "answers": answers}, ensure_ascii=False)
+    datagram = rules.intent_of(text, 1)
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with near, far:
+        near.send(datagram, socket.MSG_DONTWAIT)
+        assert json.loads(far.recv(1 << 20))["answers"] == answers
+    with pytest.raises(RefusedError, match="bytes long"):
+        rules.intent_of(json.dumps({"type": "form", "form": "f", "answers": {"a": "x" * 2 * MAX_BYTES}}), 1)

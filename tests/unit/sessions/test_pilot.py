@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.cli import main
 from deltaswarm_sessions import pilot, power
 from deltaswarm_sessions.pilot import Question, plan_participants
 from deltaswarm_sessions.power import ADJUSTED, SIGNED_RANK, T_TEST, Pilot, fit, powers
@@ -318,3 +319,14 @@ def test_several_metrics_are_printed_with_a_line_each() -> None:
         "",
         "items: must vary",
     ]
+
+
+def test_a_measure_of_the_swarm_is_no_measure_of_a_person(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command says so, since participants with the same stream are no replicates of the swarm."""
+    table = a_table(tmp_path / "pilot")
+    command = ["session", str(a_file(tmp_path, 2)), "--plan", str(tmp_path / "pilot"), "--test", "t"]
+    assert main(command) == 0
+    assert "measures of the swarm" not in capsys.readouterr().err
+    table.write_text(table.read_text().replace("isa", "told_s"))
+    assert main(command) == 0
+    assert "measures of the swarm, not of the person: told_s; participants" in capsys.readouterr().err

@@ -26,9 +26,7 @@ export class AutonomyPanel {
   }
 
   veto() {
-    if (this.where.hidden || button("veto").hidden) return;
-    this.app.send({ type: "veto" });
-    this.app.say(t("Your veto is sent."));
+    if (!this.where.hidden && !button("veto").hidden) this.app.send({ type: "veto" });
   }
 
   update() {

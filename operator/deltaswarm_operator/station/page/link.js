@@ -7,8 +7,11 @@ const NEXT_RUN_WAIT_MS = 1000;
 /** A connection over which nothing comes for longer is dead, though nobody has closed it. */
 const DEAD_MS = 5000;
 const LOOK_EVERY_MS = 500;
+/** The participant's page says once a second that it is there. */
+const BEAT_EVERY_MS = 990;
 
 /** @typedef {import("./types.js").Message} Message */
+/** @typedef {import("./types.js").Intent & import("./messages.js").Input} Intent */
 
 export class Link {
   /**
@@ -21,6 +24,8 @@ export class Link {
     this.hasEnded = false;
     /** Whether messages come all the time, once there is a connection. */
     this.isSteady = false;
+    this.isBeating = false;
+    this.beatAt_ms = -Infinity;
     this.wait_ms = FIRST_WAIT_MS;
     this.heardAt_ms = performance.now();
     /** @type {WebSocket | null} */
@@ -58,6 +63,7 @@ export class Link {
   /** Give up a connection that is dead: one that is asked to close would wait for an answer. */
   look() {
     const { socket } = this;
+    this.beat();
     if (!socket || performance.now() - this.heardAt_ms < DEAD_MS) return;
     const isOpening = socket.readyState === WebSocket.CONNECTING;
     if (!isOpening && (!this.isSteady || this.hasEnded)) return;
@@ -72,11 +78,20 @@ export class Link {
     if (message.type === "ended") this.hasEnded = true;
     if (message.type === "picture") this.hasEnded = false;
     this.onMessage(message);
+    this.beat(); // also here, since a page in the background has few timers
+  }
+
+  /** Say that this page is there, if that is due. */
+  beat() {
+    const now_ms = performance.now();
+    if (!this.isBeating || now_ms - this.beatAt_ms < BEAT_EVERY_MS) return;
+    this.beatAt_ms = now_ms;
+    this.send({ type: "beat" });
   }
 
   /**
    * Send a message; return whether that was possible.
-   * @param {object} message
+   * @param {Intent} message
    */
   send(message) {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;

@@ -28,7 +28,7 @@ const LISTS_EVERY_MS = 250;
 const SILENT_MS = 4000;
 const SAID_MS = 6000;
 const ASK_EVERY_MS = 1000;
-const BEAT_EVERY_MS = 1000;
+const SHOW_EVERY_MS = 1000;
 
 /** @type {import("./types.js").App} */
 const app = {
@@ -36,8 +36,9 @@ const app = {
   selection: null,
   pick: null,
   send(intent) {
-    if (isNoting() && !link.hasEnded) outbox.add(intent);
-    else if (intent.type !== "page" && !link.send(intent))
+    if (isNoting() && !link.hasEnded) {
+      if (!outbox.add(intent)) refused(intent.type, t("it is too long"));
+    } else if (intent.type !== "page" && !link.send(intent))
       app.say(link.hasEnded ? t("Not sent: the run has ended.") : t("Not sent: there is no connection."));
   },
   waiting: (fits) => outbox.waiting(fits),
@@ -107,6 +108,7 @@ function takeHello(hello) {
     isa.forget();
     conduct.forget();
   }
+  link.isBeating = app.model.hello?.kind === "live";
   link.isSteady = ["live", "conductor", "watch"].includes(app.model.hello?.kind ?? "");
   if ((isNew || isOther) && isNoting() && outbox.begin(hello.run).some((intent) => intent.type !== "page"))
     app.say(t("Not noted: the run that it was for is over."));
@@ -243,6 +245,7 @@ function noted(intent) {
   else if (intent?.type === "ready") form.question.noted();
   else if (intent?.type === "sheet") session.question.noted();
   else if (intent?.type === "note") session.noted(intent.text);
+  else if (intent?.type === "veto") app.say(t("Your veto is noted."));
   showKept();
 }
 
@@ -340,7 +343,6 @@ startTheme(() => {
   map.redraw();
 });
 window.setInterval(() => {
-  if (app.model.hello?.kind === "live") link.send({ type: "beat" });
   showStatus();
   showKept();
-}, BEAT_EVERY_MS);
+}, SHOW_EVERY_MS);

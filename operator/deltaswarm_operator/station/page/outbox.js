@@ -1,6 +1,7 @@
 /** Inputs that the operator's process has not noted yet: kept, over a reload too, and sent in order until they are. */
 
 /** @typedef {import("./types.js").Intent} Intent */
+/** @typedef {import("./messages.js").Input} Input */
 /** @typedef {{id: string, run: string, page_s: number, intent: Intent, sentAt_ms?: number | undefined}} Kept */
 
 const STORED = "deltaswarm-outbox";
@@ -11,6 +12,8 @@ const MAX_PER_LOOK = 4;
 const MAX_ON_THE_WAY = 20;
 /** What has no answer after this time is sent again. */
 const AGAIN_MS = 2000;
+/** The station refuses what is longer, and the page would send it for ever. */
+const MAX_BYTES = 128 * 1024 - 200;
 /** After this time the person is told that an input is not noted yet. */
 export const SLOW_S = 1.5;
 
@@ -18,7 +21,7 @@ export const SLOW_S = 1.5;
 export const pageClock_s = () => (performance.timeOrigin + performance.now()) / 1000;
 
 export class Outbox {
-  /** @param {(message: object) => boolean} send sends a message if there is a connection */
+  /** @param {(message: Intent & Input) => boolean} send sends a message if there is a connection */
   constructor(send) {
     this.send = send;
     this.run = "";
@@ -53,16 +56,16 @@ export class Outbox {
   }
 
   /**
-   * Keep an input and send it; return its id.
+   * Keep an input and send it; return whether it is short enough for that.
    * @param {Intent} intent
    */
   add(intent) {
+    if (new TextEncoder().encode(JSON.stringify(intent)).length > MAX_BYTES) return false;
     this.count += 1;
-    const id = `${this.page}-${this.count}`;
-    this.kept.push({ id, run: this.run, page_s: pageClock_s(), intent });
+    this.kept.push({ id: `${this.page}-${this.count}`, run: this.run, page_s: pageClock_s(), intent });
     this.store();
     this.look();
-    return id;
+    return true;
   }
 
   /**
@@ -94,7 +97,11 @@ export class Outbox {
 
   store() {
     const stored = this.kept.map(({ id, run, page_s, intent }) => ({ id, run, page_s, intent }));
-    sessionStorage.setItem(STORED, JSON.stringify(stored));
+    try {
+      sessionStorage.setItem(STORED, JSON.stringify(stored));
+    } catch {
+      // there is no room: what is kept is lost if the page is loaded again, and only then
+    }
   }
 
   /** Send what is due, oldest first. */
