@@ -13,7 +13,7 @@ from deltaswarm_wire.checked import OURS, Problem, key
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
 
-OPERATOR, SWARM, SYSTEM = "operator", "swarm", "system"
+OPERATOR, SWARM, SYSTEM, BUDGET = "operator", "swarm", "system", "budget"
 RATE, ISA_ANSWER = "rate", "isa"
 
 
@@ -23,8 +23,9 @@ class AutonomySettings:
 
     sets_delta: str = key(
         OPERATOR,
-        "operator: the person, by orders; swarm: each agent for itself; system: a rule at the operator's console",
-        choices=(OPERATOR, SWARM, SYSTEM),
+        "operator: the person, by orders; swarm: each agent for itself; system: a rule at the operator's console; "
+        "budget: a rule there that keeps operator.threshold_hz as a budget (operator.budget), without a veto",
+        choices=(OPERATOR, SWARM, SYSTEM, BUDGET),
     )
     signal: str = key(
         RATE,
@@ -46,7 +47,12 @@ class AutonomySettings:
     @property
     def commands(self) -> bool:
         """Whether the system gives commands, so that the operator's turns are waited for."""
-        return self.sets_delta == SYSTEM
+        return self.sets_delta in (SYSTEM, BUDGET)
+
+    @property
+    def keeps_budget(self) -> bool:
+        """Whether the system keeps a budget of messages."""
+        return self.sets_delta == BUDGET
 
     def problems(self) -> list[Problem]:
         """The rule must be able to act, and its two bounds be in order."""
@@ -56,6 +62,29 @@ class AutonomySettings:
         if self.isa_low > self.isa_high:
             problems.append(Problem("isa_low", f"{self.isa_low:g}", f"must be at most isa_high, {self.isa_high:g}"))
         return problems
+
+
+@dataclass(frozen=True)
+class BudgetSettings:
+    """How the system keeps the message rate below operator.threshold_hz, by delta and by who works outside trees."""
+
+    aim: float = key(0.9, "share of the budget that the rule aims at", source=OURS, above=0, high=1)
+    average_s: float = key(10.0, "time constant of the average message rate [s]", source=OURS, above=0, high=3600)
+    every_s: float = key(10.0, "time between two orders [s]", source=OURS, low=0, high=3600)
+    gain: float = key(
+        0.8, "an order changes the working share by this power of aim / rate; 0: all work", source=OURS, low=0, high=5
+    )
+    taken_off: float = key(
+        0.05, "share of agents taken off work outside trees at which delta stays", source=OURS, low=0, high=1
+    )
+    delta_per_min: float = key(
+        0.5,
+        "fall of delta per minute while all agents are taken off, and that in proportion",
+        source=OURS,
+        low=0,
+        high=100,
+    )
+    highest_delta: float = key(4.0, "value above which delta is not raised", source=OURS, low=2, high=1000)
 
 
 NO_ORDERS = ("none",)
@@ -84,6 +113,9 @@ POLICIES = (OFF, NONE, THRESHOLD)
 
 SET_DELTA, DELTA = "set delta", "delta"
 """The command that changes delta, and its argument; a controller may accept it."""
+
+SET_STRUCTURE = "set structure"
+"""The command that changes delta in small steps, and the share of agents that work outside trees."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +181,7 @@ class OperatorSettings:
     page: PageSettings = key(PageSettings, "what the station's page shows and offers")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")
     autonomy: AutonomySettings = key(AutonomySettings, "who sets delta during the run")
+    budget: BudgetSettings = key(BudgetSettings, "how the system keeps a message budget")
     task: TaskSettings = key(TaskSettings, "the person's task: to tell targets from decoys")
 
     @property
@@ -187,8 +220,8 @@ class Briefing:
         """The orders that the person at the station may give."""
         operator = self.operator
         names = operator.page.orders or [form.name for form in self.forms]
-        withheld = SET_DELTA if operator.autonomy.sets_delta != OPERATOR else ""
-        return tuple(form for form in self.forms if form.name in names and form.name != withheld)
+        withheld = (SET_DELTA, SET_STRUCTURE) if operator.autonomy.sets_delta != OPERATOR else ()
+        return tuple(form for form in self.forms if form.name in names and form.name not in withheld)
 
 
 def begun_with(forms: tuple[CommandForm, ...], options: Mapping[str, Any]) -> tuple[CommandForm, ...]:

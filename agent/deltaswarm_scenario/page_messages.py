@@ -200,7 +200,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "event_numbers": Field("[number, number][]", ()),
             "commands": Field("Form[]", ()),
             "goal": Field("string", ""),
-            "sets_delta": Field('"operator" | "swarm" | "system"', LEFT_OUT),
+            "sets_delta": Field('"operator" | "swarm" | "system" | "budget"', LEFT_OUT),
             "speeds": Field("number[]", ()),
             "layers": Field("string[]", LEFT_OUT),
             "end_text": Field("string", ""),

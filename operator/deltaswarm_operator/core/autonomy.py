@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from deltaswarm_scenario.operator_settings import DELTA, ISA_ANSWER, SET_DELTA, AutonomySettings, Briefing
+from deltaswarm_scenario.operator_settings import DELTA, ISA_ANSWER, SET_DELTA, SYSTEM, AutonomySettings, Briefing
 from deltaswarm_wire.commands import named
 
 
@@ -106,6 +106,6 @@ def first_delta(briefing: Briefing) -> int | None:
 def autonomy_of(briefing: Briefing) -> Autonomy | None:
     """Make the rule by which the system sets delta, if a briefing asks for it."""
     operator, delta = briefing.operator, first_delta(briefing)
-    if not operator.autonomy.commands or delta is None:
+    if operator.autonomy.sets_delta != SYSTEM or delta is None:
         return None
     return Autonomy(operator.autonomy, operator.threshold_hz, delta)

@@ -13,6 +13,7 @@ from typing import Any
 
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
+from deltaswarm_operator.core.budget import Budget, budget_of
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.page_beats import PageBeats
 from deltaswarm_operator.core.picture import Item, Picture, item_rows
@@ -20,7 +21,7 @@ from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
-from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
+from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
 from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow
 from deltaswarm_scenario.technique import Seen
@@ -88,6 +89,7 @@ class Console:
         self.probes.is_timed = False
         self.person = person_of(briefing)
         self.autonomy = autonomy_of(briefing)
+        self.budget = budget_of(briefing)
         """The rule by which the system sets delta; None: it does not."""
         self.attention: Attention | None = None
         """What the person at the station reads and misses; None without a station."""
@@ -212,6 +214,8 @@ class Console:
             self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
         if self.autonomy is not None:
             self._act_as_system(self.autonomy, workload.rate_60s_hz)
+        if self.budget is not None:
+            self._keep_budget(self.budget, workload.rate_1s_hz)
         return self.turn()
 
     def see(self) -> Seen:
@@ -253,11 +257,18 @@ class Console:
         if delta is not None:
             self.command(SYSTEM, SET_DELTA, Target(), {DELTA: delta})
 
+    def _keep_budget(self, budget: Budget, rate_hz: float) -> None:
+        """Order what the budget's rule wants; an order for which there is no room is not sent."""
+        structure = budget.close_step(self.picture.now_s, rate_hz)
+        if structure is not None and self.command_log.has_room:
+            self.command(SYSTEM, SET_STRUCTURE, Target(), structure._asdict())
+
     @property
     def totals(self) -> dict[str, Any]:
         """The metrics of the person and of the system that sets delta, for JSON; empty without both."""
         by_system = sum(sent.by == SYSTEM for sent in self.command_log.sent)
-        changes = {"autonomy": {"changes": by_system, "vetoes": self.autonomy.vetoes}} if self.autonomy else {}
+        vetoes = self.autonomy.vetoes if self.autonomy else 0
+        changes = {"autonomy": {"changes": by_system, "vetoes": vetoes}} if self.autonomy or self.budget else {}
         return changes | self._person_totals
 
     @property

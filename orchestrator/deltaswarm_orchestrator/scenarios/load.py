@@ -13,7 +13,7 @@ from typing import Any
 import tomli_w
 
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
-from deltaswarm_scenario.operator_settings import NO_ORDERS, OPERATOR, SET_DELTA, SWARM
+from deltaswarm_scenario.operator_settings import NO_ORDERS, OPERATOR, SET_DELTA, SET_STRUCTURE, SWARM
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
@@ -98,9 +98,11 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     forms = forms_of(find_controller(scenario.control.mode))
     names = ", ".join(form.name for form in forms) or "none"
     problems = []
-    if named(forms, SET_DELTA) is None:
-        wrong = f"needs a controller that accepts {SET_DELTA!r} ({scenario.control.mode} accepts: {names})"
-        if operator.person.commands:
+    needed = SET_STRUCTURE if operator.autonomy.keeps_budget else SET_DELTA
+    form = named(forms, needed)
+    if form is None or scenario.control.mode in form.refused_in:
+        wrong = f"needs a controller that accepts {needed!r} ({scenario.control.mode} accepts: {names})"
+        if operator.person.commands and form is None:
             problems.append(Problem("operator.person.policy", repr(operator.person.policy), wrong))
         if operator.autonomy.commands:
             problems.append(Problem("operator.autonomy.sets_delta", repr(operator.autonomy.sets_delta), wrong))

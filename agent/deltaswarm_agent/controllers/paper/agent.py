@@ -17,6 +17,9 @@ from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.messages import Event, Pose
 from deltaswarm_wire.saved import Saved
 
+GOLDEN_RATIO = (5**0.5 - 1) / 2
+"""Its multiples, modulo 1, are the most even sequence of their kind."""
+
 
 class Agent(Saved):
     """One agent's state."""
@@ -80,6 +83,8 @@ class Agent(Saved):
         self.goto_until = 0
         """The step with which this walk ends."""
         self.errand_command = 0
+        self.strategy_command = 0
+        """The number of the newest order that changed the strategy."""
         self.done: list[int] = []
         self.refused: list[int] = []
         self.superseded: list[int] = []
@@ -91,6 +96,11 @@ class Agent(Saved):
         if self.strategy.adapts and self.finds is not None:
             return delta_for(self.finds.busy)
         return self.strategy.founds_at
+
+    @property
+    def rank(self) -> float:
+        """Its place from 0 to 1 among all agents, by its number alone: any share of a swarm is spread evenly."""
+        return self.id * GOLDEN_RATIO % 1
 
     def steps(self, seconds: float | str) -> int:
         """A time in steps."""

@@ -1,6 +1,8 @@
 """The operator's commands under the paper's control structures. The paper has no commands; these are ours.
 
 - `set delta`: sets how many events sensed at once make the agent a root from now on (hybrid control only).
+- `set structure`: the same, finer: with a fraction of delta, that share of the agents takes the next greater delta, and
+  only a share of the agents works on events outside trees; the others only walk, as under hierarchical control.
 - `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
 - `attend`: free agents near a place go there; what they sense on the way comes first. It ends with the command's life.
 - `hold`: an agent that walks, or goes to an event, stands still; `resume` ends it.
@@ -15,6 +17,7 @@ from deltaswarm_wire.commands import AGENT, ALL, CIRCLE, PLACE, TREE, ArgumentFo
 from deltaswarm_wire.messages import Pose
 
 SET_DELTA, RECALL, ATTEND, HOLD, RESUME = "set delta", "recall", "attend", "hold", "resume"
+SET_STRUCTURE = "set structure"
 ANYBODY = (ALL, CIRCLE, TREE, AGENT)
 
 FORMS = (
@@ -23,6 +26,18 @@ FORMS = (
         ANYBODY,
         (ArgumentForm("delta", "integer", 1, 1000, default=3, help="events sensed at once that make an agent a root"),),
         "How many events sensed at once make an agent a root. More is less centralised. For hybrid control only.",
+        refused_in=("decentralised", "hierarchical"),
+    ),
+    CommandForm(
+        SET_STRUCTURE,
+        ANYBODY,
+        (
+            ArgumentForm(
+                "delta", "number", 1, 1000, default=3, help="3.2: a fifth of the agents has delta 4, the rest 3"
+            ),
+            ArgumentForm("working", "number", 0, 1, default=1, help="share of the agents that work outside trees"),
+        ),
+        "How much of the swarm is centralised, in small steps. For hybrid control only.",
         refused_in=("decentralised", "hierarchical"),
     ),
     CommandForm(
@@ -58,10 +73,27 @@ def obey(agent: Agent, commands: Sequence[Command]) -> None:
             (agent.done if outcome else agent.refused).append(command.number)
 
 
-def _set_delta(agent: Agent, command: Command) -> bool:
+def _set_delta(agent: Agent, command: Command) -> bool | None:
+    return _restructure(agent, command, int(command.arguments["delta"]), agent.strategy.attends)
+
+
+def _set_structure(agent: Agent, command: Command) -> bool | None:
+    least, fraction = divmod(float(command.arguments["delta"]), 1)
+    delta = int(least) + (agent.rank < fraction)
+    return _restructure(agent, command, delta, agent.rank < float(command.arguments["working"]))
+
+
+def _restructure(agent: Agent, command: Command, delta: int, works: bool) -> bool | None:
+    """Change the strategy, unless a later order, heard before this one, has done so."""
     if not agent.strategy.has_delta:
         return False
-    agent.strategy = replace(agent.strategy, founds_at=int(command.arguments["delta"]), adapts=False)
+    if command.number < agent.strategy_command:
+        agent.superseded.append(command.number)
+        return None
+    agent.strategy_command = command.number
+    agent.strategy = replace(agent.strategy, founds_at=delta, attends=works, adapts=False)
+    if not works and agent.target is not None:
+        agent.change(Cause.TAKEN_OFF)
     return True
 
 
@@ -100,7 +132,14 @@ def _resume(agent: Agent, command: Command) -> bool:
     return True
 
 
-_RULES = {SET_DELTA: _set_delta, RECALL: _recall, ATTEND: _attend, HOLD: _hold, RESUME: _resume}
+_RULES = {
+    SET_DELTA: _set_delta,
+    SET_STRUCTURE: _set_structure,
+    RECALL: _recall,
+    ATTEND: _attend,
+    HOLD: _hold,
+    RESUME: _resume,
+}
 
 
 def goto(agent: Agent) -> Pose | None:

@@ -49,6 +49,7 @@ class Cause(StrEnum):
     NOBODY_FOUND = "no member in range"
     ORDERED = "recruited by its root"
     RECALLED = "recalled by the operator"
+    TAKEN_OFF = "no longer among those that work alone"
 
 
 PAPER_SECTION = {
@@ -73,6 +74,8 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.GOING, Cause.EVENT_NOT_THERE): State.WALKING,
     (State.ATTENDING, Cause.EVENT_COMPLETE): State.WALKING,
     (State.ATTENDING, Cause.ANOTHER_SENSED): State.GOING,
+    (State.GOING, Cause.TAKEN_OFF): State.WALKING,
+    (State.ATTENDING, Cause.TAKEN_OFF): State.WALKING,
     (State.WALKING, Cause.THRESHOLD_REACHED): State.ROOT,
     (State.GOING, Cause.THRESHOLD_REACHED): State.ROOT,
     (State.ATTENDING, Cause.THRESHOLD_REACHED): State.ROOT,

@@ -9,6 +9,7 @@ const WHO = {
   operator: "",
   swarm: later("The agents choose delta themselves."),
   system: later("The system sets delta. You can veto a change before it is made."),
+  budget: later("The system sets delta, so that messages keep within a budget."),
 };
 
 export class AutonomyPanel {

@@ -34,7 +34,7 @@ export type Hello = {
   event_numbers: [number, number][];
   commands: Form[];
   goal: string;
-  sets_delta?: "operator" | "swarm" | "system";
+  sets_delta?: "operator" | "swarm" | "system" | "budget";
   speeds: number[];
   layers?: string[];
   end_text: string;

@@ -1,15 +1,18 @@
 """The operator's commands in small swarms under the paper's control structures, in one process."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
 import pytest
 
+from deltaswarm_agent.controllers.paper.commands import obey
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.truth import StepRecord
+from deltaswarm_wire.commands import Command, Target
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, SUPERSEDED, Clock
 from tests.support.commanding import script
 from tests.support.cores import controllers_of, swarm
@@ -50,6 +53,33 @@ def test_another_delta_changes_who_becomes_a_root() -> None:
     assert all(trees[step] == 0 for step in range(120))
     assert any(trees[step] for step in range(121, 240))
     assert states(found) == [DONE] * 6
+
+
+def test_a_structure_gives_shares_of_the_swarm_their_own_rules() -> None:
+    """Of 25 agents ten take the next greater delta, and five work alone; an older order heard later is void."""
+    found = swarm(
+        "smoke", "agents.count=25", *QUIET, script([3, "set structure", "all", [], {"delta": 2.4, "working": 0.2}])
+    )
+    for _ in play(found, 40):
+        pass
+    agents = [controller.agent for controller in controllers_of(found).values()]
+    assert Counter(agent.delta for agent in agents) == {2: 15, 3: 10}
+    assert sum(agent.strategy.attends for agent in agents) == 5
+    for number, delta in ((9, 4.0), (8, 7.0)):
+        obey(agents[1], [Command(number, "set structure", Target("all"), {"delta": delta, "working": 1.0}, 60.0)])
+    assert agents[1].delta == 4
+    assert (agents[1].done[-1], agents[1].superseded) == (9, [8])
+
+
+def test_who_is_taken_off_leaves_its_event() -> None:
+    """And reports nothing from then on, though it still senses the event; under another order it comes back."""
+    orders = [[at_s, "set structure", "all", [], {"delta": 60, "working": w}] for at_s, w in ((200, 0), (300, 1))]
+    found = swarm("smoke", "events.rate_hz=0.06", "record=off", script(*orders))
+    free = {State.GOING, State.ATTENDING}
+    at_work = [sum(controller.state in free for controller in controllers_of(found).values()) for _ in play(found, 420)]
+    assert max(at_work[150:200]) > 0
+    assert max(at_work[260:300]) == 0
+    assert max(at_work[350:]) > 0
 
 
 def test_a_tree_and_a_circle_have_their_own_delta() -> None:
@@ -182,6 +212,7 @@ def test_commands_spread_from_agent_to_agent() -> None:
 COMMANDS = script(
     [0, "set delta", "all", [], {"delta": 1}],
     [60, "hold", "circle", [20, 20, 12], {"for_s": 45}],
+    [70, "set structure", "all", [], {"delta": 1.5, "working": 0.5}],
     [100, "attend", "place", [10, 30], {"within_m": 30}],
     [110, "resume", "all", [], {}],
     [150, "recall", "tree", [1], {"pause_s": 30}],

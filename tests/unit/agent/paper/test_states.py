@@ -128,6 +128,22 @@ def recalled(watch: Watch) -> None:
         for at_s in range(100, ROUGH_STEPS, RECALL_EVERY_S)
         for root in range(12)
     ]
+    ordered(orders, watch)
+
+
+def taken_off(watch: Watch) -> None:
+    """A rough run, in which the operator takes all agents off their work, and back to it, again and again."""
+    ordered(
+        [
+            f'{{at_s={at_s}, name="set structure", arguments={{delta=9, working={at_s // RECALL_EVERY_S % 2}}}}}'
+            for at_s in range(100, ROUGH_STEPS, RECALL_EVERY_S)
+        ],
+        watch,
+    )
+
+
+def ordered(orders: list[str], watch: Watch) -> None:
+    """A rough run with a script of orders."""
     crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
     for step, record in enumerate(play(crew, ROUGH_STEPS)):
         crew.close_step(Clock(step, record.time_s, last=False))
@@ -142,6 +158,7 @@ def taken() -> Iterator[dict[Step, int]]:
         watch.install(patch)
         two_roots(watch)
         recalled(watch)
+        taken_off(watch)
         for seed, reading in product(SEEDS, READINGS):
             rough(seed, watch, *reading)
             if len(watch.steps) >= len(TRANSITIONS):
