@@ -85,7 +85,10 @@ def at_ceiling(study: Study, runs: "pd.DataFrame") -> dict[tuple[str, str], AtCe
 def undecided(
     study: Study, runs: "pd.DataFrame", contrasts: "pd.DataFrame", claims: "pd.DataFrame"
 ) -> tuple["pd.DataFrame", "pd.DataFrame", list[str]]:
-    """Return contrasts and claims without the verdicts that longer times could change, and a line for each of them."""
+    """Return contrasts and claims without the verdicts that longer times could change, and a line for each row.
+
+    A verdict that stays is of an estimate that is only a bound.
+    """
     found = at_ceiling(study, runs)
     if not found:
         return contrasts, claims, []
@@ -137,16 +140,19 @@ def _undecide(
     found: Mapping[tuple[str, str], AtCeiling],
     variants: Sequence[str],
 ) -> dict[str, None]:
-    """Replace the verdict of the row with these values, unless it stays; return the line that says so."""
+    """Replace the verdict of the row with these values, unless it stays; return the line that says what happened."""
     is_row = table["verdict"] != "no data"
     for column, value in own.items():
         is_row &= table[column] == value if column in table else True
-    if not is_row.any() or table.loc[is_row, "verdict"].isin(kept).all():
+    if not is_row.any():
         return {}
-    table.loc[is_row, "verdict"] = verdict
+    is_kept = table.loc[is_row, "verdict"].iloc[0] in kept
+    if not is_kept:
+        table.loc[is_row, "verdict"] = verdict
     each = found[metric, variants[0]]
     share = f"{each.reached} of {each.n} values of {metric!r} in {variants[0]!r}"
-    return {f"Not decided: {what}, since {share} are at their ceiling, the horizon of {each.horizon_s:g} s.": None}
+    found_of = "Only a bound: the estimate of" if is_kept else "Not decided:"
+    return {f"{found_of} {what}, since {share} are at their ceiling, the horizon of {each.horizon_s:g} s.": None}
 
 
 def shown(text: str, value: float | None, metric: StudyMetric, study: Study, variant: str) -> str:

@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.ceilings import ceiling_problems
-from deltaswarm_studies.event_checks import MOMENTS, event_problems
+from deltaswarm_studies.event_checks import MOMENTS, asked, event_problems
 from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, StudyMetric, source_of
@@ -97,6 +97,9 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         yield f"grid[{i}].metric", [grid.metric], metrics
         yield f"grid[{i}]", [grid.rows, grid.factor], [name for name in factors if len(factors) == 2]
         yield f"grid[{i}].columns", [*itertools.chain(*grid.columns.values())], factors.get(grid.factor, ())
+    for each in asked(study):
+        yield f"{each.where}.metric", [each.settings.metric], MOMENTS
+        yield f"{each.where}.variants", [*each.settings.variants, *each.references], variants
     for i, figure in enumerate(file.figure):
         where, drawn = f"figure[{i}]", KINDS[figure.kind]
         for name in drawn.metrics:

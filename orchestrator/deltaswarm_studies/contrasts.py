@@ -1,5 +1,6 @@
 """Contrasts: levels of a factor, compared within each combination of the others, and what a plan of them can show."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.table import read_table
 from deltaswarm_studies import montecarlo
+from deltaswarm_studies.ceilings import at_ceiling
 from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL
 from deltaswarm_studies.settings import ContrastSettings, ContrastVerdict
 from deltaswarm_studies.stats import (
@@ -145,7 +147,8 @@ def _smallest_effect(study: Study, settings: ContrastSettings, metric: str, runs
         return None
     samples = samples_of(runs, metric)
     scale = _scale_of(comparisons, samples)
-    pairs = [_paired(row, samples, scale) for row in comparisons]
+    stuck = {variant for name, variant in at_ceiling(study, runs) if name == metric}
+    pairs = [_paired(row, samples, scale) for row in comparisons if stuck.isdisjoint(itertools.chain(*row.sides))]
     changes = [(np.log(a) - np.log(b) if scale == RATIO else a - b).dropna() for a, b in pairs]
     spreads = [float(change.std()) for change in changes if len(change) >= MIN_PILOT]
     if not spreads:

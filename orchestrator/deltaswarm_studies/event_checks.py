@@ -10,7 +10,7 @@ from deltaswarm_studies.event_settings import RingsSettings, SurvivalSettings
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.study import Study
-from deltaswarm_wire.checked import Problem, did_you_mean
+from deltaswarm_wire.checked import Problem
 
 SURVIVAL, RINGS = "survival", "rings"
 
@@ -57,7 +57,7 @@ def horizon_s(study: Study, settings: SurvivalSettings | RingsSettings | FigureS
     """Return the time for which a table or a figure follows events [s]."""
     if settings.horizon_s is not None:
         return settings.horizon_s
-    return min(horizons_s(study, settings.variants or list(study.levels)))
+    return horizons_s(study, settings.variants or list(study.levels))[0]
 
 
 def scenarios_of(study: Study, variants: Sequence[str]) -> list[tuple[str, Scenario]]:
@@ -91,7 +91,7 @@ def too_short(moment: Moment, study: Study, variants: Sequence[str], followed_s:
     for name, scenario in scenarios_of(study, variants):
         least, why = least_s(moment, scenario)
         horizon = scenario.metrics.horizon_s if followed_s is None else followed_s
-        if 0 < horizon <= least:
+        if horizon <= least:
             return (
                 f"must be longer than {least:.6g} s, which {why} takes at least in {name!r}: no event is "
                 f"{moment.state} within {horizon:.15g} s, whatever the swarm does"
@@ -101,7 +101,7 @@ def too_short(moment: Moment, study: Study, variants: Sequence[str], followed_s:
 
 def event_problems(study: Study) -> Iterator[Problem]:
     """Yield what makes it impossible to answer what is asked about single events."""
-    known, file = list(study.levels), study.file
+    file = study.file
     for table, all_of in (("survival", file.survival), ("rings", file.rings)):
         called = [(settings.text, settings.metric) for settings in all_of]
         for i, own in enumerate(called):
@@ -109,17 +109,8 @@ def event_problems(study: Study) -> Iterator[Problem]:
                 allowed = f"must differ from that of {table}[{called.index(own)}], which has the same metric"
                 yield Problem(f"{table}[{i}].text", repr(own[0]), allowed)
     for each in asked(study):
-        where, settings, variants = each.where, each.settings, each.variants(study)
-        if settings.metric not in MOMENTS:
-            yield Problem(f"{where}.metric", repr(settings.metric), f"must be one of {', '.join(MOMENTS)}")
-            continue
-        unknown = [name for name in [*variants, *each.references] if name not in study.levels]
-        for name in unknown:
-            hint = did_you_mean(name, known).rstrip()
-            yield Problem(where, repr(name) + (hint and f"; {hint}"), f"must be one of {', '.join(map(repr, known))}")
-        if not unknown:
-            yield from _horizon(study, each, [*variants, *each.references])
-            yield from _densest(study, each)
+        yield from _horizon(study, each, [*each.variants(study), *each.references])
+        yield from _densest(study, each)
 
 
 def _horizon(study: Study, each: Asked, variants: Sequence[str]) -> Iterator[Problem]:

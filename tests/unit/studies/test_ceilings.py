@@ -1,12 +1,15 @@
 """Values at their ceiling: refused before the runs where that is known, not decided after them, shown as no less."""
 
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
 from deltaswarm_studies.ceilings import at_ceiling
+from deltaswarm_studies.contrasts import smallest_effects
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.page import pages
 from deltaswarm_wire.checked import SettingsError
 from tests.support.studying import FAST, LEVELS, MODES, OWN, SAME, SLOW, SWEEP, Value, made, table
 from tests.support.tiers import in_one_test
@@ -56,6 +59,8 @@ ORDER = claim("order", less=FAST, more=SLOW)
         (ORDER, [FAST, SLOW], "undecided"),
         (claim("order", less=FAST, more=SLOW, at_least=2.5), [SLOW], "holds"),
         (claim("order", less=FAST, more=SLOW, at_least=3.5), [SLOW], "undecided"),  # 3.3 times or more
+        (claim("order", less=FAST, more=SLOW, at_least=1.5), [FAST, SLOW], "undecided"),
+        (claim("value", of=SLOW, above=100.0), [SLOW], "undecided"),
         (claim("alike", a=FAST, b=SLOW, margin=1.2), [FAST, SLOW], "undecided"),  # equal, since both are cut off
         (claim("alike", a=FAST, b=SLOW, margin=1.2), [SLOW], "refuted"),
         (claim("alike", a=FAST, b=SLOW, margin=4.0), [SLOW], "undecided"),
@@ -70,6 +75,25 @@ ORDER = claim("order", less=FAST, more=SLOW)
 def test_a_claim_keeps_the_verdict_that_longer_times_could_not_change(own: str, at: list[str], expected: str) -> None:
     """Any other verdict is undone, with a line that says why."""
     assert verdict(own, stuck(*at)) == expected
+
+
+@pytest.mark.parametrize(("stuck_at", "is_decided"), [(3, True), (4, False)])
+def test_a_correlation_with_values_at_their_ceiling_is_not_decided(stuck_at: int, is_decided: bool) -> None:
+    """If they are in more than half of the six variants, which then have no order."""
+    own = claim("predicts", less="waiting", more="messages")
+    variants = [f"{level}, {mode}" for level in LEVELS for mode in MODES]
+    order: Value = lambda level, mode, replicate: 1.0 + variants.index(f"{level}, {mode}")  # noqa: E731
+    evidence = Evidence.of_sweep(made(OWN + own), table(stuck(*variants[:stuck_at]), order, order), pd.DataFrame())
+    assert evidence.claims["verdict"].tolist() != ["no data"]
+    assert any(line.startswith("Not decided: the claim 'it'") for line in evidence.doubts) is not is_decided
+
+
+def test_a_value_within_a_hundredth_of_the_ceiling_is_at_it() -> None:
+    """Of a mean as near as that nearly all times are cut off."""
+    study = made(OWN + CONTRAST)
+    for value_s, is_at in ((99.0, True), (98.9, False)):
+        runs = Evidence.of_sweep(study, table(lambda *_, at=value_s: at), pd.DataFrame()).runs
+        assert bool(at_ceiling(study, runs)) is is_at
 
 
 @pytest.mark.parametrize(("below", "expected"), [(0, "undecided"), (4, "undecided"), (5, "holds"), (10, "holds")])
@@ -93,6 +117,31 @@ def test_a_contrast_at_the_ceiling_is_not_decided() -> None:
         "Not decided: the contrast 'limit' (loss=0.5 against loss=0.0), since 10 of 10 values of 'waiting_all' in "
         "'loss=0.5, hybrid 3' are at their ceiling, the horizon of 100 s."
     ]
+
+
+def test_a_verdict_that_stays_is_of_a_bound() -> None:
+    """Twice as long as can be seen, or ten times: the line says so."""
+    [line] = [line for line in judged(ORDER, stuck(SLOW)).doubts if "ceiling" in line]
+    assert line == (
+        "Only a bound: the estimate of the claim 'it', since 10 of 10 values of 'waiting_all' in "
+        "'loss=0.9, hybrid 3' are at their ceiling, the horizon of 100 s."
+    )
+
+
+def noisy(level: str, mode: str, replicate: int) -> float:
+    """Around 30 s, with another order of the replicates at each level."""
+    return 30.0 * (1 + replicate * (1 + int(level[-1])) % 7 / 100)
+
+
+def test_a_pilot_at_its_ceiling_foretells_no_effect(tmp_path: Path) -> None:
+    """Replicates that are all cut off do not vary; only comparisons below the ceiling tell how replicates differ."""
+    study = made(OWN + CONTRAST)
+    found = []
+    for waiting in (noisy, lambda *of: HORIZON_S if of[0] == "loss=0.5" else noisy(*of), lambda *of: HORIZON_S):
+        Evidence.of_sweep(study, table(waiting), pd.DataFrame()).runs.to_csv(tmp_path / "runs.csv", index=False)
+        found.append(smallest_effects(study, tmp_path / "runs.csv")[0, "waiting_all"])
+    assert found[2] is None
+    assert [text is not None and float(text.removesuffix(" times")) > 1.01 for text in found[:2]] == [True, True]
 
 
 def test_an_interaction_at_the_ceiling_is_not_decided() -> None:
@@ -123,6 +172,15 @@ def test_a_metric_of_ones_own_has_its_columns_ceiling() -> None:
     assert [*at_ceiling(study, runs)] == [("mine", SLOW)]
 
 
+def test_estimates_at_their_ceiling_are_shown_as_no_less() -> None:
+    """Others as they are, with their interval."""
+    stuck = table(lambda level, mode, replicate: 100.0 if level == "loss=0.9" else 40.0 + replicate)
+    evidence = Evidence.of_sweep(made(OWN), stuck, pd.DataFrame())
+    _, markdown, _ = pages(made(OWN), evidence, pd.DataFrame({"what": ["runs"], "value": ["60"]}))
+    cells = {line.split(" | ")[0]: line.split(" | ")[2] for line in markdown.splitlines() if line.startswith("| loss=")}
+    assert (cells[f"| {SLOW}"], cells[f"| {SAME}"]) == ("> 100", "44.5 (1.4) [41.0, 48.0]")
+
+
 # Before the runs
 
 BARE = OWN.replace('metrics = ["waiting_all", "messages"]', 'metrics = ["messages"]')
@@ -147,6 +205,7 @@ def about(metric: str, kind: str = "claim") -> str:
     [
         *((about("completion_s", kind), LONG_WORK, "longer than 100 s, which the work of 6 agents") for kind in
           ("claim", "contrast", "grid", "fit", "recovery")),
+        (BARE + claim("predicts", less="waiting", more="messages", metric="completion_s"), LONG_WORK, "(claim[0]:"),
         (about("completion_p95"), LONG_WORK, "(claim[0]: 'completion_p95')"),
         (about("completion_beyond"), LONG_WORK, "(claim[0]: 'completion_beyond')"),
         (about("told_worst_tenth", "contrast"), LATE, "longer than 101 s, which the delay of a report"),

@@ -150,12 +150,3 @@ def test_a_study_that_asks_nothing_about_events_keeps_them(tmp_path: Path) -> No
     write(study, evidence_of(""), PROVENANCE, tmp_path)
     assert len(read_table(tmp_path / "events.csv")) == 2 * REPLICATES * 4
     assert "Times" not in (tmp_path / "page.md").read_text()
-
-
-def test_estimates_at_their_ceiling_are_shown_as_no_less() -> None:
-    """Others as they are, with their interval."""
-    stuck = runs_table(lambda level, mode, replicate: 100.0 if level == "loss=0.9" else 40.0 + replicate)
-    evidence = Evidence.of_sweep(made(OWN), stuck, pd.DataFrame())
-    _, markdown, _ = pages(made(OWN), evidence, PROVENANCE)
-    cells = {line.split(" | ")[0]: line.split(" | ")[2] for line in markdown.splitlines() if line.startswith("| loss=")}
-    assert (cells[f"| {SLOW}"], cells[f"| {SAME}"]) == ("> 100", "44.5 (1.4) [41.0, 48.0]")

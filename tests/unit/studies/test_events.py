@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.results.outcome import EventLife
+from deltaswarm_orchestrator.results.outcome import COMPLETED, SENSED, TOLD, WORKED, EventLife, Moment
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.sweeps import table as sweep_tables
 from deltaswarm_orchestrator.sweeps.job import Task, work
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.event_checks import least_s
 from deltaswarm_studies.events import COLUMNS, events_of, from_densest_m, kept, lacking
 from deltaswarm_studies.rings import ring_rows, rings_of
 from deltaswarm_studies.study import Study
@@ -192,10 +193,10 @@ SLOW_UPLINK = SWEEP.replace("[scenario]", "[scenario]\nuplink.latency_s = 100.0"
 @in_one_test(
     ("own", "sweep", "complaint"),
     [
-        ('[[survival]]\nmetric = "messages"\n', SWEEP, "survival[0].metric must be one of waiting_all"),
-        ('[[survival]]\nmetric = "told_p95"\n', SWEEP, "(got 'told_p95')"),
-        ('[[survival]]\nreference = "hybrid"\n', SWEEP, "survival[0] must be one of 'loss=0.0, decentralised'"),
-        ('[[rings]]\nvariants = ["hybrid"]\n', SWEEP, "rings[0] must be one of 'loss=0.0, decentralised'"),
+        ('[[survival]]\nmetric = "messages"\n', SWEEP, "survival[0].metric must be one of 'waiting_all'"),
+        ('[[survival]]\nmetric = "told_p95"\n', SWEEP, "(got 'told_p95'; did you mean 'told_s'?)"),
+        ('[[survival]]\nreference = "hybrid"\n', SWEEP, "survival[0].variants must be one of 'loss"),
+        ('[[rings]]\nvariants = ["hybrid"]\n', SWEEP, "rings[0].variants must be one of 'loss=0.0, decentralised'"),
         ("[[rings]]\nrings = 1\n", SWEEP, "rings[0].rings must be an integer from 2 to 50 (got 1)"),
         ("[[survival]]\nhorizon_s = 1000.0\n", SWEEP, "must be less than the length of the runs, 1000 s"),
         (f"{FIGURE}horizon_s = 1000.0\n", SWEEP, "figure[0].horizon_s must be less than"),
@@ -205,7 +206,7 @@ SLOW_UPLINK = SWEEP.replace("[scenario]", "[scenario]\nuplink.latency_s = 100.0"
         ("[[rings]]\n", UNIFORM, "must not be uniform for rings around the densest place"),
         ("[[survival]]\n", SLOW_UPLINK, "longer than 100 s, which the delay of a report (uplink.latency_s)"),
         ('[[survival]]\nmetric = "completion_s"\nhorizon_s = 32.0\n', SWEEP, "longer than 32.3333 s"),
-        ('[[survival]]\ntext = "a"\n[[survival]]\ntext = "a"\n', SWEEP, "survival[1].text must differ from that of"),
+        ('[[survival]]\ntext = "a"\n[[survival]]\ntext = "a"\n', SWEEP, "which has the same metric (got 'a')"),
     ],
 )  # fmt: skip
 def test_what_no_run_could_answer_is_refused(own: str, sweep: str, complaint: str) -> None:
@@ -229,6 +230,28 @@ def test_what_no_run_could_answer_is_refused(own: str, sweep: str, complaint: st
 def test_what_some_run_can_answer_is_not_refused(own: str, sweep: str) -> None:
     """One second more than the shortest time, one step less than the run."""
     assert made(OWN + own, sweep)
+
+
+def test_the_shortest_of_the_runs_bounds_the_horizon() -> None:
+    """No event of it could be followed for longer."""
+    sweep = SWEEP.replace("run.duration_s = 1000.0", "").replace(
+        "radio.loss = [0.0, 0.5, 0.9]", "run.duration_s = [1000.0, 500.0]"
+    )
+    own = OWN.replace("loss =", "length =")
+    with pytest.raises(SettingsError, match=r"must be less than the length of the runs, 500 s"):
+        made(own + "[[survival]]\nhorizon_s = 500.0\n", sweep)
+    assert made(own + "[[survival]]\nhorizon_s = 499.0\n", sweep)
+
+
+def test_the_shortest_time_until_a_moment() -> None:
+    """Work shared by all, less the step in which it begins; a delay in whole steps; else nothing is known."""
+
+    def least(moment: Moment, work_agent_s: float) -> float:
+        table = {"run": {"step_s": 2.0, "duration_s": 300.0}, "uplink": {"latency_s": 7.0}, "agents": {"count": 10}}
+        return least_s(moment, load(Scenario, {**table, "events": {"work_agent_s": work_agent_s}}))[0]
+
+    assert [least(COMPLETED, work_agent_s) for work_agent_s in (100.0, 25.0, 10.0)] == [8.0, 0.5, 0.0]
+    assert [least(moment, 100.0) for moment in (TOLD, SENSED, WORKED)] == [6.0, 0.0, 0.0]
 
 
 def test_variants_with_different_horizons_need_one_for_the_table() -> None:
