@@ -117,7 +117,12 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         {"name": TEXT, "target": Field("Target"), "arguments": Field("Record<string, unknown>", LEFT_OUT)},
         is_input=True,
     ),
-    "veto": MessageForm("drop the change of delta that the system proposes", (PARTICIPANT,), {}, is_input=True),
+    "veto": MessageForm(
+        "drop the change of delta that the system proposes",
+        (PARTICIPANT,),
+        {"delta": Field("integer", LEFT_OUT)},
+        is_input=True,
+    ),
     "judge": MessageForm(
         "what a reported event is judged to be", (PARTICIPANT,), {"event": INTEGER, "answer": TEXT}, is_input=True
     ),
@@ -132,9 +137,13 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         is_input=True,
     ),
     "read": MessageForm(
-        "items of the inbox that were read",
+        "items of the inbox that were read; `all`: all `up_to` the newest one that the page has",
         (PARTICIPANT, REPLAY),
-        {"items": Field("integer[]", LEFT_OUT), "all": Field("boolean", LEFT_OUT)},
+        {
+            "items": Field("integer[]", LEFT_OUT),
+            "all": Field("boolean", LEFT_OUT),
+            "up_to": Field("integer", LEFT_OUT),
+        },
         is_input=True,
     ),
     "isa": MessageForm(

@@ -184,7 +184,7 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
     press(Keys.ENTER, Keys.TAB)
     for _ in range(15):
         press(Keys.SPACE, Keys.TAB)
-    press(Keys.ENTER)
+    page.press(Keys.ENTER)
     answers = done("tlx")
     assert set(answers["scales"].values()) == {55}
     assert sorted(answers["weights"].values()) == [0, 1, 2, 3, 4, 5]

@@ -115,7 +115,7 @@ def test_the_inbox(page: Page) -> None:
     assert len(shown) == 11
     assert shown[0] == "0:02unread: agent 0root, 3 followers: no eventnew"
     page.at("inbox-all-read").click()
-    assert page.asked("read") == {"type": "read", "all": True}
+    assert page.asked("read") == {"type": "read", "all": True, "up_to": 49}
     page.until(lambda: page.text("inbox-count") == "all read")
 
 

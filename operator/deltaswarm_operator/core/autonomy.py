@@ -67,9 +67,9 @@ class Autonomy:
         self._end()
         return self.delta
 
-    def veto(self) -> int:
-        """Drop the proposal; return its delta. Raises ValueError: there is none."""
-        if self.proposal is None:
+    def veto(self, delta: int | None = None) -> int:
+        """Drop the proposal; return its delta. Raises ValueError: there is none, or none of the delta that is given."""
+        if self.proposal is None or delta not in (None, self.proposal.delta):
             raise ValueError("there is no change of delta to veto; it may have been made already")
         delta = self.proposal.delta
         self.vetoes += 1

@@ -4,10 +4,10 @@ Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` desc
 """
 
 import json
+import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil
 from random import Random
 from typing import Any
 
@@ -15,15 +15,16 @@ from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.budget import Budget, budget_of
 from deltaswarm_operator.core.command_log import CommandLog
-from deltaswarm_operator.core.page_beats import PageBeats
+from deltaswarm_operator.core.page_beats import QUIET_AFTER_S, PageBeats
 from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
+from deltaswarm_operator.core.recent_acts import RecentActs
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
 from deltaswarm_scenario.page_messages import Message, made
-from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction, ProbeRow
+from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_scenario.technique import Seen
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
@@ -38,35 +39,8 @@ SHEET_FIELDS = ("consent", "participant", "condition")
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
 
-ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")
-"""Columns of an act that the page shows."""
-
-ACTS_KEPT = 200
 INPUTS_KEPT = 2000
 """Inputs whose answers are kept, in case a page sends them again; it waits with far fewer."""
-
-
-class RecentActs:
-    """What the conductor is told of the person: the newest acts and answers, also for a page that connects late."""
-
-    def __init__(self) -> None:
-        self.acts: deque[dict[str, Any]] = deque(maxlen=ACTS_KEPT)
-
-    def take(self, rows: Iterable[OperatorAction | ProbeRow]) -> list[dict[str, Any]]:
-        """Return the acts in new rows, for the page."""
-        new = [act for row in rows if (act := act_of(row)) is not None]
-        self.acts += new
-        return new
-
-
-def act_of(row: OperatorAction | ProbeRow) -> dict[str, Any] | None:
-    """Return a row in the page's format; None for an answer to ISA, which is an act too."""
-    if isinstance(row, OperatorAction):
-        return {name: value for name in ACT_COLUMNS if (value := getattr(row, name)) not in ("", None)}
-    if row.probe == ISA and row.value is not None:
-        return None
-    value = "no answer" if row.value is None else row.value
-    return {"time_s": row.asked_s, "kind": "answer", "name": f"{row.probe}: {row.item}", "value": value}
 
 
 class Console:
@@ -149,7 +123,7 @@ class Console:
     def next_hold_step(self) -> int:
         """The step before which the run is held next for questions about the situation; -1: none."""
         due_s = self.probes.next_hold_s if self.is_attended else None
-        return -1 if due_s is None else max(self.step, ceil(due_s / self.briefing.step_s - 1e-9)) + 1
+        return -1 if due_s is None else max(self.step, math.ceil(due_s / self.briefing.step_s - 1e-9)) + 1
 
     def go_on(self, wall_s: float) -> None:
         """Let the run go on, unless another question holds it."""
@@ -158,7 +132,13 @@ class Console:
 
     def beat(self, wall_s: float) -> None:
         """Note that a page of the participant answers; a run that was held for it goes on."""
+        since_wall_s, is_watched = self.beats.seen_wall_s, math.isfinite(self.probes.heard_wall_s)
         away_s = self.beats.beat(wall_s)
+        if is_watched:
+            self.probes.heard_wall_s = wall_s
+            if away_s is None and wall_s - since_wall_s > QUIET_AFTER_S and not self.is_held:
+                self.probes.hold(since_wall_s, is_held=True)  # an answer may be on the way
+                self.probes.hold(wall_s, is_held=False)
         if away_s is not None:
             self.note(PERSON, "page", name="back", text=f"after {away_s:.1f} s", monotonic_s=wall_s)
             self.probes.hold(wall_s, is_held=self.is_held)
@@ -167,7 +147,9 @@ class Console:
 
     def watch_page(self, wall_s: float) -> None:
         """Note if no page of the participant answers any more; until one does, no time to answer passes."""
-        if not self.is_attended or self._is_over or (since_wall_s := self.beats.check(wall_s)) is None:
+        is_watched = self.is_attended and not self._is_over
+        self.probes.heard_wall_s = self.beats.seen_wall_s if is_watched else math.inf
+        if not is_watched or (since_wall_s := self.beats.check(wall_s)) is None:
             return
         self.note(PERSON, "page", name="away", text=f"for {wall_s - since_wall_s:.1f} s", monotonic_s=wall_s)
         self.probes.hold(wall_s if self.is_held else since_wall_s, is_held=True)

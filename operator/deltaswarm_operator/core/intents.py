@@ -9,6 +9,7 @@ from typing import Any
 
 from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, INPUTS_KEPT, Console
 from deltaswarm_operator.core.picture import item_rows
+from deltaswarm_operator.core.probes import delay_s
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_scenario.task import CLASSES
@@ -37,9 +38,8 @@ def carry_out(console: Console, data: bytes, wall_s: float, by: str = PERSON) ->
             console.beat(wall_s)
         if code in console.inputs:
             return [{**answer, "to": page} for answer in console.inputs[code]]
-        page_s, sent_s = raw.get("page_s"), raw.get("sent_s")
-        delay_s = None if page_s is None or sent_s is None else round(sent_s - page_s, 3)
-        at = {"by": by, "monotonic_s": wall_s, "page": page, "input": code, "page_s": page_s, "delay_s": delay_s}
+        by_page = {"page_s": raw["page_s"], "delay_s": delay_s(raw)} if "page_s" in raw else {}
+        at = {"by": by, "monotonic_s": wall_s, "page": page, "input": code, **by_page}
         answered = INTENTS[raw["type"]](console, raw, at)
         if code:
             answered.append(made("noted", to=page, id=code))
@@ -102,14 +102,14 @@ def _pace(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _veto(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if console.autonomy is None:
         raise ValueError("in this run the system does not set delta")
-    console.note(kind="veto", value=console.autonomy.veto(), **at)
+    console.note(kind="veto", value=console.autonomy.veto(raw.get("delta")), **at)
     return []
 
 
 def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if not console.briefing.operator.task.is_on:
         raise ValueError("in this run events are not judged")
-    made_wall_s = at["monotonic_s"] - (at["delay_s"] or 0.0)
+    made_wall_s = at["monotonic_s"] - at.get("delay_s", 0.0)
     if console.over_wall_s is not None and made_wall_s > console.over_wall_s:
         raise ValueError("the run is over")
     event, answer = raw["event"], raw["answer"]
@@ -124,7 +124,8 @@ def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
 
 def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
     picture = console.picture
-    numbers = list(picture.unread) if raw.get("all") else raw.get("items", ())
+    newest = raw.get("up_to", len(picture.inbox))
+    numbers = [number for number in picture.unread if number <= newest] if raw.get("all") else raw.get("items", ())
     fresh = picture.read(numbers)
     if fresh:
         if console.attention is not None:

@@ -18,6 +18,12 @@ from deltaswarm_scenario.techniques import TECHNIQUES, ProbeSettings
 NOT_OPEN = "this question is no longer open"
 
 
+def delay_s(message: Mapping[str, Any]) -> float:
+    """Return how long a page kept an input before it could send it [s]."""
+    page_s, sent_s = message.get("page_s"), message.get("sent_s")
+    return 0.0 if page_s is None or sent_s is None else max(0.0, round(sent_s - page_s, 3))
+
+
 def _reaction_s(message: Mapping[str, Any]) -> float | None:
     """Return the time from the frame that showed a question to the answer, by the page's clock [s]."""
     shown_s, page_s = message.get("shown_s"), message.get("page_s")
@@ -87,6 +93,8 @@ class Probes:
         """A row per item of each question that was opened, until somebody takes it."""
         self.is_timed = True
         """Whether a person may answer, for whom wall time passes."""
+        self.heard_wall_s = math.inf
+        """When a page of the participant was last heard: only up to then does the time to answer run out."""
         self._taken = 0
         """Number of rows that were taken to be written down."""
         self._techniques = {technique.name: technique for technique in settings.techniques}
@@ -198,7 +206,7 @@ class Probes:
         self._waiting = deque(asked for asked in asked_so_far if asked.technique.when == BEFORE)
         self._asked = self._waiting.popleft() if self._waiting else None
         self.opened = deque()
-        self._is_over, self._held_since_wall_s = False, None
+        self._is_over, self._held_since_wall_s, self.heard_wall_s = False, None, math.inf
         self._taken = len(self.rows)
         for asked in lost:
             self._miss(asked)
@@ -240,7 +248,7 @@ class Probes:
 
     def _expire(self, wall_s: float, *, at_once: bool) -> None:
         asked = self._asked
-        left_s = None if asked is None else self._left_s(asked, wall_s)
+        left_s = None if asked is None else self._left_s(asked, min(wall_s, self.heard_wall_s))
         if asked is not None and left_s is not None and (at_once or left_s <= 0):
             self._miss(asked)
             self._close(wall_s)
@@ -263,7 +271,8 @@ class Probes:
         if asked is None:
             return None
         left_s = self._left_s(asked, wall_s)
-        left_s = None if left_s is None else round(left_s, 1)
+        if left_s is not None and (left_s := round(left_s, 1)) <= 0:
+            return None
         if asked.is_prompt:
             assert isinstance(asked.technique, FormTechnique)
             return asked.technique.shown_prompt(asked.number, left_s)
@@ -275,13 +284,18 @@ class Probes:
         Raises:
             ValueError: no such prompt is open.
         """
-        self._expire(wall_s, at_once=False)
+        self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
-        if asked is None or not asked.is_prompt or not asked.technique.is_meant(asked.number, message):
+        if asked is None or not asked.is_prompt or not self._is_answer(asked, message, wall_s):
             raise ValueError(NOT_OPEN)
         ready = _Ready(now_s, wall_s, round(self._waited_s(asked, wall_s), 3), _reaction_s(message))
         known = asked.technique.known(asked.number, seen)
         self._asked = asked._replace(ready=ready, held_s=0.0, known=known)
+
+    def _is_answer(self, asked: _Asked, message: Mapping[str, Any], wall_s: float) -> bool:
+        """Whether a message is about a question, and was made in time; it may have waited for a connection."""
+        left_s = self._left_s(asked, wall_s - delay_s(message))
+        return asked.technique.is_meant(asked.number, message) and (left_s is None or left_s > 0)
 
     def answer(self, message: Mapping[str, Any], wall_s: float) -> tuple[dict[str, Any], bool]:
         """Take an answer from the page; return columns of the act, and whether the run was held for it.
@@ -289,10 +303,10 @@ class Probes:
         Raises:
             ValueError: the question is not open, or the answer is not one that it takes.
         """
-        self._expire(wall_s, at_once=False)
+        self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
         is_open = asked is not None and asked.technique.kind == message["type"]
-        if asked is None or not is_open or asked.is_prompt or not asked.technique.is_meant(asked.number, message):
+        if asked is None or not is_open or asked.is_prompt or not self._is_answer(asked, message, wall_s):
             raise ValueError(NOT_OPEN)
         return self._add(asked, asked.technique.answers(asked.number, message), wall_s, message)
 

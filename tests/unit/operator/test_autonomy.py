@@ -82,7 +82,8 @@ def test_a_veto_drops_the_proposal_alone() -> None:
     one.attend()
     close(one, 0, 3.0)
     assert shown(one)["proposal"] == {"delta": 3, "left_s": 5.0}
-    assert not say(one, "veto", 1.5)
+    assert say(one, "veto", delta=2)[0]["type"] == "refused"  # one that came late, of an earlier proposal
+    assert not say(one, "veto", 1.5, delta=3)
     act = one.actions[-1]
     assert (act.by, act.kind, act.value, act.monotonic_s) == ("person", "veto", 3.0, 1.5)
     assert say(one, "veto")[0]["type"] == "refused"

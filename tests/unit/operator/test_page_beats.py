@@ -95,6 +95,64 @@ def test_no_time_to_answer_passes_while_no_page_answers() -> None:
     assert console.probes.outcomes["questions"] == 2
 
 
+def asked_isa(left_s: float) -> Console:
+    """A console whose page was last heard at 20 s, when there was so much time left to answer ISA."""
+    console = Console(briefing(operator={"probes": {"isa_every_s": 1.0, "isa_wait_s": 15.0}}))
+    console.attend()
+    console.start(0.0)
+    for second in range(1, 21):
+        say(console, "beat", float(second))
+        console.watch_page(float(second))
+        if second == 5 + left_s:
+            close(console, 1, wall_s=float(second))
+    assert shown(console, 20.0)["probe"]["left_s"] == left_s
+    return console
+
+
+def answered(console: Console, wall_s: float, **clock: float) -> bool:
+    """Whether an answer is accepted that was made some time before."""
+    return not say(console, "isa", wall_s, number=0, answer=4, **clock)
+
+
+def test_an_answer_that_was_made_in_time_counts_though_it_comes_late() -> None:
+    """Also if the link died when the time was nearly over; one that was made too late is refused."""
+    for silence_s, page_s in ((1.2, 100.5), (2.5, 100.5), (60.0, 100.5)):
+        console = asked_isa(left_s=1.0)
+        for tenth in range(1, int(10 * silence_s)):
+            console.watch_page(20.0 + tenth / 10)
+            shown(console, 20.0 + tenth / 10)
+        assert console.probes.rows == []
+        assert answered(console, 20.0 + silence_s, page_s=page_s, sent_s=100.0 + silence_s)
+        assert console.probes.rows[0].value == 4
+    console = asked_isa(left_s=1.0)
+    assert not answered(console, 21.2, page_s=101.2, sent_s=101.2)
+    console = asked_isa(left_s=1.0)
+    say(console, "beat", 21.2)
+    console.watch_page(21.2)
+    assert shown(console, 21.2)["probe"] is None
+    assert [row.value for row in console.probes.rows] == [None]
+
+
+def test_a_beat_before_the_answer_does_not_close_the_question() -> None:
+    """After a stall both arrive at once, in the order in which they were sent."""
+    console = asked_isa(left_s=1.0)
+    console.watch_page(22.4)
+    say(console, "beat", 22.5)
+    console.watch_page(22.5)
+    shown(console, 22.5)
+    assert answered(console, 22.5, page_s=100.5, sent_s=100.5)
+
+
+def test_all_that_is_read_is_what_the_page_has() -> None:
+    """Not what has come since it was marked."""
+    console = Console(briefing())
+    for step in range(3):
+        close(console, step, report(step, step))
+    [told] = say(console, "read", all=True, up_to=1)
+    assert told["items"] == [0, 1]
+    assert console.picture.unread == {2}
+
+
 def test_an_input_that_is_sent_again_counts_once() -> None:
     """And has the same answer, also from the operator that replaces a killed one; a refused one is judged anew."""
     console = Console(briefing())

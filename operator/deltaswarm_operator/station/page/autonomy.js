@@ -27,7 +27,8 @@ export class AutonomyPanel {
   }
 
   veto() {
-    if (!this.where.hidden && !button("veto").hidden) this.app.send({ type: "veto" });
+    const { proposal } = this.app.model.picture ?? {};
+    if (proposal && !button("veto").hidden) this.app.send({ type: "veto", delta: proposal.delta });
   }
 
   update() {

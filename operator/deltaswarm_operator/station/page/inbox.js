@@ -88,7 +88,7 @@ export class InboxPanel {
   }
 
   readAll() {
-    this.app.send({ type: "read", all: true });
+    this.app.send({ type: "read", all: true, up_to: this.app.model.newest });
   }
 
   /**

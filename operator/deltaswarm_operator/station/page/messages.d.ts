@@ -88,10 +88,10 @@ export type Message =
 
 export type Intent =
   | { type: "command"; name: string; target: Target; arguments?: Record<string, unknown> | null }
-  | { type: "veto" }
+  | { type: "veto"; delta?: number | null }
   | { type: "judge"; event: number; answer: string }
   | { type: "pace"; speed?: number | null; steps?: number | null; paused?: boolean | null }
-  | { type: "read"; items?: number[] | null; all?: boolean | null }
+  | { type: "read"; items?: number[] | null; all?: boolean | null; up_to?: number | null }
   | { type: "isa"; number: number; answer: number; shown_s?: number | null }
   | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null; shown_s?: number | null }
   | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
