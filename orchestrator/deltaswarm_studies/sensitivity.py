@@ -58,11 +58,6 @@ class Sensitivity:
         return [by_title[title] for title in rows["title"]]
 
 
-def drawn_keys(study: Study) -> list[str]:
-    """Return the keys that the study draws, as columns of its runs; empty unless it is a sensitivity study."""
-    return [one.name for one in study.sweep.file.sensitivity.range] if study.sweep.file.sensitivity else []
-
-
 def sensitivity_of(study: Study, runs: pd.DataFrame) -> Sensitivity | None:
     """Evaluate each claim at each point; return None unless it is a sensitivity study.
 
@@ -79,7 +74,7 @@ def sensitivity_of(study: Study, runs: pd.DataFrame) -> Sensitivity | None:
         found = at_points(claim, runs, study.repeats)
         points[f"effect: {claim.id}"], points[f"holds: {claim.id}"] = found.effect, found.holds
         shares.append(_share(claim, found))
-        rows += [_correlation(claim, feature, found.effect, found.holds) for feature in features]
+        rows += [correlations(claim, feature, found.effect, found.holds) for feature in features]
     keys = pd.DataFrame(rows)
     return Sensitivity(settings, points.reset_index(), pd.DataFrame(shares), with_verdicts(keys), features)
 
@@ -103,7 +98,7 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
     samples = samples_of(runs, claim.metric)
     values = [samples(name).reindex(range(points)).astype(float) for name in claim.variants]
     known = pd.concat(values, axis=1).notna().all(axis=1)
-    is_tie = known & False
+    is_tie = pd.Series(False, index=known.index)
     if claim.kind == "value":
         effect, (low, high) = values[0], claim.region
         holds = (effect >= low) & (effect <= high)
@@ -114,8 +109,8 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
         if claim.kind == "alike":
             effect, holds = a - b, (a <= claim.margin * b) & (b <= claim.margin * a)
         else:
-            effect, is_tie = a - least, (a - least).abs() <= stats.TIE * np.maximum(a.abs(), least.abs())
-            holds = (effect > 0) & ~is_tie
+            effect, rounding = a - least, stats.TIE * np.maximum(a.abs(), least.abs())
+            holds, is_tie = effect > rounding, effect.abs() <= rounding
         effect = a / b if is_ratio else effect
     return AtPoints(effect.where(known), holds.astype(float).where(known), is_tie.astype(float).where(known))
 
@@ -128,14 +123,19 @@ def features_of(one: RangeSettings, values: pd.Series) -> list[Feature]:
         return [Feature(one.name, one.label, values.map(one.choices), True)]
     names = list(one.choices)[1 if len(one.choices) == 2 else 0 :]
     return [
-        Feature(one.name, f"{one.title}: {name}", (values == name).where(values.isin(list(one.choices))) * 1.0, False)
+        Feature(
+            one.name,
+            f"{one.title}: {name}",
+            (values == name).astype(float).where(values.isin(list(one.choices))),
+            False,
+        )
         for name in names
     ]
 
 
 def features_in(ranges: Sequence[RangeSettings]) -> int:
     """Return how many features some ranges have."""
-    return sum(len(features_of(one, pd.Series(one.ends[:1]))) for one in ranges)
+    return sum(len(features_of(one, pd.Series(dtype=float))) for one in ranges)
 
 
 def _has_order(value: Any) -> bool:
@@ -158,14 +158,15 @@ def _share(claim: ClaimSettings, found: AtPoints) -> Row:
     return {**head, "holds": count, "ties": ties, "share": count / n if n else math.nan, "low": low, "high": high}
 
 
-def _correlation(claim: ClaimSettings, feature: Feature, effect: pd.Series, holds: pd.Series) -> Row:
+def correlations(claim: ClaimSettings, feature: Feature, effect: pd.Series, holds: pd.Series) -> Row:
+    """Make the row of a claim and a feature: their rank correlations, and the share of points at either end."""
     known = effect.notna() & feature.values.notna()
     values, effect, holds = feature.values[known], effect[known], holds[known]
     rho, p = rank_correlation(values, effect)
     rho_holds, p_holds = rank_correlation(values, holds)
     if feature.is_number:
         low, high = values.quantile([1 / 3, 2 / 3])
-        ends = values <= low, values > high
+        ends = values <= low, values >= high
     else:
         ends = values == 0, values == 1
     few, many = (float(holds[end].mean()) if end.any() else math.nan for end in ends)

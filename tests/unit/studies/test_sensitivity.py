@@ -11,14 +11,19 @@ from deltaswarm_studies.sensitivity import (
     MOVES,
     NEITHER,
     TURNS,
+    Feature,
     at_points,
+    correlations,
     features_of,
     rank_correlation,
+    sensitivity_of,
     share_interval,
+    smallest_correlation,
     with_verdicts,
 )
 from deltaswarm_studies.settings import ClaimSettings
-from tests.support.drawn_studies import found, noise, rate
+from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
+from tests.support.studying import made
 
 
 def verdicts(evidence: Evidence) -> dict[str, str]:
@@ -91,6 +96,9 @@ def test_an_order_is_judged_at_each_point() -> None:
     assert judged.effect.tolist()[:3] == pytest.approx([1.5, 2 / 3, 1.0])
     assert judged.holds[3:].isna().all()
     assert judged.effect[3:].isna().all()
+    large = at_points(claim, runs(a=[1e6, 0.0], b=[1e6 + 1e-4, 0.0]), 2)
+    assert large.is_tie.tolist() == [1, 1]
+    assert large.holds.tolist() == [0, 0]
     twice = ClaimSettings("c", "less", metric="messages", less="a", more="b", at_least=2.0)
     assert at_points(twice, runs(a=[1.0, 1.0, 1.0], b=[1.9, 2.0, 2.1]), 3).holds.tolist() == [0, 0, 1]
 
@@ -113,7 +121,10 @@ def test_values_and_likeness_are_judged_at_each_point() -> None:
     judged = at_points(alike, runs(a=[4.0, 5.0, 5.1, 4.0], b=[5.0, 4.0, 4.0, 5.1]), 4)
     assert judged.holds.tolist() == [1, 1, 0, 0]
     assert judged.effect.tolist() == pytest.approx([0.8, 1.25, 1.275, 4 / 5.1])
-    assert at_points(alike, runs(a=[0.0, 0.0], b=[0.0, 1.0]), 2).holds.tolist() == [1, 0]
+    judged = at_points(alike, runs(a=[0.0, 0.0], b=[0.0, 1.0]), 2)
+    assert judged.holds.tolist() == [1, 0]
+    assert judged.effect.tolist() == [0, -1]
+    assert judged.is_tie.tolist() == [0, 0]
 
 
 def test_choices_without_an_order_are_taken_one_by_one() -> None:
@@ -126,6 +137,8 @@ def test_choices_without_an_order_are_taken_one_by_one() -> None:
     three = RangeSettings("k", "Events", choices={"50 I": [[50, 0], [0, 50]], "any": "x", "none": False})
     features = features_of(three, pd.Series(["50 I", "any", "none"]))
     assert [one.values.tolist() for one in features] == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    mixed = features_of(RangeSettings("k", "Delta", choices={"two": 2, "chosen": "x"}), pd.Series(["two", "chosen"]))
+    assert [(one.title, one.values.tolist()) for one in mixed] == [("Delta: chosen", [0, 1])]
     [number] = features_of(RangeSettings("k", "Delta", choices={"two": 2, "ten": 10}), pd.Series(["two", "ten"]))
     assert number.is_number
     assert number.values.tolist() == [2, 10]
@@ -155,3 +168,37 @@ def test_all_correlations_are_corrected_together() -> None:
     assert corrected["p_holm"].tolist() == pytest.approx([0.04, 0.06, 0.5])
     assert corrected["p_holds_holm"].tolist()[0] == pytest.approx(0.04)
     assert corrected["verdict"].tolist() == [TURNS, NEITHER, NEITHER]
+
+
+def test_a_p_value_at_the_level_is_shown() -> None:
+    """At exactly 5 % after the correction."""
+    assert with_verdicts(pd.DataFrame({"p": [0.05], "p_holds": [math.nan]}))["verdict"].tolist() == [MOVES]
+    assert with_verdicts(pd.DataFrame({"p": [math.nan], "p_holds": [0.05]}))["verdict"].tolist() == [TURNS]
+
+
+def test_a_third_of_the_points_is_low_and_a_third_high() -> None:
+    """Of ten evenly spaced values the least four and the greatest four; the claim holds at 1, 4, 7, 8, 9 and 10."""
+    values, holds = pd.Series(range(1, 11)), pd.Series([1.0, 0, 0, 1, 0, 0, 1, 1, 1, 1])
+    row = correlations(ClaimSettings("c", "less"), Feature("k", "Key", values, True), values * 1.0, holds)
+    assert (row["share_low"], row["share_high"]) == (0.5, 1.0)
+
+
+def test_points_without_runs_and_older_tables_are_told_apart() -> None:
+    """Three points lack a run; a table of an earlier drawing lacks a key, and a sweep without points has no shares."""
+    study = made(CLAIMED, DRAWN)
+    rows = table(study, lambda values, number: 2.0)
+    lost = (rows["variant"] == "trees") & rows["replicate"].isin([3, 4, 50])
+    evidence = Evidence.of_sweep(study, rows[~lost].reset_index(drop=True), pd.DataFrame())
+    assert evidence.sensitivity
+    [share] = evidence.sensitivity.shares.to_dict("records")
+    assert (share["n"], share["missing"], share["holds"], share["share"]) == (57, 3, 57, 1.0)
+    assert sensitivity_of(study, evidence.runs.drop(columns="radio.range_m")) is None
+    assert sensitivity_of(made(), evidence.runs) is None
+
+
+def test_the_least_correlation_that_points_would_show() -> None:
+    """103 points, one test: (1.960 + 0.842) sqrt(1.06 / 100) = 0.2884; of ten tests 2.807 instead of 1.960."""
+    assert smallest_correlation(103, 1) == pytest.approx(math.tanh(0.28844), abs=1e-4)
+    assert smallest_correlation(103, 10) == pytest.approx(math.tanh((2.8070 + 0.8416) * math.sqrt(0.0106)), abs=1e-4)
+    assert smallest_correlation(4, 1) > 0.99
+    assert smallest_correlation(3, 1) == 1.0

@@ -13,7 +13,6 @@ from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.plan import plan, text
 from deltaswarm_studies.protocol import content, differences
-from deltaswarm_studies.sensitivity import smallest_correlation
 from deltaswarm_studies.sensitivity_page import matrix, turning
 from deltaswarm_wire.checked import SettingsError
 from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
@@ -62,7 +61,6 @@ def test_tables_from_before_the_drawing_say_what_they_lack() -> None:
     """The rest of the page is there."""
     study, evidence = found(lambda values, number: 2.0)
     old = Evidence(study, evidence.runs.drop(columns="radio.range_m"), evidence.courses, evidence.recovery)
-    assert old.sensitivity is None
     assert any("no columns radio.range_m" in line for line in old.incomplete)
     assert "## Verdicts" in pages(study, old, PROVENANCE)[1]
 
@@ -153,12 +151,11 @@ def test_the_horizon_must_fit_the_shortest_run_of_all_points() -> None:
 
 
 def test_the_plan_says_what_so_many_points_could_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """60 points: shares to within 13 %; of 103 points and one test the tangent of (1.960 + 0.842) sqrt(1.06 / 100)."""
+    """60 points: shares to within 13 percentage points; one claim and four keys, each correlated twice."""
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     lines = text(plan(made(CLAIMED, DRAWN), tmp_path, 2))
     assert "2 variants x 60 points, 120 runs" in lines
     assert "to within 13 percentage points; of 8 rank correlations" in lines
-    assert smallest_correlation(103, 1) == pytest.approx(math.tanh(0.28844), abs=1e-4)
 
 
 def test_a_study_is_looked_at_first_and_then_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
