@@ -103,15 +103,19 @@ class Survival:
         """Half the width of a 95 % interval, in standard errors; NaN with one run."""
         return float(scipy_stats.t.isf(ALPHA / 2, len(self.runs) - 1)) if len(self.runs) > 1 else math.nan
 
-    @cached_property
-    def band(self) -> pd.DataFrame:
-        """The curve at evenly spaced times up to the horizon, with its pointwise 95 % interval; NaN with one run."""
-        times_s = np.linspace(0.0, self.horizon_s, GRID + 1)
-        share = self.curve.evaluate(times_s)
+    def at(self, times_s: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the curve at these times, and the ends of its pointwise 95 % interval; NaN with one run."""
+        share = np.asarray(self.curve.evaluate(times_s))
         half = np.full_like(share, np.nan)
         if self._without:
             half = self._errors * self._error(np.stack([curve.evaluate(times_s) for curve in self._without]))
-        low, high = np.maximum(share - half, 0.0), np.minimum(share + half, 1.0)
+        return share, np.maximum(share - half, 0.0), np.minimum(share + half, 1.0)
+
+    @cached_property
+    def band(self) -> pd.DataFrame:
+        """The curve with its interval at evenly spaced times up to the horizon, for figures."""
+        times_s = np.linspace(0.0, self.horizon_s, GRID + 1)
+        share, low, high = self.at(times_s)
         return pd.DataFrame({"time_s": times_s, "share": share, "low": low, "high": high})
 
     def row(self) -> Row:
@@ -133,13 +137,11 @@ class Survival:
             "mean_low_s": float(np.maximum(mean_s - half, 0.0)),
             "mean_high_s": float(np.minimum(mean_s + half, self.horizon_s)),
         }
-        band, has_band = self.band, bool(self._without)
+        times_s = self.curve.quantiles
         for name, quantile in QUANTILES.items():
-            jumps = self.curve.quantiles, self.curve.probabilities
-            row[f"{name}_s"] = quantile_s(*jumps, quantile, self.horizon_s)
-            for edge in ("low", "high"):
-                at = quantile_s(band["time_s"].to_numpy(), band[edge].to_numpy(), quantile, self.horizon_s)
-                row[f"{name}_{edge}_s"] = at if has_band else math.nan
+            for side, shares in zip(("", "_low", "_high"), self.at(times_s), strict=True):
+                at_s = quantile_s(times_s, shares, quantile, self.horizon_s)
+                row[f"{name}{side}_s"] = at_s if not side or self._without else math.nan
         return row
 
     def means_s(self) -> dict[int, float]:

@@ -175,11 +175,23 @@ def test_a_band_needs_runs_that_differ() -> None:
 def test_the_interval_of_a_median_is_where_the_band_meets_one_half() -> None:
     """Not beyond the horizon: there it is longer than that."""
     found = survival(early(10.0, 30.0), early(20.0, 40.0), early(60.0, None))
-    band, row = found.band, found.row()
+    row = found.row()
+    at_s = np.array([10.0, 20.0, 30.0, 40.0, 60.0, 100.0])
+    _, low, high = found.at(at_s)
     assert row["median_s"] == 30.0
-    assert row["median_low_s"] == band["time_s"][band["low"] <= 0.5].iloc[0] <= 30.0
+    # After 10 s it is 5/6, without one of the runs 1, 3/4 and 3/4: an error of 1/6, and 4.3 of these below 5/6.
+    assert low[0] == pytest.approx(5 / 6 - 4.302653 / 6)
+    assert row["median_low_s"] == at_s[low <= 0.5][0] == 10.0
     assert row["median_high_s"] == math.inf
-    assert band["high"].min() > 0.5
+    assert high.min() > 0.5
+
+
+@given(RUNS)
+def test_an_interval_holds_its_estimate(runs: list[list[int]]) -> None:
+    """Also of times far shorter than the steps in which a figure draws the curve."""
+    row = survival(*(early(*(time_s / 500 for time_s in run)) for run in runs)).row()
+    for name in ("mean", "median", "p95"):
+        assert row[f"{name}_low_s"] <= row[f"{name}_s"] <= row[f"{name}_high_s"], name
 
 
 def test_the_log_rank_statistic_is_scipys_and_above_0_if_the_first_is_sooner() -> None:
