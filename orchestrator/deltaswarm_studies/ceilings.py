@@ -101,15 +101,16 @@ def undecided(
                 kept = _contrast_kept(bool(high), bool(low)) if len(row.sides) == 1 else ()
                 own = {"contrast": settings.id, "metric": name, **row._asdict()}
                 if high or low:
-                    what = f"the contrast {settings.id!r} ({row.level} against {row.reference})"
-                    lines |= _undecide(contrasts, own, kept, "unclear", what, name, found, [*high, *low])
+                    level, other = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
+                    what = f"the contrast {settings.text or settings.id!r} ({level} against {other})"
+                    lines |= _undecide(study, contrasts, own, kept, "unclear", what, name, found, [*high, *low])
     for claim in study.file.claim:
         name = claim.metric
         of = [variant for variant in claim.variants or study.levels if (name, variant) in found]
         if of and (claim.variants or 2 * len(of) > len(study.levels)):
             what = f"the claim {claim.id!r}"
             kept = _claim_kept(claim, of, found[name, of[0]].horizon_s)
-            lines |= _undecide(claims, {"claim": claim.id}, kept, "undecided", what, name, found, of)
+            lines |= _undecide(study, claims, {"claim": claim.id}, kept, "undecided", what, name, found, of)
     return contrasts, claims, list(lines)
 
 
@@ -131,6 +132,7 @@ def _claim_kept(claim: ClaimSettings, of: Sequence[str], horizon_s: float) -> tu
 
 
 def _undecide(
+    study: Study,
     table: "pd.DataFrame",
     own: Mapping[str, Any],
     kept: Sequence[str],
@@ -150,7 +152,8 @@ def _undecide(
     if not is_kept:
         table.loc[is_row, "verdict"] = verdict
     each = found[metric, variants[0]]
-    share = f"{each.reached} of {each.n} values of {metric!r} in {variants[0]!r}"
+    title, variant = study.metrics[metric].title, study.variant_title(variants[0])
+    share = f"{each.reached} of {each.n} values of {title!r} in {variant!r}"
     found_of = "Only a bound: the estimate of" if is_kept else "Not decided:"
     return {f"{found_of} {what}, since {share} are at their ceiling, the horizon of {each.horizon_s:g} s.": None}
 

@@ -123,9 +123,11 @@ def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
                 0 if tested.estimate is None else int(np.sign(tested.estimate - tested.none)) for tested in contrasts
             }
             if signs == {-1, 1} and min(tested.p() for tested in contrasts) < ALPHA:
+                level, reference = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
+                within = f" ({row.within_title})" if row.within else ""
                 problems.append(
-                    f"{row.level} against {row.reference} ({row.within}): waiting by sensed events and by all events "
-                    "rank them in opposite order"
+                    f"{level} against {reference}{within}: waiting by sensed events and by all events rank them in "
+                    "opposite order"
                 )
     return problems
 

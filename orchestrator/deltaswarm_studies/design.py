@@ -108,7 +108,8 @@ def _varied(study: Study, *, is_method: bool) -> Iterator[str]:
             varied += [of[factor]] if differing else []
         if keys:
             named = _joined(f"`{key}`" for key in dict.fromkeys(keys))
-            yield f"Varied, {study.factor_title(factor)} ({named}): {_joined(dict.fromkeys(varied))}."
+            names = (study.level_name(factor, level) for level in dict.fromkeys(varied))
+            yield f"Varied, {study.factor_title(factor)} ({named}): {_joined(names)}."
 
 
 def _labels(study: Study, names: Iterable[str]) -> list[str]:

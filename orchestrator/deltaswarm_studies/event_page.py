@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from deltaswarm_studies.charts import whiskers
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.event_checks import MOMENTS, horizon_s
 from deltaswarm_studies.evidence import Evidence
@@ -53,7 +54,7 @@ def rings(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
         middle, low, high = (rows[name].to_numpy(np.float64) for name in ("time_s", "time_low_s", "time_high_s"))
         axes.errorbar(
             rows["mean_m"] + place * APART * np.ptp(rows["mean_m"]),
-            *(middle, np.nan_to_num(np.stack([middle - low, high - middle]))),
+            *(middle, whiskers(middle, low, high)),
             color=look.colour,
             linestyle=look.line,
             marker=look.marker,

@@ -78,7 +78,7 @@ class Evidence:
         self.contradictions = disagreements(study, judged)
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
         self.doubts = [
-            *too_few(self.contrasts),
+            *too_few(study, self.contrasts),
             *vacuous_claims(study, judged),
             *at_ceiling,
             *tables.part_of_points(study),
@@ -171,15 +171,17 @@ class Evidence:
         return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
 
 
-def too_few(contrasts: pd.DataFrame) -> list[str]:
+def too_few(study: Study, contrasts: pd.DataFrame) -> list[str]:
     """List contrasts that could not have become significant, however large the effect."""
     if contrasts.empty:
         return []
     tested = contrasts.groupby(["contrast", "family", "metric"], sort=False)["n"].max().reset_index()
     needed = tested["family"].map(pairs_needed)
     tested = tested.assign(needed=needed)[(tested["n"] > 0) & (tested["n"] < needed)]
+    texts = {settings.id: settings.text or settings.id for settings in study.file.contrast}
     return [
-        f"{most} replicates can show nothing of {', '.join(rows['metric'])} in the contrast {name!r}: Holm's "
+        f"{most} replicates can show nothing of {'; '.join(study.metrics[metric].title for metric in rows['metric'])} "
+        f"in the contrast {texts[str(name)]!r}: Holm's "
         f"correction over {family} comparisons needs at least {least}."
         for (name, family, most, least), rows in tested.groupby(["contrast", "family", "n", "needed"], sort=False)
     ]

@@ -150,24 +150,40 @@ def _claims(study: Study, claims: pd.DataFrame) -> Iterator[Table]:
 
 
 def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
-    texts = {settings.id: settings.text for settings in study.file.contrast}
+    asked = {settings.id: settings for settings in study.file.contrast}
     for (name, metric), rows in contrasts.groupby(["contrast", "metric"], sort=False):
-        about, first = study.metrics[str(metric)], rows.iloc[0]
+        about, first, contrast = study.metrics[str(metric)], rows.iloc[0], asked[str(name)]
+        within = {row.within: row.within_title for row in study.comparisons(contrast)}
         rows = rows.assign(
+            level=[study.level_name(contrast.factor, level) for level in rows["level"]],
+            reference=[study.level_name(contrast.factor, level) for level in rows["reference"]],
+            within=rows["within"].map(within),
             shown=[_estimate(row, about.unit) for _, row in rows.iterrows()],
             p=[p_value(float(p)) for p in rows["p_holm"]],
         )
-        headings = {"level": "Level", "reference": "Against", **({"within": "Within"} if any(rows["within"]) else {})}
+        heading = study.factor_title(contrast.factor)
+        headings = {
+            "level": heading[:1].upper() + heading[1:],
+            "reference": "Against",
+            **({"within": "Within"} if any(rows["within"]) else {}),
+        }
         scale = "ratios"
         if first["scale"] != RATIO:
             scale = "differences, since values are 0 or below"
-        title = f"{texts[str(name)] or name}: {about.title.lower()} ({first['family']} tests of {scale})"
+        title = f"{contrast.text or name}: {about.title.lower()} ({first['family']} tests of {scale})"
         yield table(rows, {**headings, "n": "n", "shown": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}, title)
 
 
 def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
     for text, rows in fits.groupby("fit", sort=False):
-        rows = rows.assign(target=[f"{row['level']}: {row['metric']}" for _, row in rows.iterrows()])
+        fit = next(fit for fit in study.file.fit if fit.text == text)
+        cells = study.cells([fit.factor])
+        titles = {", ".join(cell.values()): study.cell_title(cell) for cell in cells}
+        targets = [
+            f"{study.level_title(fit.factor, row['level'])}: {study.metrics[row['metric']].title}"
+            for _, row in rows.iterrows()
+        ]
+        rows = rows.assign(target=targets, within=rows["within"].map(titles))
         order = rows["within"].unique()
         rows["shown"] = [f"{number(value, 2)} ({number(error, 2)})" for value, error in rows[DISTANCES].to_numpy()]
         wide = rows.pivot(index="within", columns="target", values="shown").loc[order, rows["target"].unique()]
@@ -186,17 +202,26 @@ def _grids(study: Study, grids: pd.DataFrame) -> Iterator[Table]:
         many = {heading for heading, levels in settings.columns.items() if len(levels) > 1}
         cells = [
             with_interval(row["median"], None, None, _known(row["mcse"]))
-            + (f", {row['level']}" if row["column"] in many else "")
+            + (f", {study.level_name(settings.factor, row['level'])}" if row["column"] in many else "")
             for _, row in rows.iterrows()
         ]
         wide = rows.assign(cell=cells).pivot(index="row", columns="column", values="cell")
         wide = wide.loc[rows["row"].unique(), rows["column"].unique()].fillna("").reset_index()
+        wide["row"] = [study.level_name(settings.rows, level) for level in wide["row"]]
         headings = {"row": study.factor_title(settings.rows), **{name: name for name in wide.columns[1:]}}
         yield table(wide, headings, f"{text}: {study.metrics[settings.metric].label}")
 
 
 def _recovered(study: Study, recovery: pd.DataFrame) -> Iterator[Table]:
     rows = recovery.copy()
+    asked = {(one.metric, one.level, one.reference): one.factor for one in study.file.recovery}
+    factors = [asked[place] for place in zip(rows["metric"], rows["level"], rows["reference"], strict=True)]
+    within = {
+        ", ".join(cell.values()): study.cell_title(cell) for factor in asked.values() for cell in study.cells([factor])
+    }
+    rows["within"] = rows["within"].map(within)
+    for name in ("level", "reference"):
+        rows[name] = [study.level_title(*place) for place in zip(factors, rows[name], strict=True)]
     rows["metric"] = [study.metrics[name].title for name in rows["metric"]]
     for name in ("back_s", "low_s", "high_s"):
         rows[name] = ["not by the end" if value == float("inf") else number(value, 0) for value in rows[name]]
@@ -223,6 +248,7 @@ def _estimates(study: Study, evidence: Evidence) -> Table:
     ]
     wide = rows.pivot(index="variant", columns="metric", values="cell").loc[rows["variant"].unique()].reset_index()
     wide["n"] = replicates.loc[wide["variant"]].to_numpy()
+    wide["variant"] = [study.variant_title(name) for name in wide["variant"]]
     return table(wide, {"variant": "Variant", "n": "n", **{name: study.metrics[name].label for name in metrics}})
 
 

@@ -27,6 +27,8 @@ class Comparison(NamedTuple):
     """Name of the cell; of an interaction, also of the pair of levels that it is between."""
     sides: tuple[tuple[str, str], ...]
     """The variants with `level` and with `reference`; of an interaction, those of both levels that it is between."""
+    within_title: str
+    """The cell's name for people."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,11 @@ class Study:
 
     def variant_title(self, variant: str) -> str:
         """Return a variant's name for people."""
-        return ", ".join(self.level_title(factor, level) for factor, level in self.levels[variant].items())
+        return self.cell_title(self.levels[variant])
+
+    def cell_title(self, cell: Mapping[str, str]) -> str:
+        """Return the name of a combination of factors' levels for people."""
+        return ", ".join(self.level_title(factor, level) for factor, level in cell.items())
 
     @cached_property
     def levels(self) -> Mapping[str, Mapping[str, str]]:
@@ -132,7 +138,9 @@ class Study:
                         (variant({**whole, factor: level}), variant({**whole, factor: reference})) for whole in wholes
                     )
                     within = ", ".join([*cell.values(), *([INTERACTION.join(ends)] if across else [])])
-                    yield Comparison(level, reference, within, sides)
+                    between = [INTERACTION.join(self.level_title(across, end) for end in ends)] if across else []
+                    title = ", ".join(filter(None, [self.cell_title(cell), *between]))
+                    yield Comparison(level, reference, within, sides, title)
 
     def metrics_of(self, contrast: ContrastSettings) -> Sequence[str]:
         """Return the metrics that a contrast is about."""

@@ -209,7 +209,8 @@ def too_few(study: Study, invalid: pd.DataFrame) -> dict[str, int]:
 def missing_metrics(study: Study, runs: pd.DataFrame) -> list[str]:
     """Say which metrics of the study the table lacks, because it is of an earlier version of the study."""
     missing = [name for name in (*(one.name for one in study.ranges), *metrics_by_run(study)) if name not in runs]
-    return [f"The table of runs has no columns {', '.join(missing)}."] if missing else []
+    named = [f"{name} ({study.metrics[name].title})" if name in study.metrics else name for name in missing]
+    return [f"The table of runs has no columns {', '.join(named)}."] if missing else []
 
 
 def part_of_points(study: Study) -> list[str]:

@@ -114,8 +114,9 @@ def test_a_contrast_at_the_ceiling_is_not_decided() -> None:
     assert rows["loss=0.9", MODES[0]] == "higher"
     assert rows["loss=0.5", MODES[0]] == "alike"
     assert [line for line in evidence.doubts if line.startswith("Not decided")] == [
-        "Not decided: the contrast 'limit' (loss=0.5 against loss=0.0), since 10 of 10 values of 'waiting_all' in "
-        "'loss=0.5, hybrid 3' are at their ceiling, the horizon of 100 s."
+        "Not decided: the contrast 'limit' (frames lost [share]: 0.5 against frames lost [share]: 0.0), since 10 of 10 "
+        "values of 'Mean time until an event is sensed' in 'frames lost [share]: 0.5, hybrid 3' are at their ceiling, "
+        "the horizon of 100 s."
     ]
 
 
@@ -123,8 +124,8 @@ def test_a_verdict_that_stays_is_of_a_bound() -> None:
     """Twice as long as can be seen, or ten times: the line says so."""
     [line] = [line for line in judged(ORDER, stuck(SLOW)).doubts if "ceiling" in line]
     assert line == (
-        "Only a bound: the estimate of the claim 'it', since 10 of 10 values of 'waiting_all' in "
-        "'loss=0.9, hybrid 3' are at their ceiling, the horizon of 100 s."
+        "Only a bound: the estimate of the claim 'it', since 10 of 10 values of 'Mean time until an event is sensed' "
+        "in 'frames lost [share]: 0.9, hybrid 3' are at their ceiling, the horizon of 100 s."
     )
 
 
@@ -177,8 +178,9 @@ def test_estimates_at_their_ceiling_are_shown_as_no_less() -> None:
     stuck = table(lambda level, mode, replicate: 100.0 if level == "loss=0.9" else 40.0 + replicate)
     evidence = Evidence.of_sweep(made(OWN), stuck, pd.DataFrame())
     _, markdown, _ = pages(made(OWN), evidence, pd.DataFrame({"what": ["runs"], "value": ["60"]}))
-    cells = {line.split(" | ")[0]: line.split(" | ")[2] for line in markdown.splitlines() if line.startswith("| loss=")}
-    assert (cells[f"| {SLOW}"], cells[f"| {SAME}"]) == ("> 100", "44.5 (1.4) [41.0, 48.0]")
+    rows = [line.split(" | ") for line in markdown.splitlines() if line.startswith("| frames lost")]
+    cells = {row[0].removeprefix("| "): row[2] for row in rows if len(row) > 2}
+    assert tuple(cells[made(OWN).variant_title(name)] for name in (SLOW, SAME)) == ("> 100", "44.5 (1.4) [41.0, 48.0]")
 
 
 # Before the runs

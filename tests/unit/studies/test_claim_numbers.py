@@ -169,11 +169,11 @@ def test_too_few_replicates_in_words() -> None:
     study = made(OWN + ONE)
     runs = runs_with(study, noisy)
     found = contrasts_of(study, runs[runs["replicate"] < 6])
-    assert too_few(found) == [
-        "6 replicates can show nothing of waiting_all in the contrast 'c': Holm's correction over 2 comparisons needs "
-        "at least 7."
+    assert too_few(study, found) == [
+        "6 replicates can show nothing of Mean time until an event is sensed in the contrast 'c': Holm's correction "
+        "over 2 comparisons needs at least 7."
     ]
-    assert too_few(contrasts_of(study, runs[runs["replicate"] < 7])) == []
+    assert too_few(study, contrasts_of(study, runs[runs["replicate"] < 7])) == []
 
 
 def test_a_fits_numbers_by_hand() -> None:

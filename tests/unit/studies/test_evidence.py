@@ -57,8 +57,8 @@ def test_too_few_replicates_are_told(replicates: int, is_told: bool) -> None:
     study = made(OWN + LIMIT)
     runs = runs_of(study, table(worse_at_90), NONE)
     found = contrasts_of(study, runs[runs["replicate"] < replicates])
-    assert bool(too_few(found)) == is_told
-    assert too_few(pd.DataFrame()) == []
+    assert bool(too_few(study, found)) == is_told
+    assert too_few(study, pd.DataFrame()) == []
 
 
 def test_an_interaction_compares_changes() -> None:
@@ -118,7 +118,7 @@ def test_what_has_no_value_has_no_verdict() -> None:
     contrasts = contrasts_of(study, part).set_index(["metric", "level", "within"])
     assert contrasts.loc[("waiting_all", "loss=0.9", "hybrid 3"), "verdict"] == "no data"
     assert contrasts.loc[("waiting_all", "loss=0.9", "decentralised"), "n"] == 7
-    assert missing_metrics(study, part) == ["The table of runs has no columns trees."]
+    assert missing_metrics(study, part) == ["The table of runs has no columns trees (Trees)."]
     nothing = invalid_of(runs, [])
     assert missing_runs(study, part, nothing) == [
         f"13 of 60 runs are missing: {FAST} (replicates 7 to 9); {SLOW} (replicates 0 to 9)."
@@ -188,7 +188,7 @@ def test_a_ranking_that_turns_with_the_events_never_sensed_is_told() -> None:
     study = made(OWN + LIMIT)
     assert not disagreements(study, runs_of(study, table(worse_at_90), NONE))
     told = disagreements(study, runs_of(study, table(worse_at_90, sensed=sensed), NONE))
-    assert [line.split(" against")[0] for line in told] == ["loss=0.9"]
+    assert [line.split(" against")[0] for line in told] == ["frames lost [share]: 0.9"]
     assert "hybrid 3" in told[0]
 
 

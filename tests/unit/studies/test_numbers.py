@@ -213,8 +213,8 @@ def test_waiting_that_ranks_in_opposite_order_is_told_only_if_one_is_significant
     assert not disagreements(study, runs.drop(columns="waiting"))
     other = ONE.replace('"waiting_all"', '"messages"').replace('id = "c"', 'id = "d"')
     assert disagreements(made(OWN + other + ONE), runs)[:1] == [
-        "loss=0.9 against loss=0.0 (decentralised): waiting by sensed events and by all events rank"
-        " them in opposite order"
+        "frames lost [share]: 0.9 against frames lost [share]: 0.0 (decentralised): waiting by sensed events and by "
+        "all events rank them in opposite order"
     ]
 
 

@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
 from deltaswarm_studies.design import design
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import CODE, QUESTIONS, RUNS
 from deltaswarm_studies.page import pages, write, write_index
 from deltaswarm_studies.rendering import render, table
@@ -125,7 +126,7 @@ def test_the_head_of_a_page_has_the_headings_of_ademp(evidence: Evidence) -> Non
     ]  # fmt: skip
     assert "`smoke`: 6 agents, 40 m wide, 40 m high, 0.1 events per s, 1000 s long, 1 s a step" in head
     assert "10 of each of 6 variants. Their seeds are derived from 1;" in head
-    assert "frames lost [share] (`radio.loss`): loss=0.0, loss=0.5, loss=0.9." in head.partition("### Methods")[0]
+    assert "frames lost [share] (`radio.loss`): 0.0, 0.5, 0.9." in head.partition("### Methods")[0]
     assert "control (`control.mode`): decentralised, hybrid 3." in head.partition("### Methods")[2]
     other = dict(
         design(
@@ -243,3 +244,17 @@ def test_an_index_links_the_pages_that_are_there(evidence: Evidence, tmp_path: P
         links = re.findall(r"(?:href=\"|\]\()([^#\")]+)", file.read_text())
         assert links == [f"{study.name}/page{file.suffix}"]
         assert (tmp_path / links[0]).exists()
+
+
+def test_a_page_speaks_of_titles_and_never_of_keys(evidence: Evidence) -> None:
+    """In its figures' words, the heads of its tables, its cells and its warnings; a level is named as its file does."""
+    worse = evidence.runs.assign(waiting=1 / evidence.runs["waiting"])
+    few = worse[worse["replicate"] < 6]
+    found = Evidence(made(DRAWN), few, evidence.courses, evidence.recovery)
+    _, markdown, _ = pages(made(DRAWN), found, PROVENANCE)
+    told = re.sub(r"!\[.*?\]\(.*?\)|`[^`]*`", "", markdown.partition("## Where this comes from")[0])
+    assert "can show nothing of Mean time until an event is sensed" in told
+    assert "frames lost [share]: 0.5" in told
+    keys = "|".join(re.escape(name) for name in ("loss=", *(name for name in BUILT_IN if "_" in name)))
+    lines = [line for line in told.splitlines() if re.search(keys, line) and "runs are missing" not in line]
+    assert not lines  # but for the names of runs, by which a reader finds them
