@@ -43,6 +43,13 @@ def _words(scenario: Scenario) -> str:
 
 
 def _given_away(label: str, scenario: Scenario) -> list[str]:
+    warnings = []
+    if scenario.operator.task.is_on and not 1 - ALWAYS < (share := scenario.operator.task.target_share) < ALWAYS:
+        warnings.append(f"condition {label} gives away the judgements: {share:.0%} of its events are targets")
+    return warnings + _known_beforehand(label, scenario)
+
+
+def _known_beforehand(label: str, scenario: Scenario) -> list[str]:
     items = sorted({item for items in asked(scenario).values() for item in items})
     if not items:
         return []

@@ -208,10 +208,14 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
     page.at("form-send").click()
     page.until(lambda: page.text("form-missing") == "Still to answer: How many trees? Where? How sure are you?")
     page.at("question-0").send_keys("12", Keys.TAB, Keys.SPACE, Keys.TAB, Keys.SPACE, Keys.ARROW_RIGHT)
+    loaded_s = time.time()
     page.driver.refresh()
     page.until(lambda: page.at("form").is_displayed() and page.at("question-0").get_property("value") == "12")
     page.at("question-3").send_keys("a guess")
     page.press(Keys.TAB, Keys.ENTER)
+    intent = page.player.heard(lambda intent: intent["type"] == "form")
+    assert intent["shown_s"] < loaded_s < intent["page_s"]
+    page.player.intents.append(intent)
     assert page.asked("form") == {
         "type": "form",
         "form": "sagat",

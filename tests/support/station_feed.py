@@ -233,9 +233,9 @@ class Feed:
         self.watch_url = self.process.stdout.readline().strip()
 
     def send(self, *messages: Message) -> None:
-        """Say something to the station; lost if that does not listen."""
+        """Say something to the station; lost if that does not listen, or has gone."""
         for message in messages:
-            with contextlib.suppress(BlockingIOError):
+            with contextlib.suppress(BlockingIOError, BrokenPipeError):
                 self.socket.send(json.dumps(message, separators=(",", ":")).encode())
 
     def hear_any(self, patience_s: float = PATIENCE_S) -> Message:

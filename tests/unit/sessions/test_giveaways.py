@@ -29,6 +29,13 @@ def test_an_answer_that_is_always_right_is_told(tmp_path: Path) -> None:
     assert found == ["condition A gives away the answer to trees: 0 is right at 100% of its moments"]
 
 
+def test_a_task_of_one_class_is_told(tmp_path: Path) -> None:
+    """Who always says target is right."""
+    shares = [f'"operator.task.target_share={share}"' for share in (0.95, 0.5)]
+    found = warnings_of(tmp_path, *shares)
+    assert found == ["condition A gives away the judgements: 95% of its events are targets"]
+
+
 def test_conditions_that_ask_different_questions_are_told(tmp_path: Path) -> None:
     """A share of right answers would differ for it."""
     [said] = warnings_of(tmp_path, "\"operator.probes.spam_questions=['open_events']\"", '"control.delta=3"')

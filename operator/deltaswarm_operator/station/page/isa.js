@@ -2,7 +2,7 @@
 
 import { byId, dialog, element, make, setText } from "./dom.js";
 import { later, t } from "./language.js";
-import { pageClock_s } from "./outbox.js";
+import { whenPainted } from "./outbox.js";
 
 /** @typedef {import("./types.js").App} App */
 
@@ -81,7 +81,9 @@ export class IsaPanel {
     if (before !== this.number) {
       dialog("help").close();
       this.shown_s = 0;
-      window.requestAnimationFrame(() => window.requestAnimationFrame(() => (this.shown_s ||= pageClock_s())));
+      whenPainted(`isa/${this.app.model.hello?.run}/${asked.number}`, (shown_s) => {
+        if (this.number === asked.number) this.shown_s = shown_s;
+      });
       left.max = asked.left_s;
     }
     setText(element("isa-title"), t("How busy are you right now? (question {number})", { number: asked.number + 1 }));

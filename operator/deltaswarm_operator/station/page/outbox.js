@@ -20,6 +20,23 @@ export const SLOW_S = 1.5;
 /** The page's clock [s]: it begins with the wall clock and is not corrected afterwards. */
 export const pageClock_s = () => (performance.timeOrigin + performance.now()) / 1000;
 
+/**
+ * Tell when a question was first painted, by the page's clock [s]; a page that is loaded again knows it still.
+ * @param {string} question
+ * @param {(shown_s: number) => void} then
+ */
+export function whenPainted(question, then) {
+  const stored = `deltaswarm-shown/${question}`;
+  const before = sessionStorage.getItem(stored);
+  if (before) return then(Number(before));
+  window.requestAnimationFrame(() =>
+    window.requestAnimationFrame(() => {
+      sessionStorage.setItem(stored, String(pageClock_s()));
+      then(pageClock_s());
+    }),
+  );
+}
+
 export class Outbox {
   /** @param {(message: Intent & Input) => boolean} send sends a message if there is a connection */
   constructor(send) {

@@ -2,7 +2,7 @@
 
 import { dialog, element, setText } from "./dom.js";
 import { retell, t } from "./language.js";
-import { SLOW_S, pageClock_s } from "./outbox.js";
+import { SLOW_S, pageClock_s, whenPainted } from "./outbox.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Intent} Intent */
@@ -72,7 +72,10 @@ export class Question {
   show() {
     this.fill();
     this.shown_s = 0;
-    window.requestAnimationFrame(() => window.requestAnimationFrame(() => (this.shown_s ||= pageClock_s())));
+    const { of } = this;
+    whenPainted(`${this.kind}/${of}`, (shown_s) => {
+      if (this.of === of) this.shown_s = shown_s;
+    });
   }
 
   /** Keep answers that are on the way as they are, and say so if it takes long. */
