@@ -13,7 +13,8 @@ from deltaswarm_orchestrator.base import seal
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.metrics import BUILT_IN
-from deltaswarm_studies.origin import repeat, sealed_tables
+from deltaswarm_studies.origin import begun_of, repeat, sealed_tables
+from deltaswarm_studies.protocol import protocol_of
 from deltaswarm_studies.settings import StudyFile
 from deltaswarm_wire.checked import SettingsError
 from tests.support.pages import ROOT, commands, files, shell
@@ -98,7 +99,9 @@ def test_what_is_published_follows_from_its_tables(name: str) -> None:
     page = (folder / "page.md").read_text()
     assert all(line.partition(": ")[2] in page.partition("**Surprises**")[2] for line in found.surprises)
     assert all(line in page for line in found.contradictions)
-    assert page.splitlines()[2].startswith("Not frozen before its runs")
+    is_frozen = protocol_of(study, folder, begun_of(pd.read_csv(folder / "provenance.csv"))).is_before_the_runs
+    assert page.splitlines()[2].startswith("Frozen on " if is_frozen else "Not frozen before its runs")
+    assert is_frozen == (folder / "protocol.json").exists()
     assert found.incomplete or not found.unsupported
 
 
