@@ -101,7 +101,7 @@ class Survival:
     @property
     def _errors(self) -> float:
         """Half the width of a 95 % interval, in standard errors; NaN with one run."""
-        return float(scipy_stats.t.isf(ALPHA / 2, len(self.runs) - 1)) if len(self.runs) > 1 else math.nan
+        return float(scipy_stats.t.isf(ALPHA / 2, len(self.runs) - 1))
 
     def at(self, times_s: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the curve at these times, and the ends of its pointwise 95 % interval; NaN with one run."""
@@ -170,7 +170,7 @@ def families_in(survival: pd.DataFrame) -> list[int]:
     """Return the number of tests in each family of a study's tables `[[survival]]`."""
     if "difference_n" not in survival:
         return []
-    sizes = survival[survival["difference_n"].notna()].groupby(["survival", "metric"], sort=False).size()
+    sizes = survival[survival["difference_n"].notna()].groupby(["survival", "metric"]).size()
     return [int(size) for size in sizes for _ in ("means", "log-rank")]
 
 
