@@ -1,15 +1,16 @@
 """Study files: those that come with deltaswarm are sound, and mistakes are told by name before anything runs."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.sweeps.load import built_in_files, load_sweep
+from deltaswarm_orchestrator.sweeps.load import built_in_files, load_sweep, make_sweep
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies.load import COLLECTIONS, load_study
+from deltaswarm_studies.load import COLLECTIONS, bare_study, load_study
 from deltaswarm_studies.plan import plan, text
 from deltaswarm_studies.stats import pairs_needed
 from deltaswarm_studies.study import default_factors
@@ -379,3 +380,16 @@ def test_more_colours_than_can_be_told_apart_are_refused() -> None:
     with pytest.raises(SettingsError, match=r"figure\[0\]\.hue must be at most 12.*got 13 to tell apart"):
         made(OWN + figure.format("mode", "loss"), sweep)
     assert made(OWN + figure.format("loss", "mode"), sweep)
+
+
+def test_a_report_of_any_sweep_draws_what_it_can_tell_apart() -> None:
+    """Of three factors, the third is held over time; fourteen numbers stand along the axis and are no colours."""
+    three = SWEEP.replace("[sweep.axes]\n", "[sweep.axes]\nradio.range_m = [7.0, 9.0]\n")
+    study = bare_study(make_sweep(tomllib.loads(three)), table(), has_series=True)
+    assert study.factor_title("range_m") == "range [m]"
+    [course] = [figure for figure in study.file.figure if figure.kind == "time"]
+    assert {study.levels[name]["mode"] for name in course.variants} == {"decentralised"}
+    assert course.caption == "Agents in trees over time, mode: decentralised."
+    many = SWEEP.replace("[0.0, 0.5, 0.9]", str([place / 20 for place in range(14)]))
+    study = bare_study(make_sweep(tomllib.loads(many)), table(), has_series=True)
+    assert {(figure.kind, figure.x, figure.hue) for figure in study.file.figure} == {("levels", "loss", "mode")}
