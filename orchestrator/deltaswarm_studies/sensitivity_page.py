@@ -62,7 +62,7 @@ def facts(study: Study, result: Sensitivity) -> dict[str, Any]:
 def _tables(study: Study, result: Sensitivity) -> Iterator[Table]:
     shares = result.shares.copy()
     shares["interval"] = [_interval(row) for _, row in shares.iterrows()]
-    shares["turned"] = [_turned(result.keys[result.keys["claim"] == claim]) for claim in shares["claim"]]
+    shares["turned"] = [_turned(result, claim) for claim in shares["claim"]]
     headings = {"text": "Claim", "n": "Points with runs", "missing": "Without", "holds": "Holds at", "ties": "Ties"}
     yield table(shares, {**headings, "interval": "Share [%]", "turned": "Turned by"}, "Where each claim holds")
     shown = result.keys[result.keys["verdict"] != NEITHER]
@@ -82,11 +82,14 @@ def _tables(study: Study, result: Sensitivity) -> Iterator[Table]:
     yield table(space, {"title": "Drawn", "from": "From"}, "The space, of which a share is a share")
 
 
-def _turned(keys: pd.DataFrame) -> str:
+def _turned(result: Sensitivity, claim: str) -> str:
+    keys = result.keys[result.keys["claim"] == claim]
+    ends = {one.title: ("where low", "where high") if one.is_number else ("without", "with") for one in result.features}
     turning = keys[keys["verdict"] == TURNS].sort_values("rho_holds", key=np.abs, ascending=False)
     words = [
-        f"{row['title']} ({_percent(row['share_low'])} % where low, {_percent(row['share_high'])} % where high)"
+        f"{row['title']} ({_percent(row['share_low'])} % {low}, {_percent(row['share_high'])} % {high})"
         for _, row in turning.iterrows()
+        for low, high in [ends[row["title"]]]
     ]
     return "; ".join(words) or "nothing that is shown"
 
@@ -135,7 +138,7 @@ def matrix(study: Study, result: Sensitivity) -> Figure:
     claims, titles = [claim.id for claim in study.file.claim], [feature.title for feature in result.features]
     rho = result.keys.pivot(index="claim", columns="title", values="rho").loc[claims, titles].to_numpy(float)
     with style.drawing():
-        figure = style.new_figure(style.TEXT_IN, 1.4 + 0.42 * len(claims))
+        figure = style.new_figure(style.TEXT_IN, 1.4 + 0.5 * len(claims))
         axes = figure.subplots()
         image = axes.imshow(rho, vmin=-1, vmax=1, cmap="RdBu_r", aspect="auto")
         texts = {claim.id: "\n".join(textwrap.wrap(claim.text, 26)) for claim in study.file.claim}

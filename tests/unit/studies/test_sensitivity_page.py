@@ -182,3 +182,9 @@ def test_the_space_is_part_of_the_protocol_and_of_the_design() -> None:
     assert "A replicate is one of 60 points of a Latin hypercube" in mechanism
     assert "event rate [1/s], 0.05 to 0.5: uniform in the logarithm" in mechanism
     assert "events per s" not in mechanism
+
+
+def test_a_choice_that_turns_a_claim_is_told_by_without_and_with() -> None:
+    """A choice is neither low nor high."""
+    study, evidence = found(lambda values, number: 1.5 if values["control.recruitment"] == "on" else 0.6)
+    assert "Recruitment: off (100 % without, 0 % with)" in pages(study, evidence, PROVENANCE)[1]
