@@ -252,6 +252,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
         },
     ),
     "accepted": MessageForm("the answer to an order", (PARTICIPANT,), {"id": TEXT, "number": INTEGER}),
+    "beat": MessageForm("the answer to a beat: both ways of the connection work", (PARTICIPANT,), {}),
     "noted": MessageForm(
         "an input is written down, so that nothing loses it any more", (PARTICIPANT, CONDUCTOR), {"id": TEXT}
     ),

@@ -27,7 +27,7 @@ class Cable:
         self._is_over = False
         self._is_cut = False
         self._is_held = False
-        self._is_dead = False
+        self._is_dead = self._passes_down = False
         self._lost: set[socket.socket] = set()
         """The ends of connections over which nothing passes any more."""
         self.altered = 0
@@ -48,9 +48,9 @@ class Cable:
         self._is_held = True
         self._wake()
 
-    def die(self) -> None:
-        """Swallow all bytes, without closing anything."""
-        self._is_dead = True
+    def die(self, *, down: bool = True) -> None:
+        """Swallow all bytes, without closing anything; or only those that go to the port, without `down`."""
+        self._is_dead, self._passes_down = True, not down
         self._lost |= set(self._pairs)
         self._wake()
 
@@ -109,8 +109,9 @@ class Cable:
     def _forward(self, end: socket.socket) -> None:
         try:
             data = end.recv(CHUNK)
-            if end not in self._lost:
-                self._pairs[end].sendall(self._passed(data) if end.getsockname()[1] == self.port else data)
+            is_up = end.getsockname()[1] == self.port
+            if end not in self._lost or (self._passes_down and not is_up):
+                self._pairs[end].sendall(self._passed(data) if is_up else data)
         except OSError:
             data = b""
         if not data:

@@ -187,6 +187,8 @@ class Swarm:
     def carry_out(self, intent: Message, time_s: float) -> list[Message]:
         """Do what an intent wants; return what is said to it besides."""
         to, kind = intent["from"], intent["type"]
+        if kind == "beat":
+            return [{"type": "beat", "to": to}]
         if kind == "catch_up":
             history = [[float(t), 2 + t % 3, 2.0 + 1.5 * math.sin(t / 40)] for t in range(int(time_s))]
             items = self.items(time_s)[-1000:]

@@ -195,7 +195,7 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "ready": _ready,
     "note": _note,
     "page": _page,
-    "beat": lambda console, raw, at: [],  # that it came is noted above
+    "beat": lambda console, raw, at: [made("beat", to=at["page"])],  # that it came is noted above
     "sheet": _sheet,
     "catch_up": _catch_up,
 }

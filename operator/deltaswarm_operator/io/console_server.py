@@ -174,7 +174,7 @@ class ConsoleServer:
             self._send_turn(turn)
         is_changed = self._write()
         is_changed |= self._pass_on_pace()
-        if is_changed or self._answers:  # a beat calls for no picture
+        if is_changed or any(answer["type"] != "beat" for answer, _ in self._answers):
             self._show_due = 0.0
         return is_changed
 

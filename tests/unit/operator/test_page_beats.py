@@ -41,7 +41,7 @@ def test_a_page_that_is_gone_is_noted_and_the_run_goes_on() -> None:
     console = Console(briefing())
     console.attend()
     console.start(0.0)
-    say(console, "beat", 0.5)
+    assert say(console, "beat", 0.5) == [{"type": "beat", "to": 3}]
     close(console, 0, wall_s=1.0)
     console.watch_page(3.0)
     assert acts(console) == []

@@ -6,6 +6,8 @@ const LONGEST_WAIT_MS = 5000;
 const NEXT_RUN_WAIT_MS = 1000;
 /** A connection over which nothing comes for longer is dead, though nobody has closed it. */
 const DEAD_MS = 5000;
+/** The same where it may be that there is nothing to say. */
+const UNSTEADY_DEAD_MS = 15000;
 const LOOK_EVERY_MS = 500;
 /** The participant's page says once a second that it is there. */
 const BEAT_EVERY_MS = 990;
@@ -24,6 +26,7 @@ export class Link {
     this.hasEnded = false;
     /** Whether messages come all the time, once there is a connection. */
     this.isSteady = false;
+    /** Whether beats are sent, and answered: then only an answer shows that both ways of the connection work. */
     this.isBeating = false;
     this.beatAt_ms = -Infinity;
     this.wait_ms = FIRST_WAIT_MS;
@@ -64,17 +67,17 @@ export class Link {
   look() {
     const { socket } = this;
     this.beat();
-    if (!socket || performance.now() - this.heardAt_ms < DEAD_MS) return;
-    const isOpening = socket.readyState === WebSocket.CONNECTING;
-    if (!isOpening && (!this.isSteady || this.hasEnded)) return;
+    const isOpening = socket?.readyState === WebSocket.CONNECTING;
+    const isDead = performance.now() - this.heardAt_ms > (this.isSteady || isOpening ? DEAD_MS : UNSTEADY_DEAD_MS);
+    if (!socket || !isDead || (this.hasEnded && !isOpening)) return;
     this.lose(socket);
     socket.close();
   }
 
   /** @param {unknown} data */
   take(data) {
-    this.heardAt_ms = performance.now();
     const message = /** @type {Message} */ (JSON.parse(String(data)));
+    if (!this.isBeating || message.type === "beat") this.heardAt_ms = performance.now();
     if (message.type === "ended") this.hasEnded = true;
     if (message.type === "picture") this.hasEnded = false;
     this.onMessage(message);

@@ -78,6 +78,7 @@ export type Message =
   | Picture
   | CatchUp
   | { type: "accepted"; id: string; number: number }
+  | { type: "beat" }
   | { type: "noted"; id: string }
   | { type: "refused"; id: string | null; why: string; again?: boolean }
   | { type: "read"; items: number[] }
