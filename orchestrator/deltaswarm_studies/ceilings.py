@@ -128,6 +128,8 @@ def _claim_kept(claim: ClaimSettings, of: Sequence[str], horizon_s: float) -> tu
     if claim.kind == "value":
         least, most = claim.region
         return ("refuted",) if most < horizon_s else ("holds",) if claim.above is not None and least < horizon_s else ()
+    if claim.kind == "published":
+        return ("differs",) if (claim.published or 0.0) < horizon_s else ()
     return ("refuted",)
 
 

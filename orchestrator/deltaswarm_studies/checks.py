@@ -15,8 +15,10 @@ from deltaswarm_studies.event_checks import MOMENTS, asked, event_problems
 from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, StudyMetric, source_of
+from deltaswarm_studies.possible import impossible_claims, unknown_readings
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
+from deltaswarm_studies.wording import unsaid
 from deltaswarm_wire.checked import Problem, did_you_mean
 
 PER_STEP = ("frames_sent", "frames_received", "senders")
@@ -42,6 +44,9 @@ def problems_of(study: Study) -> Iterator[Problem]:
         yield from _incomparable(study)
         yield from event_problems(study)
         yield from ceiling_problems(study)
+        yield from unknown_readings(study)
+        yield from impossible_claims(study)
+        yield from unsaid(study)
 
 
 def used_metrics(study: Study) -> list[str]:

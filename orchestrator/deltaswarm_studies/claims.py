@@ -9,18 +9,21 @@ import pandas as pd
 
 from deltaswarm_studies import montecarlo, stats
 from deltaswarm_studies.settings import ClaimSettings, ClaimVerdict, listed
-from deltaswarm_studies.stats import RATIO, Contrast, Interval
+from deltaswarm_studies.stats import DIFFERENCE, RATIO, Contrast, Interval
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import Row, Samples, column, end, samples_of
+from deltaswarm_studies.welch import Spread, Welch
 
 
 def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.DataFrame:
     """Make a row per claim, with its verdict. Holm's correction is over all claims of the same source.
 
     A claim is about a region: ratios of at least a number, ratios within a margin, values within a tolerance. It holds
-    if the interval lies in the region, is refuted if it lies outside, and is undecided otherwise. The interval has the
-    confidence at which Holm's procedure tests the claim; p is the two-sided p-value that agrees with it. Claims about
-    all variants have no data unless the runs are whole.
+    if the interval lies in the region, is refuted if it lies outside, and is undecided otherwise. A published number
+    with its spread is compared as a second sample: it agrees if the interval of the difference lies within the
+    tolerance, differs if it excludes 0, and is undecided otherwise. The interval has the confidence at which Holm's
+    procedure tests the claim; p is the two-sided p-value that agrees with it. Claims about all variants have no data
+    unless the runs are whole.
     """
     claims = [
         _TestedClaim(settings, runs if is_whole or settings.kind != "predicts" else runs.iloc[:0])
@@ -35,7 +38,7 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
 
 
 class _TestedClaim:
-    """A claim with the quantity that it is about: a value, or a contrast."""
+    """A claim with the quantity that it is about: a value, a contrast, or the difference from a published number."""
 
     def __init__(self, settings: ClaimSettings, runs: pd.DataFrame) -> None:
         self.settings = settings
@@ -43,14 +46,19 @@ class _TestedClaim:
         samples = _correlations(runs, settings.metric) if predicts else samples_of(runs, settings.metric)
         self._contrast: Contrast | None = None
         self._values = np.zeros(0)
-        self._error = stats.MEDIAN_ERROR * settings.iqr / math.sqrt(settings.n) if settings.n else 0.0
+        self._welch: Welch | None = None
         self._least = settings.at_least
         self._p_within = 1.0
-        if settings.kind == "value":
+        if settings.of:
             self._values = samples(settings.of).dropna().to_numpy(float)
             self._mcse = montecarlo.of_median(samples(settings.of))
-            self.n = len(self._values)
-            self.p = stats.smallest_alpha(lambda alpha: self._verdict(alpha) != "undecided") if self.n else 1.0
+            self.n, self.p = len(self._values), 1.0
+            if self.n and settings.kind == "published":
+                self._welch = self._compared()
+                self._p_within = self._welch.p_within(*self._tolerance) if settings.within else 1.0
+                self.p = min(self._welch.p(), self._p_within)
+            elif self.n:
+                self.p = stats.smallest_alpha(lambda alpha: self._verdict(alpha) != "undecided")
             return
         is_alike = settings.kind == "alike"
         a, b = map(samples, (settings.a, settings.b) if is_alike else (settings.more, settings.less))
@@ -65,18 +73,31 @@ class _TestedClaim:
             self._p_within, p_beyond = stats.p_of_margin(a, b, settings.margin)
             self.p = min(self._p_within, p_beyond)
 
+    def _compared(self) -> Welch:
+        """Compare like with like: our median with a published one, or our mean."""
+        settings = self.settings
+        theirs = Spread(settings.published or 0.0, settings.published_error, settings.n)
+        return Welch(Spread.of(self._values, is_median=bool(settings.iqr)), theirs)
+
+    @property
+    def _tolerance(self) -> Interval:
+        """The differences from the published number that count as none."""
+        low, high = self.settings.region
+        return low - (self.settings.published or 0.0), high - (self.settings.published or 0.0)
+
     def _interval(self, alpha: float) -> Interval:
-        if self._contrast is not None:
-            return self._contrast.interval(alpha)
-        interval = stats.median_interval(self._values, alpha)
-        if not self._error:
-            return interval
-        return stats.with_error(float(np.median(self._values)), interval, self._error, alpha)
+        tested = self._contrast or self._welch
+        if tested is not None:
+            return tested.interval(alpha)
+        interval, error = stats.median_interval(self._values, alpha), self.settings.published_error
+        return stats.with_error(float(np.median(self._values)), interval, error, alpha) if error else interval
 
     def _verdict(self, alpha: float) -> ClaimVerdict:
         if not self.n:
             return "no data"
         contrast = self._contrast
+        if self._welch is not None:
+            return "agrees" if self._p_within <= alpha else "differs" if self.p <= alpha else "undecided"
         if contrast is None:
             (low, high), (least, most) = self._interval(alpha), self.settings.region
             if least <= low and high <= most:
@@ -90,16 +111,26 @@ class _TestedClaim:
 
     def row(self, p_holm: float, alpha: float, family: int) -> Row:
         """Return the claim's row, tested at `alpha` in a family of this many claims."""
-        settings, contrast = self.settings, self._contrast
+        settings, contrast, welch = self.settings, self._contrast, self._welch
         low, high = self._interval(alpha) if self.n else (math.nan, math.nan)
-        median = float(np.median(self._values)) if len(self._values) else None
+        estimate = float(np.median(self._values)) if len(self._values) else None
+        verdict, needed, of_both = self._verdict(alpha), None, None
+        if welch is not None:
+            estimate = welch.difference
+            if verdict == "undecided":
+                needed = welch.replicates(*self._tolerance, alpha)
+                of_both = welch.replicates(*self._tolerance, alpha, of_both=True)
         return {
             "claim": settings.id,
-            **{name: getattr(settings, name) for name in ("text", "source", "says", "metric")},
+            **{name: getattr(settings, name) for name in ("text", "source", "says", "assumes", "metric")},
+            "about": self._about(),
             "criterion": self._criterion(),
-            "scale": contrast.scale if contrast else "",
+            "scale": contrast.scale if contrast else DIFFERENCE if settings.kind == "published" else "",
             "n": self.n,
-            "estimate": contrast.estimate if contrast else median,
+            "ours": welch.ours.value if welch else None,
+            "published": settings.published,
+            "published_n": settings.n or None,
+            "estimate": contrast.estimate if contrast else estimate,
             "low": end(low),
             "high": end(high),
             "mcse": self._mcse,
@@ -108,10 +139,20 @@ class _TestedClaim:
             "p": self.p if self.n else None,
             "p_holm": p_holm if self.n else None,
             "family": family,
-            "verdict": self._verdict(alpha),
-            "expect": settings.expect,
+            "verdict": verdict,
+            "needed": needed,
+            "needed_of_both": of_both,
+            "calibrated": ", ".join(settings.calibrated),
+            "expect": settings.expected,
             "why": settings.why,
         }
+
+    def _about(self) -> str:
+        """Say which side is over which, of what."""
+        claim = self.settings
+        if claim.of:
+            return f"{claim.of} less the published" if claim.kind == "published" else claim.of
+        return f"{claim.a or claim.more} over {claim.b or claim.less}"
 
     def _criterion(self) -> str:
         claim, (low, high) = self.settings, self.settings.region
@@ -119,7 +160,12 @@ class _TestedClaim:
             return f"within {claim.margin:g} times"
         if claim.kind in ("order", "predicts"):
             return f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"
-        return f"above {low:g}" if math.isinf(high) else f"{low:g} to {high:g}"
+        if claim.kind == "published" and not claim.within:
+            return "the same, without a margin"
+        if math.isinf(high):
+            return f"above {low:g}"
+        exact = " (no spread published)" if claim.says and not claim.n else ""
+        return f"{low:g} to {high:g}{exact}"
 
 
 def _correlations(runs: pd.DataFrame, metric: str) -> Samples:
@@ -140,10 +186,10 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
     problems = []
     for claim in study.file.claim:
         values = column(runs, claim.metric).dropna().to_numpy(float)
-        if not len(values) or claim.kind == "predicts":
+        if not len(values) or claim.kind == "predicts" or math.isnan(claim.region[0]):
             continue
         (least, most), low, high = claim.region, values.min(), values.max()
-        if claim.kind == "value":
+        if claim.of:
             is_vacuous = least <= low and high <= most and 10 * (high - low) < most - least < math.inf
         else:
             widest = high / low if low > 0 else math.inf

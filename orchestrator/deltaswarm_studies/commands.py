@@ -195,7 +195,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     for line in [*protocol.problems, *evidence.warnings, *(evidence.unsupported if is_whole else [])]:
         complain(f"{study.name}: {line}")
     for line in evidence.surprises:
-        complain(f"{study.name}: refuted, against expectation: {line}")
+        complain(f"{study.name}: not as expected: {line}")
     is_missed = (
         protocol.problems or evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
     )

@@ -79,11 +79,12 @@ class Evidence:
         """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
         self.doubts = [
             *too_few(study, self.contrasts),
+            *too_few_for(self.claims),
             *vacuous_claims(study, judged),
             *at_ceiling,
             *tables.part_of_points(study),
         ]
-        """Contrasts with too few replicates, claims that nothing could contradict, verdicts at a ceiling."""
+        """Contrasts and claims with too few replicates, claims that nothing could contradict, verdicts at a ceiling."""
 
     def _invalid_lines(self, study: Study) -> list[str]:
         """Say which runs are no replicates, and which variants are not judged for that."""
@@ -145,7 +146,8 @@ class Evidence:
         """Claims that are refuted unexpectedly."""
         if self.claims.empty:
             return []
-        wrong = self.claims[(self.claims["verdict"] == "refuted") & (self.claims["expect"] != "refuted")]
+        is_wrong = self.claims["verdict"].isin(["refuted", "differs"])
+        wrong = self.claims[is_wrong & (self.claims["expect"] != self.claims["verdict"])]
         return [f"{row['claim']}: {row['text']}" for _, row in wrong.iterrows()]
 
     @property
@@ -187,12 +189,27 @@ def too_few(study: Study, contrasts: pd.DataFrame) -> list[str]:
     ]
 
 
+def too_few_for(claims: pd.DataFrame) -> list[str]:
+    """List sources whose claims could not have been decided, whatever the runs had shown."""
+    if claims.empty:
+        return []
+    tested = claims[(claims["n"] > 0) & claims["published"].isna()]
+    most = tested.groupby(["source", "family"], sort=False)["n"].max().reset_index()
+    few = most[most["n"] < most["family"].map(pairs_needed)]
+    return [
+        f"{row['n']} replicates can show nothing of the claims{' of ' * bool(row['source'])}{row['source']}: Holm's "
+        f"correction over {row['family']} claims needs at least {pairs_needed(row['family'])}."
+        for _, row in few.iterrows()
+    ]
+
+
 def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     """Make a row per fit, combination of the other factors and target, the closest combination first.
 
     `distance` is from the median to the published one, in published interquartile ranges; `sum` adds the squares of a
-    combination's distances. `closest` is the share of bootstrap samples of the replicates in which its sum is smallest;
-    `verdict` says whether its sum is the smallest of all replicates, unless one of the combinations has no data.
+    combination's distances, `without` those of all targets but the row's. `closest` is the share of bootstrap samples
+    of the replicates in which its sum is smallest; `verdict` says whether its sum is the smallest of all replicates,
+    unless one of the combinations has no data.
     """
     rows: list[Row] = []
     for fit in study.file.fit:
@@ -207,8 +224,12 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
             tail |= {"sum_mcse": montecarlo.of_resampled(sums[place, 1:])}
             rows += [
                 {**head, "level": target.level, "metric": target.metric, "distance": float(own[0])}
-                | {"mcse": montecarlo.of_resampled(own[1:]), **tail}
-                for target, own in zip(fit.targets, distances[place], strict=True)
+                | {
+                    "mcse": montecarlo.of_resampled(own[1:]),
+                    **tail,
+                    "without": float(np.sum(np.delete(distances[place, :, 0], number) ** 2)),
+                }
+                for number, (target, own) in enumerate(zip(fit.targets, distances[place], strict=True))
             ]
     return pd.DataFrame(rows)
 

@@ -18,6 +18,7 @@ PROVENANCE = {"what": "What", "value": "Value"}
 """Columns of the table of where runs come from, with their headings."""
 
 BEGUN = "begun"
+DONE, WALL = "runs", "wall time of all sessions"
 CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
 
 
@@ -77,9 +78,9 @@ def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
     try:
         proofs = manifest["proofs"]
         rows = {
-            "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
+            DONE: f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
             BEGUN: manifest["started"],
-            "wall time of all sessions": f"{manifest['wall_s'] / 60:.1f} min",
+            WALL: f"{manifest['wall_s'] / 60:.1f} min",
             "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
             "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
             "commit": manifest.get("commit") or "not known",
@@ -91,6 +92,15 @@ def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
     except (LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"manifest.json is not as `deltaswarm sweep` writes it: {error!r}") from None
     return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
+
+
+def run_s(provenance: pd.DataFrame) -> float | None:
+    """Return the wall time of a study's runs, divided by their number [s]; None if it is not known."""
+    told = dict(zip(provenance["what"], provenance["value"].astype(str), strict=True))
+    try:
+        return 60 * float(told[WALL].partition(" ")[0]) / int(told[DONE].partition(" ")[0])
+    except (KeyError, ValueError, ZeroDivisionError):
+        return None
 
 
 class Repeated(NamedTuple):

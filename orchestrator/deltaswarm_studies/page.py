@@ -9,21 +9,18 @@ import pandas as pd
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import event_page, sensitivity_page, style
+from deltaswarm_studies import event_page, sensitivity_page, style, verdicts
 from deltaswarm_studies import events as event_tables
 from deltaswarm_studies.ceilings import shown
 from deltaswarm_studies.design import design
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
-from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, seal_tables, since_the_runs
+from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, run_s, seal_tables, since_the_runs
 from deltaswarm_studies.protocol import Protocol, content, protocol_of
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
-from deltaswarm_studies.sensitivity import tests_in
-from deltaswarm_studies.settings import VERDICTS
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
-from deltaswarm_studies.survival import families_in
 from deltaswarm_wire.files import write_whole
 
 DISTANCES, SUMS = ["distance", "mcse"], ["sum", "sum_mcse"]
@@ -52,20 +49,19 @@ def pages(
             continue
         caption = " ".join(" ".join([figure.caption, *drawing.notes]).split())
         pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
-    supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
-    verdicts = evidence.claims["verdict"].tolist() if len(evidence.claims) else []
     sections = list(_sections(study, evidence, pictures, provenance, sealed, protocol))
     context: dict[str, Any] = {
         "title": study.title,
         "status": protocol.lead(evidence.claims),
         "question": " ".join(study.file.study.question.split()),
         "design": design(study),
-        "findings": [" ".join(text.split()) for text in supported],
+        "findings": verdicts.supported(study, evidence),
         "warnings": [*protocol.problems, *evidence.warnings],
         "sections": sections,
         "facts": {
-            "verdicts": {verdict: verdicts.count(verdict) for verdict in VERDICTS["claim"]},
-            "tests": _tests(evidence),
+            "verdicts": verdicts.counts(evidence.claims, is_calibrated=False),
+            "calibrated": verdicts.counts(evidence.claims, is_calibrated=True),
+            "tests": verdicts.tests(evidence),
             "arrivals": evidence.arrivals,
             "events": event_tables.kept(study, evidence.events, evidence.runs),
             "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
@@ -76,19 +72,6 @@ def pages(
     }
     pictures = [picture for section in sections for picture in section["pictures"]]
     return render("page.html.jinja", context), render("page.md.jinja", context), pictures
-
-
-def _tests(evidence: Evidence) -> dict[str, int]:
-    """Count the page's tests and the families in which they are corrected."""
-    contrasts, claims = evidence.contrasts, evidence.claims
-    families = len(contrasts[["contrast", "metric"]].drop_duplicates()) if len(contrasts) else 0
-    families += claims["source"].nunique() if len(claims) else 0
-    tests = len(contrasts) + len(claims)
-    of_events = families_in(evidence.survival)
-    tests, families = tests + sum(of_events), families + len(of_events)
-    if evidence.sensitivity and (correlations := tests_in(evidence.sensitivity.keys)):
-        tests, families = tests + correlations, families + 1
-    return {"tests": tests, "families": families}
 
 
 def _sections(
@@ -108,15 +91,16 @@ def _sections(
         ("Times over space", evidence.rings, event_page.ring_tables),
     )
     if len(evidence.claims):
-        yield {"heading": "Verdicts", "tables": list(_claims(study, evidence.claims)), "pictures": []}
+        tables = [*verdicts.claims_tables(study, evidence.claims, run_s(provenance))]
+        yield {"heading": "Verdicts", "tables": tables, "pictures": []}
     if evidence.sensitivity:
         yield sensitivity_page.section(study, evidence.sensitivity)
     yield {"heading": "Protocol", "tables": list(_protocol(protocol, evidence.claims)), "pictures": []}
     if pictures:
         yield {"heading": "Figures", "tables": [], "pictures": pictures}
-    for heading, rows, tables in parts:
+    for heading, rows, made in parts:
         if len(rows):
-            yield {"heading": heading, "tables": list(tables(study, rows)), "pictures": []}
+            yield {"heading": heading, "tables": list(made(study, rows)), "pictures": []}
     yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
     if protocol.amendments:
         headings = {"key": "Key", "old": "Old", "new": "New"}
@@ -137,18 +121,6 @@ def _protocol(protocol: Protocol, claims: pd.DataFrame) -> Iterator[Table]:
         yield table(pd.DataFrame(protocol.unamended), headings, "Differences without an amendment")
 
 
-def _claims(study: Study, claims: pd.DataFrame) -> Iterator[Table]:
-    order = {"refuted": 0, "undecided": 1, "holds": 2, "no data": 3}
-    rows = claims.sort_values("verdict", key=lambda verdicts: verdicts.map(order), kind="stable")
-    rows["here"] = [_estimate(row, study.metrics[row["metric"]].unit) for _, row in rows.iterrows()]
-    rows["p"] = ["" if pd.isna(p) else p_value(float(p)) for p in rows["p_holm"]]
-    headings = {"text": "Claim", "verdict": "Verdict", "says": "Published", "criterion": "Criterion", "here": "Here"}
-    yield table(rows, {**headings, "n": "n", "p": "p (Holm)", "source": "Source"})
-    surprising = claims[(claims["why"] != "") & (claims["verdict"] != "holds")]
-    if len(surprising):
-        yield table(surprising[["text", "why"]], {"text": "Claim", "why": "What is known about why"})
-
-
 def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
     asked = {settings.id: settings for settings in study.file.contrast}
     for (name, metric), rows in contrasts.groupby(["contrast", "metric"], sort=False):
@@ -158,7 +130,7 @@ def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
             level=[study.level_name(contrast.factor, level) for level in rows["level"]],
             reference=[study.level_name(contrast.factor, level) for level in rows["reference"]],
             within=rows["within"].map(within),
-            shown=[_estimate(row, about.unit) for _, row in rows.iterrows()],
+            shown=[verdicts.estimate(row, about.unit) for _, row in rows.iterrows()],
             p=[p_value(float(p)) for p in rows["p_holm"]],
         )
         heading = study.factor_title(contrast.factor)
@@ -194,6 +166,7 @@ def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
         headings = {name: f"{name} [IQR]" for name in wide.columns}
         tail = {"sum": "Sum of squares", "closest": "Closest in [% of resamples]"}
         yield table(shown, {"within": "Combination", **headings, **tail}, str(text))
+        yield verdicts.leave_one_out(rows, str(text))
 
 
 def _grids(study: Study, grids: pd.DataFrame) -> Iterator[Table]:
@@ -201,7 +174,7 @@ def _grids(study: Study, grids: pd.DataFrame) -> Iterator[Table]:
         settings = next(grid for grid in study.file.grid if grid.text == text)
         many = {heading for heading, levels in settings.columns.items() if len(levels) > 1}
         cells = [
-            with_interval(row["median"], None, None, _known(row["mcse"]))
+            with_interval(row["median"], None, None, verdicts.known(row["mcse"]))
             + (f", {study.level_name(settings.factor, row['level'])}" if row["column"] in many else "")
             for _, row in rows.iterrows()
         ]
@@ -240,8 +213,8 @@ def _estimates(study: Study, evidence: Evidence) -> Table:
     replicates = evidence.runs.groupby("variant")["replicate"].nunique()
     rows["cell"] = [
         shown(
-            with_interval(*(_known(row[name]) for name in ("median", "low", "high", "mcse"))),
-            *(_known(row["median"]), study.metrics[row["metric"]], study, row["variant"]),
+            with_interval(*(verdicts.known(row[name]) for name in ("median", "low", "high", "mcse"))),
+            *(verdicts.known(row["median"]), study.metrics[row["metric"]], study, row["variant"]),
         )
         + (f" (n = {row['n']})" if 0 < row["n"] < replicates[row["variant"]] else "")
         for _, row in rows.iterrows()
@@ -250,16 +223,6 @@ def _estimates(study: Study, evidence: Evidence) -> Table:
     wide["n"] = replicates.loc[wide["variant"]].to_numpy()
     wide["variant"] = [study.variant_title(name) for name in wide["variant"]]
     return table(wide, {"variant": "Variant", "n": "n", **{name: study.metrics[name].label for name in metrics}})
-
-
-def _estimate(row: Any, unit: str) -> str:
-    value, low, high, error = (_known(row[name]) for name in ("estimate", "low", "high", "mcse"))
-    unit = "" if value is None else "times" if row["scale"] == RATIO else unit
-    return f"{with_interval(value, low, high, error)} {unit}".rstrip()
-
-
-def _known(value: Any) -> float | None:
-    return None if pd.isna(value) else float(value)
 
 
 def write(

@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.scenarios.load import check_table
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import content_of
 from deltaswarm_studies import FOLDERS
-from deltaswarm_studies.settings import EXPLORATORY, StudyFile
+from deltaswarm_studies.settings import EXPLORATORY, StudyFile, expected_of
 from deltaswarm_studies.stats import ALPHA
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
@@ -264,9 +264,11 @@ class Protocol:
             return pd.DataFrame(columns=["claim", "text", "expected", "verdict", "is_surprise"])
         timely = [entry["protocol"] for entry in self.entries if not self._is_late(entry)]
         asked = (timely[-1] if timely else self.now).get("claim", {})
-        rows = claims[["claim", "text", "verdict"]].assign(
-            expected=[asked.get(name, {}).get("expect") for name in claims["claim"]]
-        )
+        expected: list[Any] = [
+            expected_of(claim.get("kind"), claim.get("expect"))
+            for claim in (asked.get(name, {}) for name in claims["claim"])
+        ]
+        rows = claims[["claim", "text", "verdict"]].assign(expected=expected)
         rows = rows[rows["expected"].notna()]
         return rows.assign(is_surprise=(rows["verdict"] != rows["expected"]) & (rows["verdict"] != "no data"))
 

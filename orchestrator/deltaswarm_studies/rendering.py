@@ -21,7 +21,8 @@ SIGNIFICANT = 3
 MAX_DECIMALS = 6
 GROUPED_FROM = 10_000
 
-MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "alike": "good"}
+MARKS = {"undecided": "unsure"} | dict.fromkeys(("holds", "alike", "agrees"), "good")
+MARKS |= dict.fromkeys(("refuted", "differs"), "bad")
 """The colour of a row by its verdict; the row also shows the verdict as a word."""
 
 
@@ -83,7 +84,11 @@ def render(template: str, context: Mapping[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"code": _with_code, "cell": lambda text: " ".join(text.split()).replace("|", "\\|")}
+    environment.filters |= {
+        "code": _with_code,
+        "cell": lambda text: " ".join(text.split()).replace("|", "\\|"),
+        "counts": lambda counts: ", ".join(f"{name} {count}" for name, count in counts.items()),
+    }
     return environment.get_template(template).render(context) + "\n"
 
 

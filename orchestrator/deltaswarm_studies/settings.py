@@ -8,10 +8,12 @@ from typing import Any, Literal, get_args
 from deltaswarm_studies.event_settings import HORIZON_DOC, RingsSettings, SurvivalSettings
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import MetricSettings
+from deltaswarm_studies.stats import MEDIAN_ERROR
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
 
-ClaimVerdict = Literal["holds", "refuted", "undecided", "no data"]
+ClaimVerdict = Literal["holds", "refuted", "undecided", "no data", "agrees", "differs"]
+"""Of a published number: it agrees within the tolerance, or differs; of other claims: it holds, or is refuted."""
 ContrastVerdict = Literal["higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "no data"]
 """Slightly higher or lower: there is a difference, and it is within the margin."""
 FitVerdict = Literal["closest", "farther", "no data"]
@@ -94,22 +96,35 @@ class ClaimSettings:
     says: str = key("", "what the source says, as it says it")
     kind: str = key(
         "order",
-        "an order of two variants, the value of one, two alike, or the better of two predictors",
-        choices=("order", "value", "alike", "predicts"),
+        "order: one variant has more than another; value: one within a tolerance; published: one against a published "
+        "number with its spread; alike: two within a margin; predicts: the better of two predictors",
+        choices=("order", "value", "published", "alike", "predicts"),
     )
     metric: str = key("waiting", "the metric's name; of predicts: what is predicted")
     less: str = key("", "of an order: the variant that has less; of predicts: the metric that predicts worse")
     more: str = key("", "of an order: the variant that has more; of predicts: the metric that predicts better")
     at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
-    of: str = key("", "of a value: the variant")
-    within: tuple[float, ...] = key((), "of a value: the tolerance, two numbers [metric's unit]")
+    of: str = key("", "of a value or published: the variant")
+    within: tuple[float, ...] = key(
+        (), "of a value: the tolerance, two numbers [metric's unit]; of published: where it counts as agreeing"
+    )
     above: float | None = key(None, "of a value, instead of the tolerance: the value is higher than this")
-    iqr: float = key(0.0, "of a value: the interquartile range that the source gives; 0: none", low=0)
-    n: int = key(0, "of a value: the replicates behind the source's number, if it gives an interquartile range", low=0)
+    published: float | None = key(None, "of published: the number [metric's unit], a median if its iqr is given")
+    iqr: float = key(0.0, "of a value or published: the interquartile range that the source gives; 0: none", low=0)
+    sd: float = key(0.0, "of published, instead: the standard deviation", low=0)
+    se: float = key(0.0, "of published, instead: the standard error of the mean", low=0)
+    n: int = key(0, "the replicates behind the source's number, if it gives a spread", low=0)
+    assumes: str = key("", "what is assumed about the source's number, such as its n where it gives two")
+    calibrated: tuple[str, ...] = key(
+        (),
+        "keys of the scenario, or metrics, that were chosen so that this number agrees: its agreement is no evidence",
+    )
     a: str = key("", "of alike: a variant")
     b: str = key("", "of alike: the other variant")
     margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
-    expect: str = key("holds", "the verdict that is no surprise", choices=("holds", "refuted", "undecided"))
+    expect: str = key(
+        "holds", "the verdict that is no surprise", choices=("holds", "refuted", "undecided", "agrees", "differs")
+    )
     why: str = key("", "why it is expected not to hold, as far as is known")
 
     def problems(self) -> Iterator[Problem]:
@@ -118,17 +133,40 @@ class ClaimSettings:
         needed: dict[str, dict[str, Any]] = {
             "order": {"less": self.less, "more": self.more},
             "value": {"of": self.of, "within": has_tolerance != (self.above is not None)},
+            "published": {"of": self.of, "published": self.published is not None},
             "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
             "predicts": {"less": self.less, "more": self.more},
         }
         for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items():
             if not value:
                 yield Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
-        if bool(self.iqr) != bool(self.n):
-            yield Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n")
+        yield from self._spread_problems()
         names = self.variants or self.predictors
         if len(set(names)) < len(names):
             yield Problem("b" if self.kind == "alike" else "more", names[0], "must be another one")
+
+    def _spread_problems(self) -> Iterator[Problem]:
+        """A spread needs the number of replicates, and a comparison of two samples needs both."""
+        spreads = {name: value for name in ("iqr", "sd", "se") if (value := getattr(self, name))}
+        got = ", ".join(f"{name} {value:.15g}" for name, value in {**spreads, "n": self.n}.items())
+        if self.kind != "published":
+            if bool(self.iqr) != bool(self.n):
+                yield Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n")
+            if {"sd", "se"} & set(spreads) or self.published is not None:
+                yield Problem("kind", repr(self.kind), "must be 'published' for a published number with sd or se")
+            return
+        if len(spreads) != 1 or self.n < 2:
+            allowed = "must be one of iqr, sd and se, with an n of at least 2; without them no two samples can be "
+            yield Problem("n", got, allowed + "compared, only a value with a tolerance (kind 'value')")
+        if self.above is not None:
+            yield Problem("above", f"{self.above:.15g}", "must not be given for a published number: use within")
+        if self.within and not (len(self.within) == 2 and self.within[0] < (self.published or 0.0) < self.within[1]):
+            yield Problem("within", repr(list(self.within)), "must be two numbers with the published one between them")
+
+    @property
+    def published_error(self) -> float:
+        """The standard error of the published number; 0 if its source gives no spread."""
+        return (MEDIAN_ERROR * self.iqr or self.sd) / math.sqrt(self.n) if self.n and not self.se else self.se
 
     @property
     def variants(self) -> list[str]:
@@ -149,7 +187,26 @@ class ClaimSettings:
             return self.at_least, math.inf
         if self.kind == "alike":
             return 1 / self.margin, self.margin
-        return (self.within[0], self.within[1]) if self.above is None else (self.above, math.inf)
+        if self.above is not None:
+            return self.above, math.inf
+        return (self.within[0], self.within[1]) if self.within else (math.nan, math.nan)
+
+    @property
+    def expected(self) -> str | None:
+        """The verdict that is no surprise, by the name that it has for this kind of claim."""
+        return expected_of(self.kind, self.expect)
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """The verdicts that a claim of this kind can have, from the best to the worst, besides that it has no data."""
+        if self.kind != "published":
+            return "holds", "undecided", "refuted"
+        return ("agrees", "undecided", "differs") if self.within else ("undecided", "differs")
+
+
+def expected_of(kind: str | None, expect: str | None) -> str | None:
+    """Return the name that an expected verdict has for a kind of claim: what is published agrees rather than holds."""
+    return {"holds": "agrees", "refuted": "differs"}.get(expect or "", expect) if kind == "published" else expect
 
 
 @dataclass(frozen=True)

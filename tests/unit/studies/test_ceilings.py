@@ -60,15 +60,18 @@ ORDER = claim("order", less=FAST, more=SLOW)
         (claim("order", less=FAST, more=SLOW, at_least=2.5), [SLOW], "holds"),
         (claim("order", less=FAST, more=SLOW, at_least=3.5), [SLOW], "undecided"),  # 3.3 times or more
         (claim("order", less=FAST, more=SLOW, at_least=1.5), [FAST, SLOW], "undecided"),
-        (claim("value", of=SLOW, above=100.0), [SLOW], "undecided"),
         (claim("alike", a=FAST, b=SLOW, margin=1.2), [FAST, SLOW], "undecided"),  # equal, since both are cut off
         (claim("alike", a=FAST, b=SLOW, margin=1.2), [SLOW], "refuted"),
         (claim("alike", a=FAST, b=SLOW, margin=4.0), [SLOW], "undecided"),
         (claim("value", of=SLOW, within=[90.0, 110.0]), [SLOW], "undecided"),
         (claim("value", of=SLOW, within=[20.0, 50.0]), [SLOW], "refuted"),
-        (claim("value", of=SLOW, within=[200.0, 300.0]), [SLOW], "undecided"),  # it may be there, beyond the horizon
         (claim("value", of=SLOW, above=50.0), [SLOW], "holds"),
-        (claim("value", of=SLOW, above=150.0), [SLOW], "undecided"),
+        (claim("published", of=SLOW, published=50.0, sd=1.0, n=9), [SLOW], "differs"),
+        (
+            claim("published", of=SLOW, published=150.0, sd=1.0, n=9),
+            [SLOW],
+            "undecided",
+        ),  # it may be, beyond the horizon
         (claim("value", of=FAST, within=[20.0, 50.0]), [SLOW], "holds"),  # the other variant is not at its ceiling
     ],
 )

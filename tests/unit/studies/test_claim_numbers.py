@@ -194,6 +194,7 @@ def test_a_fits_numbers_by_hand() -> None:
     ]
     assert first["distance"].tolist() == pytest.approx([1.5, 0.5])
     assert first["sum"].tolist() == pytest.approx([2.5, 2.5])
+    assert first["without"].tolist() == pytest.approx([0.25, 2.25])  # without waiting, without messages
     assert found["closest"].tolist() == [1, 1, 0, 0, 0, 0]
     assert found["verdict"].tolist() == ["closest"] * 2 + ["farther"] * 4
 

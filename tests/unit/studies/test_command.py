@@ -159,7 +159,7 @@ def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Print
 def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys: Printed) -> None:
     """Exit code 3; expected to be refuted, it does not."""
     text = "It waits for ever"
-    value = 'kind = "value"\nmetric = "waiting_all"\nof = "loss=0.0, decentralised"\nwithin = [9000.0, 9001.0]\n'
+    value = 'kind = "value"\nmetric = "waiting_all"\nof = "loss=0.0, decentralised"\nwithin = [49.9, 50.0]\n'
     for expect, code in (("holds", 3), ("refuted", 0)):
         claim = f'[[claim]]\nid = "v"\ntext = "{text}"\nexpect = "{expect}"\n{value}\n[[figure]]'
         (done / "value.toml").write_text(QUESTION.replace("[[figure]]", claim))

@@ -107,7 +107,7 @@ def test_what_has_no_value_has_no_verdict() -> None:
     """A variant that was not run, a metric that the table lacks: no data, which is not undecided."""
     text = "".join(
         f'[[claim]]\nid = "{metric}{more[-1]}"\ntext = "c"\nmetric = "{metric}"\nless = "{SAME}"\nmore = "{more}"\n'
-        for metric in ("waiting_all", "trees")
+        for metric in ("waiting_all", "senders")
         for more in (SLOW, FAST)
     )
     study = made(OWN + LIMIT + text)
@@ -118,7 +118,7 @@ def test_what_has_no_value_has_no_verdict() -> None:
     contrasts = contrasts_of(study, part).set_index(["metric", "level", "within"])
     assert contrasts.loc[("waiting_all", "loss=0.9", "hybrid 3"), "verdict"] == "no data"
     assert contrasts.loc[("waiting_all", "loss=0.9", "decentralised"), "n"] == 7
-    assert missing_metrics(study, part) == ["The table of runs has no columns trees (Trees)."]
+    assert missing_metrics(study, part) == ["The table of runs has no columns senders (Agents that report in a step)."]
     nothing = invalid_of(runs, [])
     assert missing_runs(study, part, nothing) == [
         f"13 of 60 runs are missing: {FAST} (replicates 7 to 9); {SLOW} (replicates 0 to 9)."

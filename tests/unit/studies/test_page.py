@@ -31,7 +31,7 @@ ASKED = OWN + (
     'targets = [{ level = "hybrid 3", metric = "messages", says = 26.0, iqr = 4.0 }]\n'
     '[[grid]]\ntext = "Grid"\nmetric = "messages"\nrows = "loss"\nfactor = "mode"\n'
     'columns = { own = ["hybrid 3"], best = ["hybrid 3", "decentralised"] }\n'
-    '[[finding]]\ntext = "Nothing follows."\nbecause = [{ claim = "c", is = "undecided" }]\n'
+    '[[finding]]\ntext = "It is open."\nbecause = [{ claim = "c", is = "undecided" }]\n'
 )  # fmt: skip
 DRAWN = ASKED + (
     '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
@@ -90,11 +90,11 @@ def test_the_page_can_be_made_again_from_its_tables(evidence: Evidence, tmp_path
 
 def test_a_finding_stands_on_the_page_only_while_it_is_carried(evidence: Evidence) -> None:
     """Else it is named to whoever made the page."""
-    assert "Nothing follows." in pages(made(ASKED), evidence, PROVENANCE)[1]
+    assert "It is open." in pages(made(ASKED), evidence, PROVENANCE)[1]
     study = made(ASKED.replace('is = "undecided"', 'is = "holds"'))
     broken = Evidence(study, evidence.runs, evidence.courses, evidence.recovery)
-    assert "Nothing follows." not in pages(study, broken, PROVENANCE)[1]
-    assert "Nothing follows." in broken.unsupported[0]
+    assert "It is open." not in pages(study, broken, PROVENANCE)[1]
+    assert "It is open." in broken.unsupported[0]
 
 
 def test_a_surprise_is_a_claim_refuted_against_expectation() -> None:
@@ -161,9 +161,10 @@ def test_too_few_replicates_are_told(evidence: Evidence) -> None:
     few = evidence.runs[evidence.runs["replicate"] < 3]
     study = made(ASKED, SWEEP.replace("repeats = 10", "repeats = 3"))
     found = Evidence(study, few, evidence.courses, evidence.recovery)
-    assert len(found.doubts) == 1
-    assert "at least 8" in found.doubts[0]
-    assert found.doubts[0] in pages(study, found, PROVENANCE)[1]
+    contrasts, claims = found.doubts
+    assert "at least 8" in contrasts
+    assert claims == "3 replicates can show nothing of the claims: Holm's correction over 1 claims needs at least 6."
+    assert all(line in pages(study, found, PROVENANCE)[1] for line in found.doubts)
 
 
 def test_what_is_missing_stands_at_the_top(evidence: Evidence) -> None:
@@ -185,7 +186,7 @@ def test_a_page_says_which_code_made_it_and_whether_the_study_changed(evidence: 
     known = pd.DataFrame({"what": [CODE, RUNS, QUESTIONS], "value": [provenance.code_digest(), runs, questions]})
     assert pages(study, evidence, known)[1].count("unchanged since the runs") == 1
     assert "not that of the runs" in pages(study, evidence, known.assign(value="0"))[1]
-    other_question = made(ASKED.replace("Nothing follows.", "Something follows."))
+    other_question = made(ASKED.replace("It is open.", "It is still open."))
     text = pages(other_question, evidence, known)[1]
     assert "what it asks" in text
     assert "what it runs" not in text.replace(RUNS, "")
