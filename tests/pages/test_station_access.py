@@ -74,8 +74,6 @@ def violations(page: Page) -> list[Any]:
 
 
 def ask(page: Page, state: str) -> None:
-    weights = {"sheet": page.player.swarm.hello()["session"]["sheet"], "asks": {"isa": 1, "tlx": 1, "weights": 1}}
-    page.feed.send(page.player.swarm.hello(session=weights))
     page.player.swarm.probe = PROBES[state]
     page.player.show(101.0)
     page.until(lambda: page.at(PROBES[state]["kind"]).is_displayed())

@@ -32,7 +32,6 @@ FORM: Message = {
 DEFAULTS = {"low": 1, "high": 7, "low_text": "", "high_text": "", "choices": [], "required": True}
 SESSION = {
     "sheet": {"consent": CONSENT, "participant": "P07", "condition": "2"},
-    "asks": {"isa": True, "tlx": True, "weights": True},
 }
 SET_SCALES = "for (const e of document.querySelectorAll('#tlx [type=range]')) e.dispatchEvent(new Event('input'));"
 DATA = {"P07", "NASA", "TLX", "min"}

@@ -58,7 +58,6 @@ def test_names_are_text(open_page: Callable[..., Page]) -> None:
         commands=[form],
         session={
             "sheet": {"consent": evil, "participant": evil, "condition": evil},
-            "asks": {"isa": True, "tlx": True, "weights": True},
         },
     )
     page.feed.send(hello)

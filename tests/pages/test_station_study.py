@@ -69,7 +69,7 @@ def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
 
 def test_no_draft_reaches_the_next_participant(page: Page) -> None:
     """A note and sliders that were moved and not sent stay with their run; there they are after a reload."""
-    questions = {"sheet": None, "asks": {"isa": True, "tlx": True, "weights": False}}
+    questions = {"sheet": None}
     hello(page, run="first", session=questions)
     page.at("tab-notes").click()
     page.at("note-text").send_keys("tired")
@@ -109,7 +109,7 @@ def test_the_first_question_of_the_next_run_is_asked(page: Page) -> None:
 def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
     """Participant and condition are as planned."""
     sheet = {"consent": "Yes", "participant": "P001", "condition": "1 A"}
-    hello(page, run="planned", session={"sheet": sheet, "asks": {"isa": True, "tlx": False, "weights": False}})
+    hello(page, run="planned", session={"sheet": sheet})
     asks(page, "sheet")
     for name in ("participant", "condition"):
         field = page.at(f"sheet-{name}")

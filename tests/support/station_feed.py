@@ -91,10 +91,7 @@ class Swarm:
             "thresholds_hz": [5.0, 2.0],
             "commands": FORMS if self.kind == "live" else [],
             "speeds": [1, 2, 5, 10, 20, 0],
-            "session": {
-                "sheet": {"consent": CONSENT, "participant": "P07", "condition": "2"},
-                "asks": {"isa": True, "tlx": True, "weights": False},
-            },
+            "session": {"sheet": {"consent": CONSENT, "participant": "P07", "condition": "2"}},
         } | changes
 
     def agent_rows(self, time_s: float) -> list[list[Any]]:

@@ -333,10 +333,7 @@ class Console:
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
             end_text=page.end_text,
-            session={
-                "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
-                "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},
-            },
+            session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None},
         )
 
     def show(self, wall_s: float, **more: Any) -> Message:

@@ -54,7 +54,6 @@ export interface Form {
 
 export interface Session {
   sheet?: { consent: string; participant: string; condition: string } | null;
-  asks: { isa: boolean; tlx: boolean; weights: boolean };
 }
 
 export interface Language {
