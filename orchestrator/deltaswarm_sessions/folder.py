@@ -6,8 +6,9 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.recording import SCENARIO
+from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.folder import results_in
+from deltaswarm_orchestrator.results.folder_lock import is_held
 from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION, read_rows
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -45,12 +46,14 @@ def check_design(folder: Path, session: Session) -> None:
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record in a participant's folder.
+    """Return the record in a participant's folder. Runs whose folders have been deleted are no longer vouched for.
 
     Raises:
         CommandError: it cannot be read, or it, or a file that it seals, has been changed.
     """
-    record = _having(folder / RECORD, seal.checked(folder / RECORD), "runs")
+    sealed = seal.files_of(seal.read_sealed(folder / RECORD))
+    deleted = {name for name in sealed if not (folder / name).parent.exists()}
+    record = _having(folder / RECORD, seal.checked(folder / RECORD, deleted=deleted), "runs")
     if folder.name != folder_name(record["participant"]):
         raise CommandError(f"{folder / RECORD} must be of this participant (got participant {record['participant']})")
     return record
@@ -68,7 +71,8 @@ def write_record(folder: Path, session: Session) -> None:
 
 def unsealed_in(folder: Path, record: dict[str, Any]) -> list[str]:
     """Return what a participant's tables rest on and nothing vouches for: runs and answers from before seals."""
-    attempts = [attempt["folder"] for run in record["runs"] for attempt in run["attempts"]]
+    recorded = (attempt["folder"] for run in record["runs"] for attempt in run["attempts"])
+    attempts = [name for name in recorded if (folder / name).exists() and not name.endswith(PART)]
     found = [f"{name}/{file}" for name in attempts for file in _not_sealed(folder / name)]
     names = [f"{page.name}/{PROBES}" for name in attempts for page in folders_of_later_answers(folder / name)]
     return found + seal.not_sealed(record, [name for name in names if (folder / name).exists()])
@@ -79,31 +83,34 @@ def _not_sealed(run: Path) -> list[str]:
 
 
 def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
-    """Return all attempts at a run that have ended, in order.
+    """Return all attempts at a run that have ended, in order, with those that were killed.
 
     Raises:
         CommandError: a summary cannot be read, or a file of an attempt has been changed.
     """
     found: list[Attempt] = []
-    for name in _names_of_attempts(folder, run):
+    for name in names_of_attempts(folder, run.folder):
         here = folder / name
-        if (here / SUMMARY).exists():
-            answered = frozenset(row["probe"] for row in answers(here) if row["answered_utc"])
-            found.append(Attempt(name, summary_of(here), scenario_of(run, name, found), answered))
+        answered = frozenset(row["probe"] for row in answers(here) if row["answered_utc"])
+        found.append(Attempt(name, summary_of(here), scenario_of(run, name, found), answered))
     return found
 
 
 def scenario_of(run: PlannedRun, folder: str, earlier: Sequence[Attempt]) -> Scenario:
     """Return the scenario of the attempt in a folder of this name, after these."""
-    return run.attempt(_attempt_number(folder, run), is_repeat=any(attempt.is_valid for attempt in earlier))
+    return run.attempt(attempt_number(folder, run.folder), is_repeat=any(attempt.is_valid for attempt in earlier))
 
 
 def summary_of(run: Path) -> dict[str, Any]:
     """Return the summary of a run with what was known only after it: later answers, and how many were right.
 
+    A killed run has no summary of its own, and no measures.
+
     Raises CommandError, as above.
     """
-    seal.checked(run / seal.MANIFEST)
+    manifest = seal.checked(run / seal.MANIFEST)
+    if _is_killed(run):
+        return {"complete": False, "digest": None, "seed": manifest.get("seed")}
     summary = _with_later_answers(run, _having(run / SUMMARY, seal.read_sealed(run / SUMMARY), "complete"))
     if rows := read_rows(run / SITUATION):
         summary["person"] = {**(summary.get("person") or {}), **shares(rows)}
@@ -114,10 +121,15 @@ def answers(folder: Path) -> list[Row]:
     """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
     later = _later(folder)
     given = {(row["probe"], row["item"]) for row in later}
-    first = [
-        row for row in read_rows(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given
-    ]
+    first = [row for row in rows_in(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
     return [*first, *later]
+
+
+def rows_in(file: Path) -> list[Row]:
+    """Return the rows of a table of a run, without a last one that a kill cut off."""
+    rows = read_rows(file)
+    is_cut = bool(rows) and not file.read_bytes().endswith(b"\n")
+    return [row for row in (rows[:-1] if is_cut else rows) if None not in row.values()]
 
 
 def folders_of_later_answers(folder: Path) -> list[Path]:
@@ -143,16 +155,23 @@ def _later(folder: Path) -> list[Row]:
     return [row for page in folders_of_later_answers(folder) for row in read_rows(page / PROBES) if row["answered_utc"]]
 
 
-def _names_of_attempts(folder: Path, run: PlannedRun) -> list[str]:
-    """Return the names of the folders of all attempts at a run: further attempts have a number behind the name."""
-    names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    return sorted((name for name in names if _attempt_number(name, run)), key=lambda name: _attempt_number(name, run))
+def names_of_attempts(folder: Path, run: str) -> list[str]:
+    """Return the folders of all attempts at a run that are not in progress, by the name of its first attempt's."""
+    found = [path for path in folder.iterdir() if attempt_number(path.name, run)] if folder.exists() else []
+    ended = (path.name for path in found if (path / SUMMARY).exists() or _is_killed(path))
+    return sorted(ended, key=lambda name: attempt_number(name, run))
 
 
-def _attempt_number(name: str, run: PlannedRun) -> int:
-    """Return which attempt at a run a folder of this name is; 0: none."""
-    number = name.removeprefix(f"{run.folder}-")
-    return 1 if name == run.folder else int(number) if number != name and number.isdecimal() else 0
+def attempt_number(name: str, run: str) -> int:
+    """Return which attempt at a run a folder of this name is: later ones have a number behind the name; 0: none."""
+    name = name.removesuffix(PART)
+    number = name.removeprefix(f"{run}-")
+    return 1 if name == run else int(number) if number != name and number.isdecimal() else 0
+
+
+def _is_killed(run: Path) -> bool:
+    """Return whether a run began and was killed, so that it has no summary, and its rows may be cut off."""
+    return (run / seal.MANIFEST).exists() and not (run / SUMMARY).exists() and not is_held(run)
 
 
 def _having(file: Path, content: dict[str, Any], needed: str) -> dict[str, Any]:

@@ -131,6 +131,11 @@ class PlannedRun:
         return replace(scenario, operator=replace(scenario.operator, probes=probes))
 
 
+def run_folder(place: int, label: str) -> str:
+    """Return the name of the folder of a run's first attempt."""
+    return f"{place}-{label.replace(' ', '-')}"
+
+
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
     """Plan all runs of a participant, the training first; relative paths start at `beside`.
 
@@ -168,8 +173,9 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
             number, stream = participant * (MAX_CONDITIONS + 1) + place, None
         scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
-        folder = f"{place}-{label.replace(' ', '-')}"
-        run = PlannedRun(label, folder, scenario, place, stream, (settings.seed, number), condition.set)
+        run = PlannedRun(
+            label, run_folder(place, label), scenario, place, stream, (settings.seed, number), condition.set
+        )
         if place == 0:
             run = replace(
                 run,

@@ -10,11 +10,23 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError, complain, notice
-from deltaswarm_orchestrator.results.run_tables import PROBES, read_rows
+from deltaswarm_orchestrator.recording import PART
+from deltaswarm_orchestrator.results.run_tables import PROBES
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
-from deltaswarm_sessions.folder import RECORD, SUMMARY, answers, read_record, summary_of, unsealed_in
+from deltaswarm_sessions.folder import (
+    RECORD,
+    SUMMARY,
+    answers,
+    attempt_number,
+    names_of_attempts,
+    read_record,
+    rows_in,
+    summary_of,
+    unsealed_in,
+)
+from deltaswarm_sessions.plan import run_folder
 from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
 
 MAX_NAMED = 8
@@ -23,6 +35,9 @@ MAX_NAMED = 8
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
 
 Row = Mapping[str, Any]
+
+DELETED: Row = {"complete": False, "invalid_because": ["its folder was deleted"]}
+"""The summary of a run whose folder is no longer there."""
 
 
 def write_tables(sessions: Path, out: Path) -> list[Path]:
@@ -78,23 +93,26 @@ def invalid_line(runs: Iterable[tuple[Path, Row]]) -> str:
 
 
 def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
-    """Yield each finished attempt of a participant with its row of the table of runs."""
+    """Yield each attempt of a participant with its row of the table of runs, killed and deleted ones too."""
     for run in record["runs"]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
-        for number, attempt in enumerate(run["attempts"], 1):
-            place = folder / attempt["folder"]
+        first = run_folder(run["place"], run["condition"])
+        recorded = {attempt["folder"]: attempt for attempt in run["attempts"]}
+        names = {*recorded, *names_of_attempts(folder, first)}
+        for name in sorted(names, key=lambda name: attempt_number(name, first)):
+            attempt, place = recorded.get(name, {}), folder / name
             own = {
-                "attempt": number,
+                "attempt": attempt_number(name, first),
                 "scenario": run.get("scenario"),
                 "set": "; ".join(run.get("set", ())),
                 "stream": run.get("stream"),
                 "training_value": attempt.get("training_value"),
             }
-            summary = summary_of(place) | own
+            summary: dict[str, Any] = {**(summary_of(place) if place.exists() else DELETED), **own}
             summary["invalid_because"] = "; ".join(summary.get("invalid_because", ()))
             found = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
             values = {name: int(value) if isinstance(value, bool) else value for name, value in found.items()}
-            yield place, {**keys, "run": attempt["folder"], **values}
+            yield place, {**keys, "run": name.removesuffix(PART), **values}
 
 
 def _participant(record: Row) -> Row:
@@ -115,7 +133,7 @@ def _participant(record: Row) -> Row:
 
 def _rows(run: Path, name: str) -> list[dict[str, str]]:
     file = run / f"{name}.csv"
-    return answers(run) if file.name == PROBES else read_rows(file)
+    return answers(run) if file.name == PROBES else rows_in(file)
 
 
 _TOLD = ("type", "unit", "meaning")

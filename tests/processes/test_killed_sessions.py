@@ -55,6 +55,8 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     assert asked == ["tlx", "form"]
     [run] = [row for row in table(tmp_path, "runs") if row["run"] == "1-A"]
     assert (run["answers_missing"], run["tlx_raw"]) == ("0", "30.0")
+    training = [row for row in table(tmp_path, "runs") if row["condition"] == "training"]
+    assert [(row["attempt"], row["complete"]) for row in training] == [("1", "0"), ("2", "0"), ("3", "1")]
 
 
 def test_a_killed_replay_leaves_no_process(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ record. A seal shows damage, edits, and files of other runs. It does not stop so
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,14 +79,15 @@ def files_of(record: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
     return dict(record.get(SEAL, {}).get(FILES, {}))
 
 
-def checked(file: Path) -> dict[str, Any]:
-    """Return a record as `read_sealed` does, after a check of every file beside it that it vouches for.
+def checked(file: Path, *, deleted: Collection[str] = ()) -> dict[str, Any]:
+    """Return a record as `read_sealed` does, after a check of every file that it vouches for, but those `deleted`.
 
     Raises:
         SealError: the record or a file is not as it was sealed.
     """
     record = read_sealed(file)
-    if wrong := [problem for name, was in files_of(record).items() if (problem := _problem(file.parent / name, was))]:
+    sealed = {name: was for name, was in files_of(record).items() if name not in deleted}
+    if wrong := [problem for name, was in sealed.items() if (problem := _problem(file.parent / name, was))]:
         more = [f"{len(wrong) - MAX_NAMED} more files differ"] if len(wrong) > MAX_NAMED else []
         raise SealError("; ".join([*wrong[:MAX_NAMED], *more, _advice(file)]))
     return record

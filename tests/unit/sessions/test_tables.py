@@ -2,13 +2,16 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.seal import digests, write_sealed
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_scenario.person_tables import TABLES, OperatorAction, ProbeRow
 from deltaswarm_scenario.situation import SituationRow
@@ -322,3 +325,39 @@ def test_a_participant_without_a_record_is_not_left_out(tmp_path: Path) -> None:
     (tmp_path / "sessions" / "participant-002" / RECORD).unlink()
     with pytest.raises(CommandError, match="participant-002 has runs and no"):
         write_tables(tmp_path / "sessions", tmp_path / "data")
+
+
+def test_a_killed_run_and_a_deleted_one_are_in_the_table(tmp_path: Path, capsys: Printed) -> None:
+    """The first with the acts on disk but a last one that was cut off; the repetition is attempt 2."""
+    here = tmp_path / "sessions" / "participant-001"
+    a_participant(here.parent, 1, "ABC")
+    (here / "1-B").rename(here / "1-B-2")
+    record = json.loads((here / RECORD).read_text())
+    record["runs"][1]["attempts"][0]["folder"] = "1-B-2"
+    (here / "2-C" / "manifest.json").write_text("{}")
+    write_sealed(here / RECORD, record, digests(here, ["2-C/manifest.json"]))
+    killed = here / "1-B.part"
+    killed.mkdir()
+    (killed / "manifest.json").write_text(json.dumps({"seed": 5}))
+    whole = (here / "1-B-2" / "actions.csv").read_text()
+    (killed / "actions.csv").write_text(whole + whole.splitlines()[1][:12])
+    shutil.rmtree(here / "2-C")
+    write_tables(here.parent, tmp_path / "data")
+    runs = rows_of(tmp_path / "data" / "runs.tsv")
+    assert [(row["run"], row["attempt"], row["complete"], row["seed"]) for row in runs] == [
+        ("0-A", "1", "1", f"{2**53 - 1}"),
+        ("1-B", "1", "0", "5"),
+        ("1-B-2", "2", "1", f"{2**53 - 1}"),
+        ("2-C", "1", "0", ""),
+    ]
+    assert runs[-1]["invalid_because"] == "its folder was deleted"
+    assert [row["run"] for row in rows_of(tmp_path / "data" / "actions.tsv")] == ["0-A", "1-B", "1-B-2"]
+    lock = FolderLock(killed)
+    write_tables(here.parent, tmp_path / "data")
+    assert [row["run"] for row in rows_of(tmp_path / "data" / "runs.tsv")] == ["0-A", "1-B-2", "2-C"], "in progress"
+    lock.release()
+    (here / "0-A" / "manifest.json").write_text("{}")
+    write_sealed(here / RECORD, record, digests(here, ["0-A/manifest.json"]))
+    (here / "0-A" / "manifest.json").unlink()
+    with pytest.raises(CommandError, match=r"0-A/manifest.json is missing"):
+        write_tables(here.parent, tmp_path / "data")
