@@ -162,7 +162,8 @@ def run_sweep(
         except EngineLostError as error:
             failed.append(str(error))
         missing = {(job.variant.label, job.replicate, by) for job, by in wanted if not folder.has(job, by)}
-        invalid = {run: row for run, row in invalid.items() if run in missing}
+        in_order = [(job.variant.label, job.replicate, by) for job, by in kept.values()]
+        invalid = {run: invalid[run] for run in in_order if run in invalid and run in missing}
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
         with_series |= (path / "series.csv").exists()  # else it would have fewer runs than the table

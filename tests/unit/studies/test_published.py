@@ -106,6 +106,8 @@ def test_equivalence_is_by_two_one_sided_tests() -> None:
     [
         # A one-sample t-test needs 34 to find half a standard deviation with 80 % (any table of sample sizes).
         (Spread(1.0, 2 / math.sqrt(20), 20), Spread(0.0, 1e-6, 1000), (math.nan, math.nan), 34),
+        # And as many if ours is the smaller one.
+        (Spread(-1.0, 2 / math.sqrt(20), 20), Spread(0.0, 1e-6, 1000), (math.nan, math.nan), 34),
         # Equal means are within half a standard deviation: (1.96 + 1.28)^2 * 4 = 42, and 3 more for t.
         (Spread(0.0, 2 / math.sqrt(20), 20), Spread(0.0, 1e-6, 1000), (-1.0, 1.0), 45),
         # The published number alone is uncertain by 0.5: a difference of 1 is 2 of its errors.

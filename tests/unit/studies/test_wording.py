@@ -78,6 +78,8 @@ def test_a_sentence_that_says_no_difference_needs_an_equivalence(text: str) -> N
     assert problems(ALIKE + FINDING.format(text, BY_ALIKE)) == {}
     assert problems(LIMIT + FINDING.format(text, BY_CONTRAST.format("alike"))) == {}
     assert "finding[0].text" in problems(LIMIT + FINDING.format(text, BY_CONTRAST.format("unclear")))
+    either = BY_CONTRAST.format("alike").replace('is = "alike"', 'is = ["alike", "higher"]')
+    assert "finding[0].text" in problems(LIMIT + FINDING.format(text, either))
 
 
 @in_one_test(
