@@ -82,7 +82,7 @@ def _of_value(study: Study, claim: ClaimSettings, alpha: float) -> Iterator[tupl
     is_above = claim.above is not None
     if most < low or least > high or (is_above and least >= high):
         yield name, got, f"must reach into {low:g} to {high:g}, where {claim.metric} can be: nothing could support it"
-    elif (least <= low and high <= most) or (is_above and least < low):
+    elif least <= low and high <= most:
         yield (
             name,
             got,

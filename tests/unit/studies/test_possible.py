@@ -42,7 +42,6 @@ def refused(own: str, sweep: str = SWEEP) -> list[str]:
         (VALUE + 'metric = "waiting_all"\nwithin = [0.0, 99.9]', ""),
         (VALUE + 'metric = "waiting_all"\nwithin = [-3.0, -1.0]', SUPPORT),
         (VALUE + 'metric = "waiting_all"\nabove = -0.1', CONTRADICT),
-        (VALUE + 'metric = "waiting_all"\nabove = 0.0', ""),
         (VALUE + 'metric = "later"\nwithin = [100.1, 120.0]', SUPPORT),
         (VALUE + 'metric = "waiting"\nwithin = [100.1, 120.0]', ""),  # up to the end of the run
         (VALUE + 'metric = "waiting"\nabove = 1000.0', SUPPORT),
