@@ -24,7 +24,8 @@ from deltaswarm_orchestrator.cli.arguments import (
 )
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
-from deltaswarm_sessions.folder import folder_name
+from deltaswarm_sessions import roster
+from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
@@ -60,6 +61,26 @@ def add_session(command: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="start no run; print how many participants a study needs, computed from a pilot's tables in FOLDER "
         "(written by --table)",
+    )
+    what.add_argument(
+        "--next", action="store_true", help="print the number of the next participant, which keeps orders balanced"
+    )
+    what.add_argument(
+        "--withdraw",
+        type=whole(1, MAX_PARTICIPANT),
+        metavar="N",
+        help="delete all data of this participant, also from tables; number, date and --reason stay",
+    )
+    what.add_argument(
+        "--renumber",
+        type=whole(1, MAX_PARTICIPANT),
+        nargs=2,
+        metavar="N",
+        help="correct a participant's number, old and new; the order of the runs stays that of the old one",
+    )
+    command.add_argument("--reason", default="", metavar="TEXT", help="with --withdraw: what to note")
+    command.add_argument(
+        "--pilot", action="store_true", help="work on the pilot's sessions, in the folder 'pilot' within --out"
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="folder of all sessions (default: sessions/NAME)")
     command.add_argument(
@@ -122,9 +143,23 @@ def session(arguments: argparse.Namespace) -> int:
     if arguments.plan is not None:
         return _plan(arguments, settings, asked)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
+    out = out / roster.PILOT if arguments.pilot else out
+    if arguments.reason and arguments.withdraw is None:
+        raise CommandError("--reason must be given with --withdraw, without which it has no effect")
+    if arguments.next:
+        found = roster.next_number(settings, out)
+        show(arguments, found, _next_text(found))
+        return OK
+    if arguments.withdraw is not None:
+        return _withdraw(arguments, out)
+    if arguments.renumber:
+        folder = roster.renumber(out, *arguments.renumber)
+        show(arguments, {"folder": str(folder)}, str(folder))
+        return OK
     if arguments.table:
         check_out(arguments.table)
         files = write_tables(out, arguments.table)
+        roster.note_tables(out, arguments.table)
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
     if arguments.language is not None:
@@ -136,9 +171,15 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     """Do the remaining runs of one participant, or print which they are."""
     participant: int = arguments.participant
     check_out(out)
+    roster.check_number(out, participant)
+    folder = out / folder_name(participant)
+    record = read_record(folder) if (folder / RECORD).exists() else {}
+    kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected") if name in record}
+    kept |= {"pilot": True} if arguments.pilot else {}
+    runs = plan(settings, kept.get("allocated", participant), beside)
     runner = Runner(
-        session=Session(participant, plan(settings, participant, beside), shows_score=settings.score),
-        folder=out / folder_name(participant),
+        session=Session(participant, runs, shows_score=settings.score, kept=kept),
+        folder=folder,
         speed=settings.speed,
         listen=arguments.station_listen,
         markers=arguments.markers or "",
@@ -159,6 +200,32 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     if code == OK:
         show(arguments, {"folder": str(runner.folder), **runner.session.record}, str(runner.folder))
     return code
+
+
+def _next_text(found: dict[str, Any]) -> str:
+    """Format the result of `next_number`."""
+    told = {"complete or under way": "counted", "begun and not complete": "not_complete", "withdrawn": "withdrawn"}
+    lines = [f"{words}: {', '.join(map(str, found[name]))}" for words, name in told.items() if found[name]]
+    return "\n".join([str(found["next"]), *lines])
+
+
+def _withdraw(arguments: argparse.Namespace, out: Path) -> int:
+    """Delete a participant's data and write the tables again; print what was reached and what was not."""
+    removed = roster.withdraw(out, arguments.withdraw, arguments.reason)
+    for folder in removed.tables:
+        write_tables(out, folder)
+    told: dict[str, Any] = {
+        "deleted": str(removed.folder) if removed.folder else None,
+        "tables": [str(folder) for folder in removed.tables],
+        "not_reached": [*(f"tables in {folder}" for folder in removed.not_there), roster.BEYOND_REACH],
+    }
+    lines = [
+        f"deleted: {told['deleted'] or 'nothing, there is no folder'}",
+        *(f"written again without the participant: {folder}" for folder in told["tables"]),
+        *(f"not reached: {what}" for what in told["not_reached"]),
+    ]
+    show(arguments, told, "\n".join(lines))
+    return OK
 
 
 def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:

@@ -94,6 +94,20 @@ def order_of(participant: int, count: int, seed: int | None = None) -> list[Plac
     return [Placed(condition, (condition + row + cycle) % count) for condition in rows[row]]
 
 
+def allocation_of(settings: SessionSettings, participant: int) -> tuple[object, ...]:
+    """Return what is balanced over participants: conditions in order, with their streams if these are crossed."""
+    count = len(settings.condition)
+    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
+    if settings.arrivals != CROSSED:
+        return tuple(placed.condition for placed in order)
+    return (*order, _set_of(settings, participant))
+
+
+def _set_of(settings: SessionSettings, participant: int) -> int:
+    """Return which set of streams a participant's group has, from 0."""
+    return (participant - 1) // group_of(len(settings.condition), is_crossed=True) % settings.arrival_sets
+
+
 @dataclass(frozen=True)
 class PlannedRun:
     """One run of a participant."""
@@ -166,7 +180,7 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         if place == 0:
             number = 0  # all train with the same arrivals
         elif settings.arrivals == CROSSED and stream is not None:
-            chosen = (participant - 1) // group_of(count, is_crossed=True) % settings.arrival_sets
+            chosen = _set_of(settings, participant)
             number = chosen * (MAX_CONDITIONS + 1) + stream + 1
             stream += chosen * count
         else:

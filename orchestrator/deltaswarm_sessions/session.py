@@ -103,8 +103,16 @@ class Say:
 class Session:
     """The state of a session. Its user carries out each step, and puts the attempts that exist then into `attempts`."""
 
-    def __init__(self, participant: int, runs: Sequence[PlannedRun], *, shows_score: bool = True) -> None:
+    def __init__(
+        self,
+        participant: int,
+        runs: Sequence[PlannedRun],
+        *,
+        shows_score: bool = True,
+        kept: Mapping[str, Any] | None = None,
+    ) -> None:
         self.participant = participant
+        self._kept = kept or {}
         self.runs = runs
         self._shows_score = shows_score
         self.attempts: dict[str, list[Attempt]] = {run.folder: [] for run in runs}
@@ -136,10 +144,11 @@ class Session:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The order of the conditions, and the attempts at each run."""
+        """The order of the conditions, the attempts at each run, and what is kept from earlier records."""
         return {
             "participant": self.participant,
             "language": self.runs[0].scenario.operator.page.language.tag,
+            **self._kept,
             "runs": [self._row(run) for run in self.runs],
         }
 

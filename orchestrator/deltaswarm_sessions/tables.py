@@ -27,6 +27,7 @@ from deltaswarm_sessions.folder import (
     unsealed_in,
 )
 from deltaswarm_sessions.plan import run_folder
+from deltaswarm_sessions.roster import Withdrawn, allocated, withdrawn_in
 from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
 
 MAX_NAMED = 8
@@ -50,14 +51,15 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     if lacking := sorted(str(folder) for folder in begun if not (folder / RECORD).exists()):
         raise CommandError(f"{lacking[0]} has runs and no {RECORD}; restore it, or move the folder away")
     folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
-    if not folders:
+    withdrawn = withdrawn_in(sessions)
+    if not folders and not withdrawn:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
     records = {folder: read_record(folder) for folder in folders}
     runs = [run for folder, record in records.items() for run in _runs(folder, record)]
     out.mkdir(parents=True, exist_ok=True)
     (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
     files = [
-        _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, map(_participant, records.values())),
+        _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, _participants(records.values(), withdrawn)),
         _write(out / f"{RUNS}.tsv", {**KEYS, **RUN}, (run for _, run in runs)),
     ]
     for name, table in TABLES.items():
@@ -102,6 +104,7 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
         for name in sorted(names, key=lambda name: attempt_number(name, first)):
             attempt, place = recorded.get(name, {}), folder / name
             own = {
+                "pilot": record.get("pilot", False),
                 "attempt": attempt_number(name, first),
                 "scenario": run.get("scenario"),
                 "set": "; ".join(run.get("set", ())),
@@ -115,12 +118,22 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
             yield place, {**keys, "run": name.removesuffix(PART), **values}
 
 
-def _participant(record: Row) -> Row:
+def _participants(records: Iterable[dict[str, Any]], withdrawn: Iterable[Withdrawn]) -> list[Row]:
+    """Return the rows of the table of participants, with the number, date and reason of those who withdrew."""
+    gone = [
+        {"participant": one.participant, "withdrawn": one.date, "withdrawn_because": one.reason} for one in withdrawn
+    ]
+    return sorted([*map(_participant, records), *gone], key=lambda row: row["participant"])
+
+
+def _participant(record: dict[str, Any]) -> Row:
     complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
     invalid = [one for attempts in complete.values() for one in attempts if not one.get("valid", True)]
     valid = {place: [one for one in attempts if one not in invalid] for place, attempts in complete.items()}
     return {
         "participant": record["participant"],
+        "pilot": int(record.get("pilot", False)),
+        "allocated": allocated(record),
         "language": record.get("language", ""),
         "runs": len(record["runs"]),
         "complete": sum(map(bool, valid.values())),

@@ -25,6 +25,10 @@ KEYS = {
 
 PARTICIPANT = {
     "participant": KEYS["participant"],
+    "withdrawn": (TEXT, Column("", "when the participant withdrew, after which no data is left; empty: did not")),
+    "withdrawn_because": (TEXT, Column("", "the reason that was noted for it")),
+    "pilot": (WHOLE, Column("", "1: of the pilot")),
+    "allocated": (WHOLE, Column("", "the number that decided the order: another one if the number was corrected")),
     "language": (
         TEXT,
         Column("", "tag of the page's language when the session last went on; empty: the page's own English"),
@@ -41,6 +45,7 @@ PARTICIPANT = {
 }
 
 RUN_ITSELF = {
+    "pilot": Variable(WHOLE, Column("", "1: of the pilot"), "pilot"),
     "attempt": Variable(WHOLE, Column("", "number of the attempt at the run, from 1"), "attempt"),
     "scenario": Variable(TEXT, Column("", "name of the condition's scenario"), "scenario"),
     "set": Variable(TEXT, Column("", "scenario keys that the condition sets, divided by semicolons"), "set"),

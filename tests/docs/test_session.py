@@ -68,7 +68,7 @@ def test_the_plan_of_the_page_fits_its_effect(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of 12 participants who differ as they do here, one group is not enough for half of their effect."""
-    a_study(tmp_path / "sessions" / "deltas", Random(4))
+    a_study(tmp_path / "sessions" / "deltas" / "pilot", Random(4))
     monkeypatch.chdir(tmp_path)
     Path("deltas.toml").write_text("".join(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)))
     for command in commands(PAGE):

@@ -150,6 +150,7 @@ RUNS = {
     "condition": "training",
     "position": "0",
     "run": "0-training-2",
+    "pilot": "0",
     "attempt": "2",
     "scenario": "smoke",
     "set": "a=1; b=2",
@@ -211,6 +212,7 @@ NUMBERS = {
     *("tlx_weighted", "answered_share", "page_away_s"),
 }
 TEXTS = {"invalid_because", "condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
+TEXTS |= {"withdrawn", "withdrawn_because"}
 UNITS = dict.fromkeys(
     (
         *("waiting_time_s", "told_s", "worked_s", "completion_s", "horizon_s"),
@@ -261,10 +263,14 @@ def test_each_number_of_a_run_is_in_its_column(tmp_path: Path) -> None:
     assert [*whole] == [*RUNS]
     first = {name: value for name, value in cut_off.items() if value}
     keys = {name: RUNS[name] for name in ("participant", "condition", "position", "scenario", "set", "stream")}
-    assert first == {**keys, "run": "0-training", "attempt": "1", "complete": "0"}
+    assert first == {**keys, "run": "0-training", "pilot": "0", "attempt": "1", "complete": "0"}
     assert rows_of(tmp_path / "more" / "data" / "participants.tsv") == [
         {
             "participant": "12",
+            "withdrawn": "",
+            "withdrawn_because": "",
+            "pilot": "0",
+            "allocated": "12",
             "language": "de",
             "runs": "2",
             "complete": "1",
@@ -282,7 +288,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 55
+    assert len(rows) == 60
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row

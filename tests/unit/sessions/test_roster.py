@@ -1,0 +1,140 @@
+"""Who takes part: withdrawal, a pilot, wrong numbers, and the number that keeps the balance."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
+from deltaswarm_orchestrator.run import report
+from deltaswarm_orchestrator.run.options import RunOptions
+from deltaswarm_orchestrator.scenarios.load import to_toml
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_sessions.roster import next_number, renumber, withdraw
+from deltaswarm_sessions.settings import load_session
+from tests.support.complaints import Printed
+from tests.support.sessions import a_file
+from tests.unit.sessions.test_tables import rows_of
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The command for sessions of two conditions, whose runs are pretended."""
+
+    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
+        options.out.mkdir()
+        (options.out / "scenario.toml").write_text(to_toml(scenario))
+        (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
+        return 0
+
+    monkeypatch.setattr(report, "run_and_report", pretend)
+    return ["session", str(a_file(tmp_path, 2)), "--out", str(tmp_path / "out")]
+
+
+def test_a_withdrawn_participant_leaves_number_date_and_reason(
+    command: list[str], tmp_path: Path, capsys: Printed
+) -> None:
+    """In the tables that were written before, too; the number is not given again."""
+    for number in ("1", "2"):
+        assert main([*command, "--participant", number]) == 0
+    for name in ("data", "moved"):
+        assert main([*command, "--table", str(tmp_path / name)]) == 0
+    (tmp_path / "moved").rename(tmp_path / "elsewhere")
+    assert main([*command, "--withdraw", "1", "--reason", "by mail"]) == 0
+    printed = capsys.readouterr().out
+    assert f"not reached: tables in {tmp_path / 'moved'}" in printed
+    assert "back-ups" in printed
+    assert not (tmp_path / "out" / "participant-001").exists()
+    gone, left = rows_of(tmp_path / "data" / "participants.tsv")
+    assert (gone["participant"], gone["withdrawn_because"], gone["language"]) == ("1", "by mail", "")
+    assert gone["withdrawn"].startswith("20")
+    assert (left["participant"], left["withdrawn"]) == ("2", "")
+    assert {row["participant"] for row in rows_of(tmp_path / "data" / "runs.tsv")} == {"2"}
+    assert main([*command, "--participant", "1"]) == 2
+    assert "1 withdrew on 20" in capsys.readouterr().err
+    assert main([*command, "--withdraw", "2"]) == 0
+    assert rows_of(tmp_path / "data" / "runs.tsv") == [], "the last one, too"
+    assert main([*command, "--withdraw", "2", "--reason", "again"]) == 0
+    assert [row["withdrawn_because"] for row in rows_of(tmp_path / "data" / "participants.tsv")] == ["by mail", ""]
+    assert main([*command, "--withdraw", "3"]) == 2
+
+
+def test_nothing_is_withdrawn_or_renumbered_while_a_session_is_under_way(command: list[str], tmp_path: Path) -> None:
+    """Its folder is held."""
+    assert main([*command, "--participant", "1"]) == 0
+    out = tmp_path / "out"
+    lock = FolderLock(out / "participant-001")
+    for attempt in (lambda: withdraw(out, 1, ""), lambda: renumber(out, 1, 2)):
+        with pytest.raises(CommandError, match="under way"):
+            attempt()
+    assert next_number(load_session(command[1])[0], out)["counted"] == [1]
+    lock.release()
+    assert (out / "participant-001" / "session.json").exists()
+    assert not (out / "roster.json").exists()
+
+
+def test_a_pilot_has_a_folder_and_a_column(command: list[str], tmp_path: Path) -> None:
+    """The study's own tables and numbers know nothing of it."""
+    assert main([*command, "--participant", "1", "--pilot"]) == 0
+    assert (tmp_path / "out" / "pilot" / "participant-001").exists()
+    assert main([*command, "--table", str(tmp_path / "data")]) == 2
+    assert main([*command, "--table", str(tmp_path / "data"), "--pilot"]) == 0
+    for table in ("participants", "runs"):
+        assert {row["pilot"] for row in rows_of(tmp_path / "data" / f"{table}.tsv")} == {"1"}
+    assert next_number(load_session(command[1])[0], tmp_path / "out")["next"] == 1
+
+
+def test_a_corrected_number_keeps_the_order(command: list[str], tmp_path: Path, capsys: Printed) -> None:
+    """The session goes on under the new number; the wrong one is free for its owner."""
+    assert main([*command, "--participant", "1"]) == 0
+    folder = tmp_path / "out" / "participant-001"
+    before = json.loads((folder / "session.json").read_text())["runs"]
+    (folder / f"2-{before[2]['condition']}").rename(tmp_path / "undone")
+    assert main([*command, "--renumber", "1", "2"]) == 0
+    assert main([*command, "--participant", "2"]) == 0
+    record = json.loads((tmp_path / "out" / "participant-002" / "session.json").read_text())
+    assert [run["condition"] for run in record["runs"]] == [run["condition"] for run in before]
+    assert (record["participant"], record["allocated"], record["corrected"][0]["from"]) == (2, 1, 1)
+    assert main([*command, "--participant", "1"]) == 0
+    assert main([*command, "--table", str(tmp_path / "data")]) == 0
+    rows = rows_of(tmp_path / "data" / "participants.tsv")
+    assert [(row["participant"], row["allocated"]) for row in rows] == [("1", "1"), ("2", "1")]
+    capsys.readouterr()
+    assert main([*command, "--renumber", "1", "2"]) == 2
+    assert "must end with a number that is free" in capsys.readouterr().err
+
+
+def test_the_next_number_keeps_the_balance_after_drop_outs(command: list[str], tmp_path: Path) -> None:
+    """With the numbers it gives, orders and streams are balanced in a group of those who came to the end."""
+    file, out = Path(command[1]), tmp_path / "out"
+    file.write_text(file.read_text().replace("speed = 5.0", "speed = 5.0\narrival_sets = 2"))
+    settings, _ = load_session(command[1])
+    drops = {2, 5, 6}
+    done: list[tuple[object, ...]] = []
+    while len(done) < 8:
+        number = next_number(settings, out)["next"]
+        is_done = number not in drops
+        runs = [
+            {"place": place, "condition": "x", "attempts": [{"folder": "x", "complete": is_done or not place}]}
+            for place in range(3)
+        ]
+        folder = out / f"participant-{number:03}"
+        folder.mkdir(parents=True)
+        (folder / "session.json").write_text(json.dumps({"participant": number, "runs": runs}))
+        if is_done:
+            done.append(orders(tmp_path, number))
+    assert set(Counter(done).values()) == {1}
+    found = next_number(settings, out)
+    assert set(found["not_complete"]) == drops
+    assert len(found["counted"]) == 8
+
+
+def orders(folder: Path, number: int) -> tuple[object, ...]:
+    """The conditions of a participant in order, with the streams, as planned."""
+    from deltaswarm_sessions.plan import plan
+
+    settings, beside = load_session(str(folder / "deltas.toml"))
+    return tuple((run.label, run.stream) for run in plan(settings, number, beside)[1:])
