@@ -31,7 +31,7 @@ from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session
-from deltaswarm_sessions.tables import RUNS, write_tables
+from deltaswarm_sessions.tables import RUNS, WIDE, write_tables
 from deltaswarm_sessions.variables import OF_SWARM
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
@@ -77,6 +77,9 @@ def add_session(command: argparse.ArgumentParser) -> None:
         nargs=2,
         metavar="N",
         help="correct a participant's number, old and new; the order of the runs stays that of the old one",
+    )
+    command.add_argument(
+        "--wide", action="store_true", help="with --table: also write wide.tsv, a row per participant, as JASP needs it"
     )
     command.add_argument("--reason", default="", metavar="TEXT", help="with --withdraw: what to note")
     command.add_argument(
@@ -146,19 +149,21 @@ def session(arguments: argparse.Namespace) -> int:
     out = out / roster.PILOT if arguments.pilot else out
     if arguments.reason and arguments.withdraw is None:
         raise CommandError("--reason must be given with --withdraw, without which it has no effect")
+    if arguments.wide and not arguments.table:
+        raise CommandError("--wide must be given with --table, without which it has no effect")
     if arguments.next:
         found = roster.next_number(settings, out)
         show(arguments, found, _next_text(found))
         return OK
     if arguments.withdraw is not None:
-        return _withdraw(arguments, out)
+        return _withdraw(arguments, settings, out)
     if arguments.renumber:
         folder = roster.renumber(out, *arguments.renumber)
         show(arguments, {"folder": str(folder)}, str(folder))
         return OK
     if arguments.table:
         check_out(arguments.table)
-        files = write_tables(out, arguments.table)
+        files = write_tables(out, arguments.table, settings.exclude, is_wide=arguments.wide)
         roster.note_tables(out, arguments.table)
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
@@ -209,11 +214,11 @@ def _next_text(found: dict[str, Any]) -> str:
     return "\n".join([str(found["next"]), *lines])
 
 
-def _withdraw(arguments: argparse.Namespace, out: Path) -> int:
+def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -> int:
     """Delete a participant's data and write the tables again; print what was reached and what was not."""
     removed = roster.withdraw(out, arguments.withdraw, arguments.reason)
     for folder in removed.tables:
-        write_tables(out, folder)
+        write_tables(out, folder, settings.exclude, is_wide=(folder / f"{WIDE}.tsv").exists())
     told: dict[str, Any] = {
         "deleted": str(removed.folder) if removed.folder else None,
         "tables": [str(folder) for folder in removed.tables],

@@ -13,6 +13,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.task import JudgementTask
 from deltaswarm_scenario.technique import Technique
 from deltaswarm_scenario.techniques import measures
+from deltaswarm_sessions.exclusion import ExclusionSettings
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
@@ -174,6 +175,7 @@ class SessionSettings:
     training: TrainingSettings = key(
         TrainingSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
     )
+    exclude: ExclusionSettings = key(ExclusionSettings(), "bounds beyond which the tables mark a run")
     condition: tuple[ConditionSettings, ...] = key((), "the runs, whose order is balanced over participants")
 
     def problems(self) -> list[Problem]:

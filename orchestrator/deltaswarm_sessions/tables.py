@@ -10,11 +10,13 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError, complain, notice
-from deltaswarm_orchestrator.recording import PART
+from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.run_tables import PROBES
 from deltaswarm_orchestrator.results.summary import value_at
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
+from deltaswarm_sessions.exclusion import EXCLUDED, ExclusionSettings, exclusions
 from deltaswarm_sessions.folder import (
     RECORD,
     SUMMARY,
@@ -26,14 +28,15 @@ from deltaswarm_sessions.folder import (
     summary_of,
     unsealed_in,
 )
+from deltaswarm_sessions.observed import consent_of, of_run, questions_of, version_of
 from deltaswarm_sessions.plan import run_folder
 from deltaswarm_sessions.roster import Withdrawn, allocated, withdrawn_in
-from deltaswarm_sessions.variables import KEYS, PARTICIPANT, RUN
+from deltaswarm_sessions.variables import KEYS, MEASURES, PARTICIPANT, QUESTION, RUN
 
 MAX_NAMED = 8
 """Maximum number of runs named in a line."""
 
-DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
+DICTIONARY, PARTICIPANTS, RUNS, QUESTIONS, WIDE = "dictionary", "participants", "runs", "questions", "wide"
 
 Row = Mapping[str, Any]
 
@@ -41,8 +44,12 @@ DELETED: Row = {"complete": False, "invalid_because": ["its folder was deleted"]
 """The summary of a run whose folder is no longer there."""
 
 
-def write_tables(sessions: Path, out: Path) -> list[Path]:
+def write_tables(
+    sessions: Path, out: Path, exclude: ExclusionSettings | None = None, *, is_wide: bool = False
+) -> list[Path]:
     """Write the tables of all participants below a folder of sessions; return the files.
+
+    `exclude`: rules whose columns mark runs. `is_wide`: also write a row per participant, as JASP and SPSS need it.
 
     Raises:
         CommandError: there is no session, or a file of one cannot be read or has been changed.
@@ -55,16 +62,22 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
     if not folders and not withdrawn:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
     records = {folder: read_record(folder) for folder in folders}
-    runs = [run for folder, record in records.items() for run in _runs(folder, record)]
+    rules = exclude or ExclusionSettings()
+    runs = [run for folder, record in records.items() for run in _runs(folder, record, rules)]
     out.mkdir(parents=True, exist_ok=True)
     (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
     files = [
-        _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, _participants(records.values(), withdrawn)),
+        _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, _participants(records, withdrawn)),
         _write(out / f"{RUNS}.tsv", {**KEYS, **RUN}, (run for _, run in runs)),
     ]
     for name, table in TABLES.items():
         rows = (keys | row for folder, keys in runs for row in _rows(folder, name))
         files.append(_write(out / f"{name}.tsv", {**KEYS, **dict.fromkeys(table._fields)}, rows))
+    files.append(_write(out / f"{QUESTIONS}.tsv", QUESTION, _questions(runs)))
+    (out / f"{WIDE}.tsv").unlink(missing_ok=True)
+    if is_wide:
+        wide = _wide(runs)
+        files.append(_write(out / f"{WIDE}.tsv", dict.fromkeys(name for row in wide for name in row), wide))
     files.append(_write(out / f"{DICTIONARY}.tsv", dict.fromkeys(("table", "column", *_TOLD)), _dictionary()))
     unsealed = [f"{folder.name}/{name}" for folder, record in records.items() for name in unsealed_in(folder, record)]
     if unsealed:
@@ -94,7 +107,7 @@ def invalid_line(runs: Iterable[tuple[Path, Row]]) -> str:
     )
 
 
-def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
+def _runs(folder: Path, record: Row, rules: ExclusionSettings) -> Iterator[tuple[Path, dict[str, Any]]]:
     """Yield each attempt of a participant with its row of the table of runs, killed and deleted ones too."""
     for run in record["runs"]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
@@ -112,21 +125,29 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
                 "training_value": attempt.get("training_value"),
             }
             summary: dict[str, Any] = {**(summary_of(place) if place.exists() else DELETED), **own}
+            rows = {name: _rows(place, name) for name in ("actions", "probes", "wall_times")}
+            summary |= of_run(seal.read_sealed(place / seal.MANIFEST), *rows.values())
+            summary |= exclusions(rules, summary)
             summary["invalid_because"] = "; ".join(summary.get("invalid_because", ()))
             found = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
             values = {name: int(value) if isinstance(value, bool) else value for name, value in found.items()}
             yield place, {**keys, "run": name.removesuffix(PART), **values}
 
 
-def _participants(records: Iterable[dict[str, Any]], withdrawn: Iterable[Withdrawn]) -> list[Row]:
+def _participants(records: Mapping[Path, dict[str, Any]], withdrawn: Iterable[Withdrawn]) -> list[Row]:
     """Return the rows of the table of participants, with the number, date and reason of those who withdrew."""
     gone = [
         {"participant": one.participant, "withdrawn": one.date, "withdrawn_because": one.reason} for one in withdrawn
     ]
-    return sorted([*map(_participant, records), *gone], key=lambda row: row["participant"])
+    return sorted([*map(_participant, records, records.values()), *gone], key=lambda row: row["participant"])
 
 
-def _participant(record: dict[str, Any]) -> Row:
+def _participant(folder: Path, record: dict[str, Any]) -> Row:
+    names = [
+        name for run in record["runs"] for name in names_of_attempts(folder, run_folder(run["place"], run["condition"]))
+    ]
+    manifests = [seal.read_sealed(folder / name / seal.MANIFEST) for name in names]
+    consents = (consent_of(_rows(folder / name, "actions")) for name in names)
     complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
     invalid = [one for attempts in complete.values() for one in attempts if not one.get("valid", True)]
     valid = {place: [one for one in attempts if one not in invalid] for place, attempts in complete.items()}
@@ -135,6 +156,10 @@ def _participant(record: dict[str, Any]) -> Row:
         "pilot": int(record.get("pilot", False)),
         "allocated": allocated(record),
         "language": record.get("language", ""),
+        "started": min(filter(None, (manifest.get("started") for manifest in manifests)), default=""),
+        "order": "; ".join(run["condition"] for run in record["runs"] if run["place"]),
+        "versions": "; ".join(dict.fromkeys(filter(None, map(version_of, manifests)))),
+        "consent": next(filter(None, consents), ""),
         "runs": len(record["runs"]),
         "complete": sum(map(bool, valid.values())),
         "invalid": len(invalid),
@@ -142,6 +167,27 @@ def _participant(record: dict[str, Any]) -> Row:
         "training_runs": len(valid.get(0, ())),
         "training_outcome": next((run["outcome"] for run in record["runs"] if "outcome" in run), ""),
     }
+
+
+def _questions(runs: Iterable[tuple[Path, Row]]) -> list[Row]:
+    """Return a row for each question of each condition, once in each language."""
+    found: dict[tuple[Any, ...], Row] = {}
+    for place, keys in runs:
+        if (place / SCENARIO).exists():
+            for question in questions_of(load_scenario(str(place / SCENARIO))):
+                row = {"condition": keys["condition"], **question}
+                found.setdefault(tuple(row.values()), row)
+    return list(found.values())
+
+
+def _wide(runs: Iterable[tuple[Path, Row]]) -> list[dict[str, Any]]:
+    """Return a row per participant with the measures of the last valid attempt at each condition."""
+    found: dict[int, dict[str, Any]] = {}
+    for _, row in runs:
+        if row["position"] and row["valid"] != 0 and row["complete"]:
+            wide = found.setdefault(row["participant"], {"participant": row["participant"]})
+            wide |= {f"{name}.{row['condition']}": row[name] for name in (*MEASURES, EXCLUDED)}
+    return list(found.values())
 
 
 def _rows(run: Path, name: str) -> list[dict[str, str]]:
@@ -156,6 +202,7 @@ def _dictionary() -> Iterator[Row]:
     """Yield a row per column of every table."""
     own = {
         PARTICIPANTS: PARTICIPANT,
+        QUESTIONS: QUESTION,
         RUNS: {**KEYS, **{name: (kind, column) for name, (kind, column, _) in RUN.items()}},
     }
     for table, columns in (own | {name: {**KEYS, **columns_of(table)} for name, table in TABLES.items()}).items():

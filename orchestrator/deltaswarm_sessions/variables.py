@@ -3,7 +3,9 @@
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
-from deltaswarm_scenario.columns import Column
+from deltaswarm_scenario.columns import MONOTONIC, Column
+from deltaswarm_scenario.tlx import SCALES
+from deltaswarm_sessions.exclusion import COLUMNS
 
 WHOLE, NUMBER, TEXT = "whole number", "number", "text"
 
@@ -33,6 +35,10 @@ PARTICIPANT = {
         TEXT,
         Column("", "tag of the page's language when the session last went on; empty: the page's own English"),
     ),
+    "started": (TEXT, Column("", "when the first run began")),
+    "order": (TEXT, Column("", "conditions in the order of the runs, divided by semicolons; also of runs to come")),
+    "versions": (TEXT, Column("", "versions of deltaswarm in the runs, with the commits, divided by semicolons")),
+    "consent": (TEXT, Column("", "SHA-256 of the text that the participant agreed to; empty: none was shown")),
     "runs": (WHOLE, Column("", "runs that were planned")),
     "complete": (WHOLE, Column("", "runs that are complete and valid")),
     "invalid": (WHOLE, Column("", "attempts that are complete and not valid: they are done again")),
@@ -61,6 +67,19 @@ RUN_ITSELF = {
         NUMBER, Column("s", "time for which events are followed: the ceiling of their times"), "horizon_s"
     ),
     "digest": Variable(TEXT, Column("", "digest of all messages"), "digest"),
+    "started": Variable(
+        TEXT, Column("", "when the run was started, before the participant filled in its sheet"), "started"
+    ),
+    "wall_duration_s": Variable(NUMBER, Column(MONOTONIC, "time from its first step to its last"), "wall_duration_s"),
+    "screen": Variable(TEXT, Column("", "sizes of the page in pixels, in order, divided by semicolons"), "screen"),
+    "median_answer_s": Variable(
+        NUMBER, Column(MONOTONIC, "median time of the answers to ISA, SAGAT and SPAM"), "median_answer_s"
+    ),
+    **{
+        f"tlx_{scale}": Variable(NUMBER, Column("", f"NASA-TLX, {scale}, from 0 to 100"), f"tlx_scale.{scale}")
+        for scale in SCALES
+    },
+    **{name: Variable(WHOLE, column, name) for name, column in COLUMNS.items()},
     "training_value": Variable(
         NUMBER, Column("", "of a training run: what the training's criterion is about"), "training_value"
     ),
@@ -78,6 +97,20 @@ OF_SWARM = tuple(name for name, measure in MEASURES.items() if measure.path.spli
 """Measures of the swarm: participants who give it no orders have the same value with the same stream."""
 
 RUN = RUN_ITSELF | MEASURES
+
+QUESTION = {
+    "condition": KEYS["condition"],
+    "probe": (TEXT, Column("", "as in probes.tsv")),
+    "item": (TEXT, Column("", "as in probes.tsv")),
+    "language": PARTICIPANT["language"],
+    "text": (TEXT, Column("", "the question in this language; of ISA and NASA-TLX what it asks, in English")),
+    "kind": (TEXT, Column("", "likert, number, text or choice")),
+    "low": (NUMBER, Column("", "least answer")),
+    "high": (NUMBER, Column("", "greatest answer")),
+    "low_text": (TEXT, Column("", "meaning of the least answer")),
+    "high_text": (TEXT, Column("", "meaning of the greatest answer")),
+    "choices": (TEXT, Column("", "the answers to choose from, divided by semicolons")),
+}
 
 RESTRICTED = {metric.session for metric in EVERY_KEY if metric.session and metric.is_restricted}
 """Columns with times that the horizon bounds."""
