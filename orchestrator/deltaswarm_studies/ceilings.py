@@ -4,6 +4,7 @@ What can be known from the scenario is refused before the runs. After the runs, 
 same for any longer times.
 """
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 AT = 0.99
 """Share of the horizon from which on a value is at its ceiling: of a mean that near, nearly all times are cut off."""
+
+NOT_WITHIN = {"alike": "unclear", "slightly higher": "higher", "slightly lower": "lower"}
+"""What is left of a contrast's verdict without its margin."""
 
 
 def ceiling_problems(study: Study) -> Iterator[Problem]:
@@ -90,8 +94,6 @@ def undecided(
     A verdict that stays is of an estimate that is only a bound.
     """
     found = at_ceiling(study, runs)
-    if not found:
-        return contrasts, claims, []
     lines: dict[str, None] = {}
     contrasts, claims = contrasts.copy(), claims.copy()
     for settings in study.file.contrast:
@@ -111,7 +113,57 @@ def undecided(
             what = f"the claim {claim.id!r}"
             kept = _claim_kept(claim, of, found[name, of[0]].horizon_s)
             lines |= _undecide(study, claims, {"claim": claim.id}, kept, "undecided", what, name, found, of)
+    lines |= dict.fromkeys(_without_room(study, runs, contrasts, claims))
     return contrasts, claims, list(lines)
+
+
+def _without_room(
+    study: Study, runs: "pd.DataFrame", contrasts: "pd.DataFrame", claims: "pd.DataFrame"
+) -> Iterator[str]:
+    """Take back equivalences that the ceiling alone brings about, since no value could exceed the margin.
+
+    Yield a line for each. Values of 147 s below a ceiling of 150 s are within 1.1 times of whatever is compared.
+    """
+    for settings in study.file.contrast if len(contrasts) else ():
+        for row in study.comparisons(settings):
+            for name in study.metrics_of(settings):
+                is_row = _rows(contrasts, {"contrast": settings.id, "metric": name, **row._asdict()})
+                is_row &= contrasts["verdict"].isin(NOT_WITHIN)
+                why = _no_room(study, runs, name, [*itertools.chain(*row.sides)], settings.margin)
+                if why and is_row.any():
+                    contrasts.loc[is_row, "verdict"] = contrasts.loc[is_row, "verdict"].map(NOT_WITHIN)
+                    level, other = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
+                    yield f"Not shown to be alike: {settings.text or settings.id!r} ({level} against {other}), since {why}."
+    for claim in study.file.claim:
+        if claim.kind == "alike":
+            is_row = _rows(claims, {"claim": claim.id}) & (claims["verdict"] == "holds")
+            why = _no_room(study, runs, claim.metric, claim.variants, claim.margin)
+            if why and is_row.any():
+                claims.loc[is_row, "verdict"] = "undecided"
+                yield f"Not decided: the claim {claim.id!r}, since {why}."
+
+
+def _no_room(study: Study, runs: "pd.DataFrame", name: str, variants: Sequence[str], margin: float) -> str:
+    """Say of which variant no other value could be `margin` times the median, because of the ceiling; "" if of none."""
+    for variant in variants:
+        horizon_s = ceiling_s(study.metrics[name], study, variant)
+        if horizon_s is not None and name in runs:
+            median = float(runs.loc[runs["variant"] == variant, name].median())
+            if margin * median >= horizon_s:
+                title, shown = study.metrics[name].title, study.variant_title(variant)
+                return (
+                    f"the horizon of {horizon_s:g} s leaves no room for {margin:g} times the median of {title!r} in "
+                    f"{shown!r}, {median:.3g} s"
+                )
+    return ""
+
+
+def _rows(table: "pd.DataFrame", own: Mapping[str, Any]) -> "pd.Series":
+    """Return which rows have these values."""
+    is_row = table["verdict"] != "no data"
+    for column, value in own.items():
+        is_row &= table[column] == value if column in table else True
+    return is_row
 
 
 def _contrast_kept(is_level: bool, is_reference: bool) -> tuple[str, ...]:
@@ -145,9 +197,7 @@ def _undecide(
     variants: Sequence[str],
 ) -> dict[str, None]:
     """Replace the verdict of the row with these values, unless it stays; return the line that says what happened."""
-    is_row = table["verdict"] != "no data"
-    for column, value in own.items():
-        is_row &= table[column] == value if column in table else True
+    is_row = _rows(table, own)
     if not is_row.any():
         return {}
     is_kept = table.loc[is_row, "verdict"].iloc[0] in kept

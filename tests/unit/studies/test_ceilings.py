@@ -123,6 +123,18 @@ def test_a_contrast_at_the_ceiling_is_not_decided() -> None:
     ]
 
 
+@pytest.mark.parametrize(("at_s", "margin", "is_shown"), [(97.0, 1.1, False), (80.0, 1.3, False), (80.0, 1.2, True)])
+def test_an_equivalence_needs_room_below_the_ceiling(at_s: float, margin: float, is_shown: bool) -> None:
+    """Means of 97 s to a horizon of 100 s are within 1.1 times of anything that is longer, so that shows nothing."""
+    near: Value = lambda level, mode, replicate: at_s + (replicate - 4.5) / 10  # noqa: E731
+    own = CONTRAST.replace("1.1", f"{margin}") + claim("alike", a=FAST, b=SLOW, margin=margin)
+    evidence = judged(own, near)
+    assert set(evidence.contrasts["verdict"]) == {"alike" if is_shown else "unclear"}
+    assert evidence.claims["verdict"].tolist() == ["holds" if is_shown else "undecided"]
+    lines = [line for line in evidence.doubts if "leaves no room" in line]
+    assert lines == [] if is_shown else lines[-1].startswith("Not decided: the claim 'it', since the horizon of 100 s")
+
+
 def test_a_verdict_that_stays_is_of_a_bound() -> None:
     """Twice as long as can be seen, or ten times: the line says so."""
     [line] = [line for line in judged(ORDER, stuck(SLOW)).doubts if "ceiling" in line]
