@@ -169,16 +169,17 @@ class _TestedClaim:
 
 
 def _correlations(runs: pd.DataFrame, metric: str) -> Samples:
-    """Return a function from a predictor to its rank correlation with a metric over the variants, by replicate.
+    """Return a function from a predictor to the size of its rank correlation with a metric over the variants.
 
-    Spearman's correlation, which asks only how well one order follows from the other.
+    Spearman's correlation, by replicate, which asks only how well one order follows from the other: in the same or in
+    the opposite direction.
     """
 
     def by_variant(name: str) -> pd.DataFrame:
         return runs.assign(value=column(runs, name)).pivot_table("value", "variant", "replicate")
 
     outcomes = by_variant(metric)
-    return lambda predictor: outcomes.rank().corrwith(by_variant(predictor).reindex_like(outcomes).rank())
+    return lambda predictor: outcomes.rank().corrwith(by_variant(predictor).reindex_like(outcomes).rank()).abs()
 
 
 def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:

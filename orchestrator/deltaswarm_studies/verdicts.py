@@ -10,13 +10,14 @@ from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.rendering import Table, decimals_for, number, p_value, table, with_interval
 from deltaswarm_studies.sensitivity import tests_in
 from deltaswarm_studies.settings import VERDICTS, FindingSettings
-from deltaswarm_studies.stats import ALPHA, RATIO
+from deltaswarm_studies.stats import ALPHA, DIFFERENCE, RATIO
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.survival import families_in
 from deltaswarm_studies.wording import margins_of
 
 ORDER = ("refuted", "differs", "undecided", "holds", "agrees", "no data")
 """Verdicts in the order of the table."""
+PREDICTION = "Size of the rank correlation with "
 CALIBRATED = "Calibrated: a reading was chosen so that these numbers agree, so their agreement is no evidence"
 
 
@@ -54,9 +55,12 @@ def claims_tables(study: Study, claims: pd.DataFrame, run_s: float | None) -> It
     `run_s` is the wall time of a run [s].
     """
     rows = claims.sort_values("verdict", key=lambda verdicts: verdicts.map(ORDER.index), kind="stable")
-    rows["here"] = [_found(row, study.metrics[row["metric"]].unit) for _, row in rows.iterrows()]
+    predictions = {claim.id for claim in study.file.claim if claim.kind == "predicts"}
+    units = [(row["claim"] not in predictions) * study.metrics[row["metric"]].unit for _, row in rows.iterrows()]
+    rows["here"] = [_found(row, unit) for (_, row), unit in zip(rows.iterrows(), units, strict=True)]
     rows["about"] = [
-        f"{study.metrics[row['metric']].title}: {_sides(study, row['about'])}" for _, row in rows.iterrows()
+        f"{(row['claim'] in predictions) * PREDICTION}{study.metrics[row['metric']].title}: {_sides(study, row)}"
+        for _, row in rows.iterrows()
     ]
     rows["p"] = ["" if pd.isna(p) else p_value(float(p)) for p in rows["p_holm"]]
     rows["decides"] = [_decides(row, run_s) for _, row in rows.iterrows()]
@@ -82,12 +86,13 @@ def claims_tables(study: Study, claims: pd.DataFrame, run_s: float | None) -> It
         yield table(surprising[["text", "why"]], {"text": "Claim", "why": "What is known about why"})
 
 
-def _sides(study: Study, about: str) -> str:
-    """Name the sides of a claim by their titles."""
+def _sides(study: Study, row: Any) -> str:
+    """Name the sides of a claim by their titles: of a ratio one over the other, of a difference one less the other."""
     titles = {label: study.variant_title(label) for label in study.levels}
     titles |= {name: metric.title for name, metric in study.metrics.items() if name not in titles}
-    sides, less, published = about.partition(" less the")
-    return " over ".join(titles.get(side, side) for side in sides.split(" over ")) + less + published
+    sides, less, published = row["about"].partition(" less the")
+    joined = " less " if row["scale"] == DIFFERENCE else " over "
+    return joined.join(titles.get(side, side) for side in sides.split(" over ")) + less + published
 
 
 def _found(row: Any, unit: str) -> str:

@@ -139,7 +139,7 @@ def test_predictors_are_compared_by_spearmans_correlation_of_each_replicate() ->
     row = claims_of(study, runs).iloc[0]
     by_replicate = [group for _, group in runs.groupby("replicate")]
     better, worse = (
-        [scipy_stats.spearmanr(group[name], group["waiting_all"]).statistic for group in by_replicate]
+        [abs(scipy_stats.spearmanr(group[name], group["waiting_all"]).statistic) for group in by_replicate]
         for name in ("waiting", "messages")
     )
     differences = np.array(better) - np.array(worse)

@@ -214,8 +214,9 @@ def test_holms_correction_is_over_the_claims_of_one_source() -> None:
 @pytest.mark.parametrize(
     ("less", "more", "verdict"), [("messages", "waiting", "holds"), ("waiting", "messages", "refuted")]
 )
-def test_the_better_of_two_predictors_is_found(less: str, more: str, verdict: str) -> None:
-    """Waiting of sensed events puts the variants into the same order as `waiting_all` does, messages do not."""
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_better_of_two_predictors_is_found(less: str, more: str, verdict: str, sign: int) -> None:
+    """Waiting of sensed events has the order of `waiting_all` or the reverse; messages do not."""
 
     def exact(level: str, mode: str, replicate: int) -> float:
         return spread(level, mode, replicate) * (1 + LEVELS.index(level) + 3 * MODES.index(mode))
@@ -223,9 +224,12 @@ def test_the_better_of_two_predictors_is_found(less: str, more: str, verdict: st
     def vague(level: str, mode: str, replicate: int) -> float:
         return exact(level, mode, replicate) * (0.1 if replicate % len(LEVELS) == LEVELS.index(level) else 1.0)
 
+    def sensed(level: str, mode: str, replicate: int) -> float:
+        return float(exact(level, mode, replicate) ** sign)
+
     study = made(
         OWN + f'[[claim]]\nid = "c"\ntext = "c"\nkind = "predicts"\nmetric = "waiting_all"\n'
         f'less = "{less}"\nmore = "{more}"\n'
     )
-    row = claims_of(study, runs_of(study, table(exact, vague), NONE)).iloc[0]
+    row = claims_of(study, runs_of(study, table(exact, vague, sensed), NONE)).iloc[0]
     assert (row["verdict"], row["n"]) == (verdict, 10)
