@@ -109,7 +109,8 @@ def survival_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
         if own.empty:
             continue
         followed_s = horizon_s(study, settings)
-        shown = own[["variant", "runs", "events"]].assign(
+        shown = own[["runs", "events"]].assign(
+            variant=own["variant"].map(study.variant_title),
             came=[f"{100 * row['came'] / row['events']:.1f}" for _, row in own.iterrows()],
             **{
                 name: [_within(row, name, followed_s) for _, row in own.iterrows()]
@@ -129,7 +130,7 @@ def survival_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
             shown["difference"] = [_difference(row) for _, row in own.iterrows()]
             for name in ("difference", "log_rank"):
                 shown[f"{name}_p"] = [_p(row[f"{name}_p_holm"]) for _, row in own.iterrows()]
-            headings["difference"] = f"Mean against {settings.reference} [s]"
+            headings["difference"] = f"Mean against {study.variant_title(settings.reference)} [s]"
             headings |= {"difference_p": "p (Holm)", "log_rank_p": "log-rank p (Holm)"}
         yield table(shown, headings, settings.text or study.metrics[settings.metric].title)
 
@@ -147,7 +148,11 @@ def ring_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
         wide["from"] = [f"{row['from_m']:.1f} to {row['until_m']:.1f}" for _, row in first.iterrows()]
         wide["events"] = first["events"]
         title = f"{settings.text or 'By distance'}: {study.metrics[settings.metric].label}"
-        headings = {"from": "Distance [m]", "events": "Events", **{name: name for name in variants}}
+        headings = {
+            "from": "Distance [m]",
+            "events": "Events",
+            **{name: study.variant_title(name) for name in variants},
+        }
         yield table(wide.reset_index(), headings, title)
 
 
