@@ -31,6 +31,10 @@ REPORT_EVERY = "report_every_s"
 """The option by which a controller reports at times that do not depend on the step, if it has one."""
 
 
+SHORT_LIST = 12
+"""Most names that a message lists each time."""
+
+
 def problems_of(study: Study) -> Iterator[Problem]:
     """Yield all mistakes; further ones only if all names refer to something."""
     named = [*_unknown_names(study), *_repeated_names(study)]
@@ -63,13 +67,27 @@ def used_metrics(study: Study) -> list[str]:
 
 
 def _unknown_names(study: Study) -> Iterator[Problem]:
+    """Report each unknown name once, with its places, and list the names of a long choice once."""
+    places: dict[tuple[str, tuple[str, ...]], tuple[Any, list[str]]] = {}
     for where, names, known in _references(study):
-        yield from (_unknown_name(where, name, known) for name in names if name not in known)
+        for name in names:
+            if name not in known:
+                places.setdefault((repr(name), tuple(known)), (name, []))[1].append(where)
+    listed_already: set[tuple[str, ...]] = set()
+    for (_, known), (name, wheres) in places.items():
+        others = len(dict.fromkeys(wheres)) - 1
+        also = f" and {others} other place{'s' * (others > 1)}" if others else ""
+        yield _unknown_name(wheres[0] + also, name, known, listed_already)
 
 
-def _unknown_name(where: str, name: Any, known: Collection[str]) -> Problem:
-    hint = did_you_mean(name, known).rstrip()
-    allowed = f"must be one of {', '.join(map(repr, known)) or 'none that is declared'}"
+def _unknown_name(where: str, name: Any, known: Collection[str], listed_already: set[tuple[str, ...]]) -> Problem:
+    names, hint = tuple(known), did_you_mean(name, known).rstrip()
+    is_long = len(names) > SHORT_LIST
+    if is_long and (hint or names in listed_already):
+        allowed = f"must be one of the {len(names)} names" + ("" if hint else " listed above")
+    else:
+        allowed = f"must be one of {', '.join(map(repr, names)) or 'none that is declared'}"
+        listed_already.add(names)
     return Problem(where, repr(name) + (hint and f"; {hint}"), allowed)
 
 
@@ -155,13 +173,15 @@ def _results(study: Study) -> Iterator[Problem]:
         rows[contrast.id] |= {
             name: [getattr(row, name) for row in comparisons] for name in ("level", "reference", "within")
         }
+    listed_already: set[tuple[str, ...]] = set()
     for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):
             for id in listed(result.get("contrast", result.get("fit", []))):
                 for name, values in rows[id].items():
                     for value in listed(result.get(name, [])):
                         if value not in values:
-                            yield _unknown_name(f"finding[{i}].because[{j}].{name}", value, dict.fromkeys(values))
+                            where, known = f"finding[{i}].because[{j}].{name}", dict.fromkeys(values)
+                            yield _unknown_name(where, value, known, listed_already)
 
 
 # Times

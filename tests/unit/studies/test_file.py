@@ -259,6 +259,25 @@ def test_a_name_that_is_none_is_told_with_those_that_are() -> None:
         assert said in str(caught.value).splitlines()
 
 
+def test_a_long_choice_is_listed_at_most_once() -> None:
+    """A name that stands in many figures is one mistake; where one is suggested, no list is needed."""
+    labels = [f"hybrid {number}" for number in range(40)]
+    sweep = SWEEP.replace('label = ["decentralised", "hybrid 3"]', f"label = {labels}")
+    sweep = sweep.replace('control.mode = ["decentralised", "hybrid"]', f"control.mode = {['hybrid'] * 40}")
+    figure = '[[figure]]\nname = "f{}"\nkind = "boxes"\nmetric = "messages"\nx = "mode"\nvariants = {}\n'
+    own = "".join(figure.format(i, ["loss=0.0, hybrid 39x", "quite another", "a third"]) for i in range(5))
+    with pytest.raises(SettingsError) as caught:
+        made(OWN + own, sweep)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 3
+    assert lines[0] == (
+        "figure[0].variants and 4 other places must be one of the 120 names (got 'loss=0.0, hybrid 39x'; did you mean "
+        "'loss=0.0, hybrid 39'?)"
+    )
+    assert lines[1].startswith("figure[0].variants and 4 other places must be one of 'loss=0.0, hybrid 0', ")
+    assert lines[2] == "figure[0].variants and 4 other places must be one of the 120 names listed above (got 'a third')"
+
+
 def test_times_end_with_the_shortest_run() -> None:
     """Of all variants; a metric over windows begins early enough for its events."""
     sweep = SWEEP.replace("radio.loss = [0.0, 0.5, 0.9]", "run.duration_s = [1000.0, 2000.0]")
