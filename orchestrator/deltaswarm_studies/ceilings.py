@@ -133,7 +133,8 @@ def _without_room(
                 if why and is_row.any():
                     contrasts.loc[is_row, "verdict"] = contrasts.loc[is_row, "verdict"].map(NOT_WITHIN)
                     level, other = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
-                    yield f"Not shown to be alike: {settings.text or settings.id!r} ({level} against {other}), since {why}."
+                    what = f"the contrast {settings.text or settings.id!r} ({level} against {other})"
+                    yield f"Not shown to be alike: {what}, since {why}."
     for claim in study.file.claim:
         if claim.kind == "alike":
             is_row = _rows(claims, {"claim": claim.id}) & (claims["verdict"] == "holds")
