@@ -90,7 +90,7 @@ def _sides(study: Study, row: Any) -> str:
     """Name the sides of a claim by their titles: of a ratio one over the other, of a difference one less the other."""
     titles = {label: study.variant_title(label) for label in study.levels}
     titles |= {name: metric.title for name, metric in study.metrics.items() if name not in titles}
-    sides, less, published = row["about"].partition(" less the")
+    sides, less, published = str(row["about"]).partition(" less the")
     joined = " less " if row["scale"] == DIFFERENCE else " over "
     return joined.join(titles.get(side, side) for side in sides.split(" over ")) + less + published
 
