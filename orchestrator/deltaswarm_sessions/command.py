@@ -24,7 +24,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 )
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
-from deltaswarm_sessions import roster
+from deltaswarm_sessions import commitment, roster
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
@@ -77,6 +77,11 @@ def add_session(command: argparse.ArgumentParser) -> None:
         nargs=2,
         metavar="N",
         help="correct a participant's number, old and new; the order of the runs stays that of the old one",
+    )
+    what.add_argument(
+        "--freeze",
+        action="store_true",
+        help="before the first session: commit to plan and code, and print a hash to publish, which shows neither",
     )
     command.add_argument(
         "--wide", action="store_true", help="with --table: also write wide.tsv, a row per participant, as JASP needs it"
@@ -149,11 +154,15 @@ def session(arguments: argparse.Namespace) -> int:
     out = out / roster.PILOT if arguments.pilot else out
     if arguments.reason and arguments.withdraw is None:
         raise CommandError("--reason must be given with --withdraw, without which it has no effect")
+    if arguments.freeze:
+        file, found = commitment.freeze(settings, beside, out)
+        show(arguments, {"file": str(file), "hash": found}, f"{found}\n{file}: keep it secret until the study is over")
+        return OK
     if arguments.wide and not arguments.table:
         raise CommandError("--wide must be given with --table, without which it has no effect")
     if arguments.next:
-        found = roster.next_number(settings, out)
-        show(arguments, found, _next_text(found))
+        number = roster.next_number(settings, out)
+        show(arguments, number, _next_text(number))
         return OK
     if arguments.withdraw is not None:
         return _withdraw(arguments, settings, out)
@@ -172,6 +181,11 @@ def session(arguments: argparse.Namespace) -> int:
     return _do(arguments, settings, beside, out)
 
 
+def _as_in_file(arguments: argparse.Namespace, settings: SessionSettings) -> SessionSettings:
+    """Return the settings without the language of one participant, to which no plan commits."""
+    return settings if arguments.language is None else load_session(arguments.session)[0]
+
+
 def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
     """Do the remaining runs of one participant, or print which they are."""
     participant: int = arguments.participant
@@ -181,6 +195,8 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     record = read_record(folder) if (folder / RECORD).exists() else {}
     kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected") if name in record}
     kept |= {"pilot": True} if arguments.pilot else {}
+    frozen, warnings = commitment.check_plan(_as_in_file(arguments, settings), beside, out)
+    kept |= {"frozen": frozen} if frozen else {}
     runs = plan(settings, kept.get("allocated", participant), beside)
     runner = Runner(
         session=Session(participant, runs, shows_score=settings.score, kept=kept),
@@ -192,7 +208,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         quiet=arguments.quiet,
         command=as_given(arguments),
     )
-    for warning in runner.check():
+    for warning in [*warnings, *runner.check()]:
         notice(warning)
     if arguments.dry_run:
         for warning in situation_warnings(runner.session.runs):

@@ -108,6 +108,19 @@ def _set_of(settings: SessionSettings, participant: int) -> int:
     return (participant - 1) // group_of(len(settings.condition), is_crossed=True) % settings.arrival_sets
 
 
+def order_and_numbers(settings: SessionSettings, participant: int) -> list[tuple[str, int]]:
+    """Return the label of each run in order, the training first, with the number from which its seed is derived."""
+    count, is_crossed = len(settings.condition), settings.arrivals == CROSSED
+    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
+    first = _set_of(settings, participant) if is_crossed else participant
+    numbers = (placed.stream + 1 if is_crossed else place for place, placed in enumerate(order, 1))
+    runs = [
+        (settings.condition[placed.condition].label, first * (MAX_CONDITIONS + 1) + number)
+        for placed, number in zip(order, numbers, strict=True)
+    ]
+    return [(settings.training.label, 0), *runs]  # all train with the same arrivals
+
+
 @dataclass(frozen=True)
 class PlannedRun:
     """One run of a participant."""
@@ -136,7 +149,7 @@ class PlannedRun:
 
         `is_repeat`: an earlier attempt is complete, so consent and the forms before the session are not asked for.
         """
-        scenario = replace(self.scenario, seed=_seed(*self.seeds, number))
+        scenario = replace(self.scenario, seed=seed_of(*self.seeds, number))
         if not is_repeat:
             return scenario
         probes = scenario.operator.probes
@@ -161,7 +174,8 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
     runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
     consent = _text(settings.consent, beside)
     runs = []
-    for place, (condition, stream) in enumerate(runs_of):
+    numbers = [number for _, number in order_and_numbers(settings, participant)]
+    for place, ((condition, stream), number) in enumerate(zip(runs_of, numbers, strict=True)):
         name, label = condition.scenario, condition.label
         if name not in scenarios.BUILT_IN:
             name = str((beside / name).resolve())
@@ -177,15 +191,10 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
             *condition.set,
         ]
         overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]
-        if place == 0:
-            number = 0  # all train with the same arrivals
-        elif settings.arrivals == CROSSED and stream is not None:
-            chosen = _set_of(settings, participant)
-            number = chosen * (MAX_CONDITIONS + 1) + stream + 1
-            stream += chosen * count
-        else:
-            number, stream = participant * (MAX_CONDITIONS + 1) + place, None
-        scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
+        if stream is not None:
+            is_crossed = settings.arrivals == CROSSED
+            stream = stream + _set_of(settings, participant) * count if is_crossed else None
+        scenario = scenarios.load_scenario(name, overrides, seed_of(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
         run = PlannedRun(
             label, run_folder(place, label), scenario, place, stream, (settings.seed, number), condition.set
@@ -218,7 +227,7 @@ def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool
     return replace(scenario, operator=replace(scenario.operator, probes=probes))
 
 
-def _seed(seed: int, number: int, attempt: int) -> int:
+def seed_of(seed: int, number: int, attempt: int) -> int:
     """Derive the seed of an attempt at a run."""
     return agent_seed(seed, number + (attempt - 1) * MAX_RUNS) % MAX_SEED
 

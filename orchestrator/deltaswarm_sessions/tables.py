@@ -155,6 +155,7 @@ def _participant(folder: Path, record: dict[str, Any]) -> Row:
         "participant": record["participant"],
         "pilot": int(record.get("pilot", False)),
         "allocated": allocated(record),
+        "frozen": record.get("frozen", ""),
         "language": record.get("language", ""),
         "started": min(filter(None, (manifest.get("started") for manifest in manifests)), default=""),
         "order": "; ".join(run["condition"] for run in record["runs"] if run["place"]),

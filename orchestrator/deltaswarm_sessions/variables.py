@@ -31,6 +31,7 @@ PARTICIPANT = {
     "withdrawn_because": (TEXT, Column("", "the reason that was noted for it")),
     "pilot": (WHOLE, Column("", "1: of the pilot")),
     "allocated": (WHOLE, Column("", "the number that decided the order: another one if the number was corrected")),
+    "frozen": (TEXT, Column("", "hash of the commitment to plan and code that was made before; empty: there is none")),
     "language": (
         TEXT,
         Column("", "tag of the page's language when the session last went on; empty: the page's own English"),

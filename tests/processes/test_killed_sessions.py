@@ -34,6 +34,7 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     """While processes start, while a page is open, and while it asks again; answers given afterwards count once."""
     (tmp_path / "study.toml").write_text(FILE)
     out = tmp_path / "sessions" / "study" / "participant-001"
+    committed = told("session", str(tmp_path / "study.toml"), "--freeze", "--out", str(out.parent))
     with session(tmp_path, signal.SIGKILL):
         wait_until((out / "0-training.part" / "logs" / "pids.json").exists, "the first processes")
     with session(tmp_path, signal.SIGKILL):
@@ -57,6 +58,8 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     assert (run["answers_missing"], run["tlx_raw"]) == ("0", "30.0")
     training = [row for row in table(tmp_path, "runs") if row["condition"] == "training"]
     assert [(row["attempt"], row["complete"]) for row in training] == [("1", "0"), ("2", "0"), ("3", "1")]
+    verified = told("verify", str(out.parent), "--against", committed.stdout.split()[0])
+    assert (verified.returncode, "2 of 2 complete runs" in verified.stdout) == (0, True), verified.stdout
 
 
 def test_a_killed_replay_leaves_no_process(tmp_path: Path) -> None:

@@ -222,7 +222,7 @@ NUMBERS = {
     *("tlx_weighted", "answered_share", "page_away_s"),
 }
 TEXTS = {"invalid_because", "condition", "run", "scenario", "set", "digest", "language", "training_outcome"}
-TEXTS |= {"withdrawn", "withdrawn_because", "started", "screen", "order", "versions", "consent"}
+TEXTS |= {"withdrawn", "withdrawn_because", "started", "screen", "order", "versions", "consent", "frozen"}
 NUMBERS |= {"wall_duration_s", "median_answer_s"}
 NUMBERS |= {"tlx_mental", "tlx_physical", "tlx_temporal", "tlx_performance", "tlx_effort", "tlx_frustration"}
 UNITS = dict.fromkeys(
@@ -284,6 +284,7 @@ def test_each_number_of_a_run_is_in_its_column(tmp_path: Path) -> None:
             "withdrawn_because": "",
             "pilot": "0",
             "allocated": "12",
+            "frozen": "",
             "language": "de",
             "started": "",
             "order": "A",
@@ -305,7 +306,7 @@ def test_the_dictionary_has_types_and_units(tmp_path: Path) -> None:
     a_full_run(tmp_path / "sessions")
     *_, dictionary = write_tables(tmp_path / "sessions", tmp_path / "data")
     rows = [row for row in rows_of(dictionary) if row["table"] in ("participants", "runs")]
-    assert len(rows) == 79
+    assert len(rows) == 80
     for row in rows:
         kind = "number" if row["column"] in NUMBERS else "text" if row["column"] in TEXTS else "whole number"
         assert (row["type"], row["unit"]) == (kind, UNITS.get(row["column"], "")), row
