@@ -133,12 +133,11 @@ def time(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
             group = (rows[rows[settings.hue] == hue] if hue else rows).sort_values("time_s")
             if group.empty:
                 continue
-            last = group.iloc[-1]
-            edges = np.array([*group["time_s"], last["time_s"] + window_s])
+            edges = np.array([*group["time_s"], group["time_s"].iloc[-1] + window_s])
             line: dict[str, Any] = {"color": look.colour, "linestyle": look.line, "linewidth": 1.2}
             axes.stairs(group[settings.metric], edges, baseline=None, **line)
-            low, high = ([*group[name], last[name]] for name in ("low", "high"))
-            axes.fill_between(edges, low, high, step="post", color=look.colour, alpha=0.2, linewidth=0)
+            band: dict[str, Any] = {"color": look.colour, "alpha": 0.2, "linewidth": 0, "fill": True}
+            axes.stairs(group["high"], edges, baseline=group["low"], **band)
         facet = str(rows[settings.facet].iloc[0]) if settings.facet and len(rows) else ""
         for span in settings.spans:
             if span.levels and facet not in span.levels:

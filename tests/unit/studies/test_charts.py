@@ -114,6 +114,22 @@ def test_a_value_is_drawn_over_the_window_that_it_is_of() -> None:
     assert values.tolist() == [100.0 * window + 4.5 for window in range(10)]
 
 
+def test_the_band_of_the_last_window_with_values_is_drawn() -> None:
+    """Events that arrive late are not followed, so the last windows of every run have no mean of them."""
+    study = made(f'{OWN}[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n')
+    windows = windows_with_levels(
+        study, series(lambda level, mode, replicate, time_s: np.nan if time_s > 700 else time_s + replicate)
+    )
+    windows.loc[windows["time_s"] > 700, "waiting_all"] = np.nan
+    figure = draw(
+        study.file.figure[0], study, Evidence(study, runs_of(study, table(), NONE), courses_of(study, windows), NONE)
+    )
+    figures_bands = [one for one in figure.figure.axes[0].patches if isinstance(one, StepPatch) and one.get_fill()]
+    assert len(figures_bands) == len(MODES)
+    for band in figures_bands:
+        assert band.get_path().get_extents().x1 == 800.0
+
+
 def test_a_span_says_what_it_is() -> None:
     """Beside the stretch of time that it marks."""
     spans = 'spans = [{ text = "jammed", from_s = 200.0, until_s = 400.0 }]\n'
