@@ -10,15 +10,18 @@ from deltaswarm_wire.checked import Problem
 
 _WORSE = "shorter|sooner|later|earlier|more|less|fewer|faster|slower|better|worse|higher|lower|larger|smaller"
 _WORSE += "|longer(?= than|[.,;:]|$)"  # "no longer" is also said of times
-_SIZES = "many|much|long|late|soon|early|often|fast|busy|well|good|bad|quickly|few|little|high|low|large|small|strong"
+_SIZES = "many|much|long|late|soon|early|often|fast|busy|well|good|bad|quick|quickly|few|little|high|low"
+_SIZES += "|large|small|strong|short|cheap|safe|robust|reliable|effective|efficient|accurate|rare|rarely"
 NO_DIFFERENCE = re.compile(
-    r"\bno (\w+ )?(differences?|changes?|effects?|influence|impact|harm|gains?|advantages?|benefits?|costs?|penalty)\b"
+    r"\bno (\w+ )?(differences?|changes?|effects?|influence|impact|bearing|relevance|harm|gains?|advantages?|benefits?|costs?|penalty)\b"
     r"|\bno\b[^,;]{1,40} (shows?|has|have|makes?|brings?) an? (\w+ )?(difference|change|effect|gain|advantage)\b"
     r"|\b(not|\w+n't|never) (differ|change|matter|affect|help|harm|suffer|lengthen|shorten|notice|depend|tell)\b"
     r"|\b(hardly|barely|scarcely|next to nothing|in no mode|neither)\b|\b(\w+s|seen|make) nothing\b"
     rf"|\b(not|no|nor|\w+n't) (\w+ )?({_WORSE})\b(?! than (\d|half|twice|a (third|quarter|fifth)))"
     rf"|\bas ({_SIZES})\b"
-    r"|\bas (before|without|in|with|ever|usual)\b"
+    r"|\bas (before|without|in|with|ever|usual)\b|\bjust as \w+"
+    r"|\b(irrelevant|immaterial|insensitive|invariant|interchangeable|constant|negligible|independent(ly)? of)\b"
+    r"|\b(stay|stays|remain|remains) (flat|steady|put|intact)\b"
     r"|\bsame\b(?! (cases?|runs?|replicates?|arrivals|seeds?|swarms?|events?))|(?<!at )\bequal(s|ly)?\b"
     r"|\b(alike|identical(ly)?|unchanged|unaffected|indistinguishable|equivalent|comparable|similar(ly)?|on (a )?par)\b"
     r"|\btell\b.*\bapart\b|\bkeeps pace\b|\bmatch(es)?\b",
@@ -30,7 +33,8 @@ RATIO = re.compile(
 )
 """What looks like one of them and is none: "1.6 times as long", "half as many as without"."""
 OPEN = re.compile(
-    r"\b(open|undecided|unclear|unknown|not (known|decided|settled|shown either way)|cannot be (told|said))\b", re.I
+    r"\b((is|are|be|was|still|stays?|remains?|left|leaves?( \w+)?|as|question)\s+open|undecided|unclear|unknown|not (known|decided|settled|shown either way)|cannot be (told|said))\b",
+    re.I,
 )
 """Ways to say that a question is not answered."""
 NEEDS_MARGIN = (
@@ -55,6 +59,10 @@ def _is_said(sentence: str) -> bool:
 def unsaid(study: Study) -> Iterator[Problem]:
     """Report findings and claims whose words say more than their verdicts can show."""
     claims = {claim.id: claim for claim in study.file.claim}
+    for where, text in _untested(study):
+        if said := [one for one in says_no_difference(text) if not re.search(r"^the same\b|\?$", one, re.I)]:
+            allowed = "says that there is no difference: say it in a finding, which rests on a result with a margin"
+            yield Problem(where, repr(said[0]), allowed)
     for i, claim in enumerate(study.file.claim):
         if claim.kind in ("order", "predicts") and (said := says_no_difference(claim.text)):
             yield Problem(f"claim[{i}].text", repr(said[0]), "says that there is no difference: needs kind 'alike'")
@@ -72,6 +80,15 @@ def unsaid(study: Study) -> Iterator[Problem]:
                 if claims[id].calibrated and {"holds", "agrees"} & set(listed(result["is"])):
                     allowed = f"is no evidence: {', '.join(claims[id].calibrated)} was chosen so that it agrees"
                     yield Problem(f"finding[{i}].because[{j}].claim", repr(id), allowed)
+
+
+def _untested(study: Study) -> Iterator[tuple[str, str]]:
+    """Yield the place and the words of every text of a page that no result must support."""
+    file = study.file
+    yield "study.title", file.study.title
+    for name in ("contrast", "fit", "grid", "survival", "rings"):
+        yield from ((f"{name}[{i}].text", one.text) for i, one in enumerate(getattr(file, name)))
+    yield from ((f"figure[{i}].caption", figure.caption) for i, figure in enumerate(file.figure))
 
 
 def _impossible(study: Study, result: Mapping[str, Any], where: str) -> Iterator[Problem]:

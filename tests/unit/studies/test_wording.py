@@ -70,6 +70,12 @@ def problems(own: str) -> dict[str, str]:
         "Waiting does not tell the two apart.",
         "Neither waits longer.",
         "Hybrid 3 matches decentralised control.",
+        "In an open arena loss makes no difference.",
+        "Hybrid 3 is just as quick.",
+        "Delta has no bearing on messages.",
+        "Messages remain constant.",
+        "Waiting is independent of loss.",
+        "Loss is irrelevant.",
     ],
 )
 def test_a_sentence_that_says_no_difference_needs_an_equivalence(text: str) -> None:
@@ -108,6 +114,27 @@ def test_what_rests_on_an_undecided_result_must_say_that_it_is_open() -> None:
         [told] = problems(LIMIT + ORDER + FINDING.format("Loss is a minor matter.", because)).values()
         assert "must say that something is open" in told
         assert problems(LIMIT + ORDER + FINDING.format("What loss does is open.", because)) == {}
+
+
+@in_one_test(
+    ("old", "new", "where"),
+    [
+        ("[study]", '[study]\ntitle = "No difference between modes"', "study.title"),
+        ("", '[[figure]]\nname = "f"\nkind = "boxes"\nx = "mode"\ncaption = "Both wait as long."', "figure[0].caption"),
+        ("", LIMIT + 'text = "Loss changes nothing"', "contrast[0].text"),
+        ("[study]", '[study]\ntitle = "Does loss make no difference?"', ""),
+        ("", '[[figure]]\nname = "f"\nkind = "boxes"\nx = "mode"\ncaption = "The same for waiting."', ""),
+    ],
+)
+def test_a_text_that_rests_on_no_result_does_not_say_no_difference(old: str, new: str, where: str) -> None:
+    """Titles and captions ask, or say what is shown."""
+    own = OWN.replace(old, new) if old else f"{OWN}\n{new}\n"
+    try:
+        made(own)
+    except SettingsError as error:
+        assert [problem.path for problem in error.problems] == [where]
+    else:
+        assert not where
 
 
 def test_a_claim_of_an_order_does_not_say_no_difference() -> None:
