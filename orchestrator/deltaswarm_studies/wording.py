@@ -13,7 +13,8 @@ _WORSE += "|longer(?= than|[.,;:]|$)"  # "no longer" is also said of times
 _SIZES = "many|much|long|late|soon|early|often|fast|busy|well|good|bad|quick|quickly|few|little|high|low"
 _SIZES += "|large|small|strong|short|cheap|safe|robust|reliable|effective|efficient|accurate|rare|rarely"
 NO_DIFFERENCE = re.compile(
-    r"\bno (\w+ )?(differences?|changes?|effects?|influence|impact|bearing|relevance|harm|gains?|advantages?|benefits?|costs?|penalty)\b"
+    r"\bno (\w+ )?(differences?|changes?|effects?|influence|impact|bearing|harm|"
+    r"gains?|advantages?|benefits?|costs?|penalty)\b"
     r"|\bno\b[^,;]{1,40} (shows?|has|have|makes?|brings?) an? (\w+ )?(difference|change|effect|gain|advantage)\b"
     r"|\b(not|\w+n't|never) (differ|change|matter|affect|help|harm|suffer|lengthen|shorten|notice|depend|tell)\b"
     r"|\b(hardly|barely|scarcely|next to nothing|in no mode|neither)\b|\b(\w+s|seen|make) nothing\b"
@@ -33,7 +34,8 @@ RATIO = re.compile(
 )
 """What looks like one of them and is none: "1.6 times as long", "half as many as without"."""
 OPEN = re.compile(
-    r"\b((is|are|be|was|still|stays?|remains?|left|leaves?( \w+)?|as|question)\s+open|undecided|unclear|unknown|not (known|decided|settled|shown either way)|cannot be (told|said))\b",
+    r"\b((is|are|be|was|still|stays?|remains?|left|leaves?( \w+)?|as|question)\s+open|"
+    r"undecided|unclear|unknown|not (known|decided|settled|shown either way)|cannot be (told|said))\b",
     re.I,
 )
 """Ways to say that a question is not answered."""
