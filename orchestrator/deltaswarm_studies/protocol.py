@@ -215,6 +215,8 @@ class Protocol:
         if not self.entries:
             return f"Not frozen before its runs: {late}"
         entry = self.entries[0]
+        if entry["hash"] != self._hashes[0]:
+            return f"Not known what was frozen, or when: {FILE} was edited by hand, so {late}"
         if not self.is_before_the_runs:
             return f"Not frozen before its runs, which began on {self.begun}, but on {entry['date']}: {late}"
         runs = f"before its runs, which began on {self.begun}" if self.begun else "when its runs began is not known"

@@ -190,10 +190,12 @@ def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], Non
         lambda record: record["entries"][1].update(reason="an oversight"),
         lambda record: record["entries"].pop(0),
     ]
-    for edit in edits:
+    for place, edit in enumerate(edits):
         (folder / FILE).write_text(whole)
         edited(folder, edit)
-        problems = protocol_of(made(ASKED.replace("1.1", "1.2")), folder).problems
+        found = protocol_of(made(ASKED.replace("1.1", "1.2")), folder)
+        problems = found.problems
+        assert found.status.startswith("Frozen on" if place == 2 else "Not known what was frozen, or when")
         assert [line for line in problems if "edited by hand" in line]
         with pytest.raises(ProtocolError, match="edited by hand"):
             amend(made(ASKED.replace("1.1", "1.4")), folder, None, "typo")
