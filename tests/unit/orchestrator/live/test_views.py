@@ -109,7 +109,7 @@ def test_the_researchers_page_is_told_that_it_only_looks_on() -> None:
     feed = ResearcherFeed(ours, "here-1", SCENARIO, always())
     feed.look(Seen())
     received(theirs)
-    asked = sorted(FROM_PAGE.keys() - {"catch_up", "page"})
+    asked = sorted(kind for kind, form in FROM_PAGE.items() if kind != "catch_up" and not form.is_notice)
     for kind in asked:
         theirs.send(json.dumps({"type": kind, "from": 17}).encode())
     for nonsense in (b"[]", b"7", b"\xff", b'{"type":"pace"}', b'{"type":"page","from":1}'):
