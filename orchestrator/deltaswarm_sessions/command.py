@@ -25,6 +25,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
 from deltaswarm_sessions import commitment, roster
+from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
@@ -85,6 +86,13 @@ def add_session(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--wide", action="store_true", help="with --table: also write wide.tsv, a row per participant, as JASP needs it"
+    )
+    command.add_argument(
+        "--format",
+        choices=tuple(KINDS),
+        action="append",
+        default=[],
+        help="with --table: also export a dataset in BIDS or Psych-DS into the folder of this name in FOLDER",
     )
     command.add_argument("--reason", default="", metavar="TEXT", help="with --withdraw: what to note")
     command.add_argument(
@@ -160,6 +168,8 @@ def session(arguments: argparse.Namespace) -> int:
         return OK
     if arguments.wide and not arguments.table:
         raise CommandError("--wide must be given with --table, without which it has no effect")
+    if arguments.format and not arguments.table:
+        raise CommandError("--format must be given with --table, without which it has no effect")
     if arguments.next:
         number = roster.next_number(settings, out)
         show(arguments, number, _next_text(number))
@@ -174,6 +184,7 @@ def session(arguments: argparse.Namespace) -> int:
         check_out(arguments.table)
         files = write_tables(out, arguments.table, settings.exclude, is_wide=arguments.wide)
         roster.note_tables(out, arguments.table)
+        files += [export(kind, arguments.table, Path(arguments.session).stem) for kind in arguments.format]
         show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
         return OK
     if arguments.language is not None:
@@ -235,6 +246,8 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
     removed = roster.withdraw(out, arguments.withdraw, arguments.reason)
     for folder in removed.tables:
         write_tables(out, folder, settings.exclude, is_wide=(folder / f"{WIDE}.tsv").exists())
+        for kind in [kind for kind in KINDS if (folder / kind / DESCRIPTION).exists()]:
+            export(kind, folder, Path(arguments.session).stem)
     told: dict[str, Any] = {
         "deleted": str(removed.folder) if removed.folder else None,
         "tables": [str(folder) for folder in removed.tables],

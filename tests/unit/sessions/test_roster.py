@@ -41,7 +41,7 @@ def test_a_withdrawn_participant_leaves_number_date_and_reason(
     for number in ("1", "2"):
         assert main([*command, "--participant", number]) == 0
     for name in ("data", "moved"):
-        assert main([*command, "--table", str(tmp_path / name)]) == 0
+        assert main([*command, "--table", str(tmp_path / name), "--format", "bids"]) == 0
     (tmp_path / "moved").rename(tmp_path / "elsewhere")
     assert main([*command, "--withdraw", "1", "--reason", "by mail"]) == 0
     printed = capsys.readouterr().out
@@ -53,6 +53,7 @@ def test_a_withdrawn_participant_leaves_number_date_and_reason(
     assert gone["withdrawn"].startswith("20")
     assert (left["participant"], left["withdrawn"]) == ("2", "")
     assert {row["participant"] for row in rows_of(tmp_path / "data" / "runs.tsv")} == {"2"}
+    assert [path.name for path in (tmp_path / "data" / "bids").glob("sub-*")] == ["sub-002"]
     assert main([*command, "--participant", "1"]) == 2
     assert "1 withdrew on 20" in capsys.readouterr().err
     assert main([*command, "--withdraw", "2"]) == 0

@@ -1,0 +1,118 @@
+"""Exports of the tables of sessions as datasets: BIDS (behaviour, .tsv) and Psych-DS (.csv)."""
+
+import csv
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base.exits import CommandError
+
+BIDS, PSYCH_DS = "bids", "psych-ds"
+BIDS_VERSION = "1.10.0"
+DESCRIPTION = "dataset_description.json"
+README = (
+    "Sessions of deltaswarm: people who work with a swarm of robots. All columns are described beside the tables.\n"
+)
+
+Row = Mapping[str, str]
+Columns = Mapping[str, Row]
+
+
+def export(kind: str, tables: Path, name: str) -> Path:
+    """Write the tables in a folder as a dataset of this kind below it; return its folder. An earlier one is replaced.
+
+    Raises:
+        CommandError: a folder of this name is there that is no dataset.
+    """
+    out = tables / kind
+    if out.exists() and not (out / DESCRIPTION).exists():
+        raise CommandError(f"{out} must be a dataset that was exported before, or not be there; move it away")
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    dictionary: dict[str, dict[str, Row]] = {}
+    for row in _rows(tables / "dictionary.tsv"):
+        dictionary.setdefault(row["table"], {})[row["column"]] = row
+    KINDS[kind](tables, out, name, dictionary)
+    return out
+
+
+def _bids(tables: Path, out: Path, name: str, dictionary: Mapping[str, Columns]) -> None:
+    """Write participants, and for each participant the runs (scans) with the answers of each (beh)."""
+    _json(out / DESCRIPTION, {"Name": name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"})
+    (out / "README.md").write_text(README, encoding="utf-8")
+    people = [{"participant_id": _subject(row), **row} for row in _rows(tables / "participants.tsv")]
+    _tsv(out / "participants.tsv", ["participant_id", *dictionary["participants"]], people)
+    _json(out / "participants.json", _described(dictionary["participants"]))
+    _json(out / "scans.json", _described(dictionary["runs"]))
+    answers = _rows(tables / "probes.tsv")
+    scans: dict[str, list[dict[str, str]]] = {}
+    for row in _rows(tables / "runs.tsv"):
+        subject = _subject(row)
+        number = len(scans.setdefault(subject, [])) + 1
+        label = re.sub(r"[^A-Za-z0-9]", "", row["condition"]) or "run"
+        file = f"beh/{subject}_task-swarm_acq-{label}_run-{number:02}_beh.tsv"
+        scans[subject].append({"filename": file, **row})
+        own = [one for one in answers if (one["participant"], one["run"]) == (row["participant"], row["run"])]
+        _tsv(out / subject / file, dictionary["probes"], own)
+        described = {"TaskName": "swarm", **_described(dictionary["probes"])}
+        _json((out / subject / file).with_suffix(".json"), described)
+    for subject, rows in scans.items():
+        _tsv(out / subject / f"{subject}_scans.tsv", ["filename", *dictionary["runs"]], rows)
+
+
+def _psych_ds(tables: Path, out: Path, name: str, dictionary: Mapping[str, Columns]) -> None:
+    """Write each table as a CSV file, and all columns as variables of a schema.org Dataset."""
+    study = re.sub(r"[^A-Za-z0-9]", "", name) or "study"
+    variables: dict[str, dict[str, str]] = {}
+    for table, columns in dictionary.items():
+        file = out / "data" / f"study-{study}_description-{table.replace('_', '')}_data.csv"
+        _write(file, columns, _rows(tables / f"{table}.tsv"), ",")
+        for column, row in columns.items():
+            told = {"@type": "PropertyValue", "name": column, "description": row["meaning"], "unitText": row["unit"]}
+            variables.setdefault(column, {key: value for key, value in told.items() if value})
+    content = {
+        "@context": "https://schema.org/",
+        "@type": "Dataset",
+        "name": name,
+        "description": README.strip(),
+        "variableMeasured": list(variables.values()),
+    }
+    _json(out / DESCRIPTION, content)
+
+
+KINDS: Mapping[str, Callable[[Path, Path, str, Mapping[str, Columns]], None]] = {BIDS: _bids, PSYCH_DS: _psych_ds}
+
+
+def _subject(row: Row) -> str:
+    return f"sub-{int(row['participant']):03}"
+
+
+def _described(columns: Columns) -> dict[str, Any]:
+    told = {name: {"Description": row["meaning"], "Units": row["unit"]} for name, row in columns.items()}
+    return {name: {key: value for key, value in one.items() if value} for name, one in told.items()}
+
+
+def _rows(file: Path) -> Sequence[dict[str, str]]:
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream, delimiter="\t"))
+
+
+def _tsv(file: Path, columns: Iterable[str], rows: Iterable[Row]) -> None:
+    """Write a table of BIDS, which has n/a in empty cells, and neither tabs nor line breaks in them."""
+    plain = [{name: " ".join(value.split()) or "n/a" for name, value in row.items()} for row in rows]
+    _write(file, columns, plain, "\t")
+
+
+def _write(file: Path, columns: Iterable[str], rows: Iterable[Row], delimiter: str) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(columns), delimiter=delimiter, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _json(file: Path, content: Mapping[str, Any]) -> None:
+    file.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
