@@ -2,9 +2,11 @@
 
 import csv
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,11 +40,14 @@ def test_bids_has_all_answers_once(data: Path) -> None:
     assert all("\t\t" not in file.read_text() for file in bids.rglob("*.tsv"))
 
 
-@pytest.mark.skipif(not shutil.which("bids-validator-deno"), reason="bids-validator-deno is not installed")
+VALIDATOR = shutil.which("bids-validator-deno", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+
+
+@pytest.mark.skipif(not VALIDATOR, reason="bids-validator-deno is not installed")
 def test_bids_is_valid(data: Path) -> None:
     """By the validator of BIDS."""
     done = subprocess.run(
-        ["bids-validator-deno", "--format", "json", data / "bids"],
+        [str(VALIDATOR), "--format", "json", data / "bids"],
         capture_output=True,
         text=True,
         timeout=60,
