@@ -189,6 +189,12 @@ class OperatorSettings:
         """Whether a simulated person or the system may give commands, so that the operator's turns are waited for."""
         return self.person.commands or self.autonomy.commands
 
+    def problems(self) -> list[Problem]:
+        """A budget must leave room for a message."""
+        if self.autonomy.keeps_budget and not self.threshold_hz:
+            return [Problem("threshold_hz", "0", "must be above 0 with autonomy.sets_delta = 'budget'")]
+        return []
+
 
 @dataclass(frozen=True)
 class Briefing:

@@ -73,8 +73,7 @@ class Budget:
         room = self._aim_hz / max(self.rate_hz, 0.2 * self._aim_hz)
         working = min(1.0, max(LEAST_WORKING, self.structure.working * room**settings.gain))
         change = settings.delta_per_min * (settings.taken_off - (1 - working)) * passed_s / 60
-        highest = max(settings.highest_delta, LEAST_DELTA)
-        return Structure(min(highest, max(LEAST_DELTA, self.structure.delta + change)), working)
+        return Structure(min(settings.highest_delta, max(LEAST_DELTA, self.structure.delta + change)), working)
 
 
 def budget_of(briefing: Briefing) -> Budget | None:

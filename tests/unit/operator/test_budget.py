@@ -78,3 +78,10 @@ def test_a_swarm_without_such_an_order_cannot_keep_a_budget(mode: str) -> None:
     """Where every agent refuses the order, the run would say nothing; it is refused before."""
     with pytest.raises(SettingsError, match=r"operator\.autonomy\.sets_delta"):
         load_scenario("smoke", [f"control.mode={mode}", "operator.autonomy.sets_delta=budget"])
+
+
+def test_a_budget_of_nothing_is_refused() -> None:
+    """The rule divides by it; before the run, by its key."""
+    with pytest.raises(SettingsError, match=r"operator\.threshold_hz"):
+        load_scenario("smoke", ["operator.threshold_hz=0", "operator.autonomy.sets_delta=budget"])
+    assert load_scenario("smoke", ["operator.threshold_hz=0"])
