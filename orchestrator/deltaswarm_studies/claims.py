@@ -65,12 +65,13 @@ class _TestedClaim:
         scale = stats.scale_of(a, b)
         if scale != RATIO and not is_alike:  # a - r b above 0 says the same as a / b above r
             b, self._least = settings.at_least * b, 0.0
-        self._contrast = contrast = stats.contrast(a, b, scale)
+        expected = settings.ratio * b
+        self._contrast = contrast = stats.contrast(a, b if scale == RATIO else expected, scale)
         self.n, self._mcse = contrast.n, montecarlo.of_shift(a, b, scale)
         if not is_alike:
             self.p = contrast.p(self._least)
         else:
-            self._p_within, p_beyond = stats.p_of_margin(a, b, settings.margin)
+            self._p_within, p_beyond = stats.p_of_margin(a, expected, settings.margin)
             self.p = min(self._p_within, p_beyond)
 
     def _compared(self) -> Welch:
@@ -157,7 +158,7 @@ class _TestedClaim:
     def _criterion(self) -> str:
         claim, (low, high) = self.settings, self.settings.region
         if claim.kind == "alike":
-            return f"within {claim.margin:g} times"
+            return f"{f'{claim.ratio:g} times, ' * (claim.ratio != 1)}within {claim.margin:g} times"
         if claim.kind in ("order", "predicts"):
             return f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"
         if claim.kind == "published" and not claim.within:

@@ -145,7 +145,8 @@ def smallest_effects(study: Study, file: Path) -> dict[tuple[int, str], str | No
 def _smallest_effect(study: Study, settings: ContrastSettings, metric: str, runs: pd.DataFrame) -> str | None:
     """Say which effect the replicates would show with a probability of 80 %, for the median spread of the family."""
     comparisons = list(study.comparisons(settings))
-    if runs.empty or metric not in runs or study.repeats < pairs_needed(len(comparisons)):
+    repeats = study.repeats_of(itertools.chain(*(side for row in comparisons for side in row.sides)))
+    if runs.empty or metric not in runs or repeats < pairs_needed(len(comparisons)):
         return None
     samples = samples_of(runs, metric)
     scale = _scale_of(comparisons, samples)
@@ -155,5 +156,5 @@ def _smallest_effect(study: Study, settings: ContrastSettings, metric: str, runs
     spreads = [float(change.std()) for change in changes if len(change) >= MIN_PILOT]
     if not spreads:
         return None
-    shift = smallest_effect(float(np.median(spreads)), study.repeats, len(comparisons))
+    shift = smallest_effect(float(np.median(spreads)), repeats, len(comparisons))
     return f"{math.exp(shift):.2f} times" if scale == RATIO else f"{shift:.3g} {study.metrics[metric].unit}".rstrip()

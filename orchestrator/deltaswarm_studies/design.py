@@ -55,13 +55,27 @@ def _mechanism(study: Study) -> Iterator[str]:
     yield f"Scenario `{study.sweep.file.base.rpartition('/')[2]}`: {', '.join(world)}."
     swept = study.sweep.file.sweep
     yield (
-        f"Replicates: {study.repeats} of each of {len(scenarios)} variants. Their seeds are derived from {swept.seed}; "
+        f"Replicates: {_replicates(study)}. Their seeds are derived from {swept.seed}; "
         "all variants of a replicate have the same seed and see the same arrivals."
     )
     if sensitivity := study.sweep.file.sensitivity:
         ranges = _joined(f"{_lower(one.label)}, {one.distribution}" for one in sensitivity.range)
         yield f"A replicate is one of {sensitivity.points} points of {sensitivity.design}, drawn from: {ranges}."
     yield from _varied(study, is_method=False)
+
+
+def _replicates(study: Study) -> str:
+    """Tell the number of replicates, and of which variants there are more."""
+    labels: dict[int, list[str]] = {}
+    for label, repeats in study.sweep.repeats.items():
+        labels.setdefault(repeats, []).append(label)
+    if len(labels) == 1:
+        return f"{study.repeats} of each of {len(study.levels)} variants"
+    most = max(labels, key=lambda repeats: len(labels[repeats]))
+    return "; ".join(
+        f"{repeats} of {'each other variant' if repeats == most else _joined(labels[repeats])}"
+        for repeats in sorted(labels, key=lambda repeats: (repeats == most, -repeats))
+    )
 
 
 def _estimands(study: Study) -> Iterator[str]:

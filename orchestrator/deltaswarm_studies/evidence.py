@@ -90,9 +90,9 @@ class Evidence:
         """Say which runs are no replicates, and which variants are not judged for that."""
         if self.invalid.empty:
             return []
-        left = "; ".join(f"{label} ({count} of {study.repeats})" for label, count in self.unjudged.items())
+        left = "; ".join(f"{label} ({count} of {study.sweep.repeats[label]})" for label, count in self.unjudged.items())
         nothing = f"Too few replicates are left, so nothing is judged of {left}." if left else ""
-        line = invalid_line(self.invalid.to_dict("records"), study.repeats * len(study.levels))
+        line = invalid_line(self.invalid.to_dict("records"), sum(study.sweep.repeats.values()))
         return [line, *([nothing] if nothing else [])]
 
     @classmethod

@@ -1,8 +1,9 @@
 """Preview what a study would run, how long that takes, and what it could show, before hours are spent on it."""
 
+import itertools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.sweeps.plan import Variant, size
+from deltaswarm_orchestrator.sweeps.plan import Variant
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.stats import pairs_needed, smallest_p
 from deltaswarm_studies.study import Study
@@ -29,20 +30,21 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
     """
     effects, note = _effects(study, pilot / "runs.csv")
     families = [
-        _family(study, f"contrast {contrast.id!r}, {metric}", len(list(study.comparisons(contrast))))
-        | {"shows": effects.get((number, metric))}
+        _family(study, f"contrast {contrast.id!r}, {metric}", tested) | {"shows": effects.get((number, metric))}
         for number, contrast in enumerate(study.file.contrast)
+        for tested in [[list(itertools.chain(*row.sides)) for row in study.comparisons(contrast)]]
         for metric in study.metrics_of(contrast)
     ]
-    sources = [claim.source for claim in study.file.claim]
     families += [
-        _family(study, f"claims of {source!r}" if source else "claims", sources.count(source))
-        for source in dict.fromkeys(sources)
+        _family(study, f"claims of {source!r}" if source else "claims", tested)
+        for source in dict.fromkeys(claim.source for claim in study.file.claim)
+        for tested in [[claim.variants for claim in study.file.claim if claim.source == source]]
     ]
     return {
         "study": study.name,
         "variants": len(study.sweep.variants),
         "repeats": study.repeats,
+        "size": study.sweep.size,
         "each": "points" if study.ranges else "replicates",
         "workers": workers,
         "wall_s": wall_s(study) / workers,
@@ -57,23 +59,34 @@ def text(planned: dict[str, Any]) -> str:
     wall = timedelta(seconds=round(planned["wall_s"]))
     return "\n".join(
         [
-            size(planned["study"], planned["variants"], planned["repeats"], planned["each"]),
+            planned["size"],
             f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
-            *(_line(family, planned["repeats"]) for family in planned["families"]),
+            *map(_line, planned["families"]),
             *([f"  {planned['note']}"] if planned["note"] else []),
             *([f"  {planned['sensitivity']}"] if planned["sensitivity"] else []),
         ]
     )
 
 
-def _family(study: Study, name: str, tests: int) -> dict[str, Any]:
-    least = min(1.0, smallest_p(study.repeats) * tests)
-    return {"name": name, "tests": tests, "smallest_p": least, "repeats_needed": pairs_needed(tests), "shows": None}
+def _family(study: Study, name: str, tested: Sequence[Iterable[str]]) -> dict[str, Any]:
+    """Describe a family of tests, each of these variants, with the replicates of the one that has fewest."""
+    tests = len(tested)
+    repeats = min(map(study.repeats_of, tested))
+    least = min(1.0, smallest_p(repeats) * tests)
+    needed = pairs_needed(tests)
+    return {
+        "name": name,
+        "tests": tests,
+        "repeats": repeats,
+        "smallest_p": least,
+        "repeats_needed": needed,
+        "shows": None,
+    }
 
 
-def _line(family: dict[str, Any], repeats: int) -> str:
+def _line(family: dict[str, Any]) -> str:
     line = f"  {family['name']}: {family['tests']} tests in a family, smallest corrected p {family['smallest_p']:.2g}"
-    if repeats < family["repeats_needed"]:
+    if family["repeats"] < family["repeats_needed"]:
         line += f": can show nothing, {family['repeats_needed']} replicates are needed"
     return line + (f"; shows {family['shows']} with a probability of 80 %" if family["shows"] else "")
 
@@ -115,7 +128,9 @@ def wall_s(study: Study) -> float:
         measured: Sequence[Variant] = [at[i % len(at)] for i, at in enumerate(some)]
     else:
         measured = variants[:: math.ceil(len(variants) / MEASURED_VARIANTS)]
-    return float(np.mean([_run_s(variant.scenario) for variant in measured])) * len(variants) * study.repeats
+    weights = [study.sweep.repeats[variant.label] for variant in measured]
+    a_run_s = np.average([_run_s(variant.scenario) for variant in measured], weights=weights)
+    return float(a_run_s) * sum(study.sweep.repeats.values())
 
 
 def _run_s(scenario: Scenario) -> float:

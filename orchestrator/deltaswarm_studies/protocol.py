@@ -80,13 +80,13 @@ def content(study: Study) -> Content:
         if name not in ignored and all(name in table and table[name] == value for table in tables.values())
     }
     swept = study.sweep.file.sweep
-    seeds = [job.scenario.seed for job in study.sweep.jobs()[:: len(tables)]]
     extensions = {
         f"{source.what} {source.name}": source.digest
         for variant in study.sweep.variants
         for source in provenance.sources(variant.scenario)
     }
-    runs = {"seed": swept.seed, "repeats": swept.repeats, "seeds": seeds, "series_every_s": swept.series_every_s}
+    runs = {"seed": swept.seed, "repeats": swept.repeats, "seeds": study.sweep.seeds}
+    runs |= {"series_every_s": swept.series_every_s, **({"repeats_of": swept.repeats_of} if swept.repeats_of else {})}
     asked = {
         name: _rows(value) if isinstance(value, tuple) else _fixed(value)
         for name in checked.plain(study.file)

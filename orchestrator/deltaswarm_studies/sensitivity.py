@@ -107,7 +107,8 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
         is_ratio = stats.scale_of(a[known], b[known]) == stats.RATIO
         least = claim.at_least * b
         if claim.kind == "alike":
-            effect, holds = a - b, (a <= claim.margin * b) & (b <= claim.margin * a)
+            expected = claim.ratio * b
+            effect, holds = a - expected, (a <= claim.margin * expected) & (expected <= claim.margin * a)
         else:
             effect, rounding = a - least, stats.TIE * np.maximum(a.abs(), least.abs())
             holds, is_tie = effect > rounding, effect.abs() <= rounding

@@ -122,6 +122,7 @@ class ClaimSettings:
     a: str = key("", "of alike: a variant")
     b: str = key("", "of alike: the other variant")
     margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
+    ratio: float = key(1.0, "of alike: not 1 but this ratio of a to b, to within the margin", above=0)
     expect: str = key(
         "holds", "the verdict that is no surprise", choices=("holds", "refuted", "undecided", "agrees", "differs")
     )
@@ -140,6 +141,10 @@ class ClaimSettings:
         for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items():
             if not value:
                 yield Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
+        if self.ratio != 1 and self.kind != "alike":
+            yield Problem(
+                "ratio", f"{self.ratio:.15g}", f"must not be given for a claim of kind {self.kind!r}: only for 'alike'"
+            )
         yield from self._spread_problems()
         names = self.variants or self.predictors
         if len(set(names)) < len(names):
@@ -186,7 +191,7 @@ class ClaimSettings:
         if self.kind in ("order", "predicts"):
             return self.at_least, math.inf
         if self.kind == "alike":
-            return 1 / self.margin, self.margin
+            return self.ratio / self.margin, self.ratio * self.margin
         if self.above is not None:
             return self.above, math.inf
         return (self.within[0], self.within[1]) if self.within else (math.nan, math.nan)

@@ -3,7 +3,7 @@
 import hashlib
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -60,8 +60,12 @@ class Study:
 
     @property
     def repeats(self) -> int:
-        """Replicates of each variant."""
+        """Replicates of every variant; of some there can be more."""
         return self.sweep.file.sweep.repeats
+
+    def repeats_of(self, variants: Iterable[str]) -> int:
+        """Replicates that all of these variants have."""
+        return min(self.sweep.repeats[variant] for variant in variants)
 
     @property
     def ranges(self) -> Sequence[RangeSettings]:
@@ -74,6 +78,8 @@ class Study:
         """Digests of what the study file runs, and of what it asks."""
         sweep = checked.plain(self.sweep.file)
         sweep["base"] = Path(sweep["base"]).name
+        if not sweep["sweep"]["repeats_of"]:  # so that files without it keep their digest
+            del sweep["sweep"]["repeats_of"]
         tables = (sweep, checked.plain(self.file))
         runs, questions = (hashlib.blake2b(json.dumps(table).encode(), digest_size=8).hexdigest() for table in tables)
         return runs, questions

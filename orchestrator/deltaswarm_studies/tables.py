@@ -181,10 +181,10 @@ def missing_runs(study: Study, runs: pd.DataFrame, invalid: pd.DataFrame) -> lis
     """Say which runs of the study are not there and not known to be invalid; empty if there is no such run."""
     finished = {run for rows in (runs, invalid) for run in zip(rows["variant"], rows["replicate"], strict=True)}
     missing = {
-        label: [replicate for replicate in range(study.repeats) if (label, replicate) not in finished]
-        for label in study.levels
+        label: [replicate for replicate in range(repeats) if (label, replicate) not in finished]
+        for label, repeats in study.sweep.repeats.items()
     }
-    count, total = sum(map(len, missing.values())), study.repeats * len(study.levels)
+    count, total = sum(map(len, missing.values())), sum(study.sweep.repeats.values())
     named = [f"{label} (replicates {ranges(replicates)})" for label, replicates in missing.items() if replicates]
     return [f"{count} of {total} runs are missing: {'; '.join(named)}."] if named else []
 
@@ -202,8 +202,9 @@ def too_few(study: Study, invalid: pd.DataFrame) -> dict[str, int]:
     Runs fail more often where something is special about them, so what is left is no sample of all.
     """
     counts = invalid["variant"].value_counts()
-    few = {label: int(counts.get(label, 0)) for label in study.levels}
-    return {label: study.repeats - lost for label, lost in few.items() if lost > MAX_INVALID * study.repeats}
+    lost = {label: int(counts.get(label, 0)) for label in study.levels}
+    repeats = study.sweep.repeats
+    return {label: repeats[label] - lost[label] for label in lost if lost[label] > MAX_INVALID * repeats[label]}
 
 
 def missing_metrics(study: Study, runs: pd.DataFrame) -> list[str]:

@@ -120,7 +120,7 @@ def margins_of(study: Study, finding: FindingSettings) -> list[str]:
             margins += [f"{contrast.margin:g} times" for contrast in study.file.contrast if contrast.id in ids]
         for claim in study.file.claim:
             if claim.id in listed(result.get("claim", [])):
-                if claim.kind == "alike" and verdicts == {"holds"}:
+                if claim.kind == "alike" and claim.ratio == 1 and verdicts == {"holds"}:
                     margins.append(f"{claim.margin:g} times")
                 elif claim.kind == "published" and verdicts == {"agrees"}:
                     low, high = claim.region

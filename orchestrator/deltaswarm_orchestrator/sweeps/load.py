@@ -71,8 +71,9 @@ def load_sweep(
     table, beside = read_file(name)
     table = {name: value for name, value in table.items() if name not in STUDY_TABLES}
     swept = table.setdefault("sweep", {})
+    given = {setting: value for setting, value in (settings or {}).items() if value is not None}
     if isinstance(swept, dict):
-        swept |= {setting: value for setting, value in (settings or {}).items() if value is not None}
+        swept |= given | ({"repeats_of": {}} if "repeats" in given else {})
     return make_sweep(table, beside, overrides)
 
 
@@ -117,7 +118,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     else:
         variants, wrong = _variants(base, rows)
     problems += wrong if rows else scenarios.check_table(base)[1]
-    problems += _repeated_labels(rows)
+    problems += [*_repeated_labels(rows), *_problems_of_repeats(file, [row[LABEL] for row in rows])]
     problems += [
         Problem("sweep.series_every_s", f"{every_s:.15g}", f"must be a whole number of steps of {step_s:.15g} s")
         for every_s in [file.sweep.series_every_s]
@@ -323,6 +324,23 @@ def _repeated_labels(rows: Sequence[Row]) -> Iterator[Problem]:
     for label, times in Counter(row[LABEL] for row in rows).items():
         if times > 1:
             yield Problem("sweep", f"{times} variants called {label!r}", "must have different labels")
+
+
+def _problems_of_repeats(file: SweepFile, labels: Sequence[str]) -> Iterator[Problem]:
+    """Report replicates of single variants that there are not, that are too few, or that no point can have."""
+    least = file.sweep.repeats
+    for label, repeats in file.sweep.repeats_of.items():
+        path = f"sweep.repeats_of.{label}"
+        if file.sensitivity:
+            yield Problem(path, str(repeats), "must not be set: a sensitivity sweep runs every variant at every point")
+        elif labels and label not in labels:
+            yield Problem(path, "no variant of this label", f"must be one of {', '.join(map(repr, labels))}")
+        elif isinstance(repeats, bool) or not isinstance(repeats, int) or not least <= repeats <= MAX_RUNS:
+            allowed = f"must be a whole number from {least}, the sweep's repeats, to {MAX_RUNS}"
+            yield Problem(path, _shown(repeats), allowed)
+    numbers = [repeats for repeats in file.sweep.repeats_of.values() if isinstance(repeats, int)]
+    if (runs := least * (len(labels) - len(numbers)) + sum(numbers)) > MAX_RUNS:
+        yield Problem("sweep.repeats_of", f"{runs} runs", f"must be at most {MAX_RUNS} runs")
 
 
 def _with_points(file: SweepFile, given: Any) -> tuple[SweepFile, list[Problem]]:

@@ -31,6 +31,7 @@ class SweepSettings:
     repeats: int = key(
         20, "replicates of each variant; of a sensitivity sweep, points to run (default: all)", low=1, high=MAX_RUNS
     )
+    repeats_of: dict[str, int] = key(dict, "replicates of single variants, by label, where `repeats` are too few")
     prove: int = key(1, "runs that real processes do too, to compare the digests", low=0, high=MAX_RUNS)
     series_every_s: float = key(60.0, "length of a window of the time series [s]; 0: none", low=0, high=1e8)
     axes: dict[str, Any] = key(dict, "dotted scenario keys with lists of values: every combination is run")
@@ -113,7 +114,21 @@ class Sweep:
     @property
     def size(self) -> str:
         """The number of runs, for people."""
-        return size(self.name, len(self.variants), self.file.sweep.repeats, "points" if self.points else "replicates")
+        numbers = list(self.repeats.values())
+        times = " to ".join(map(str, dict.fromkeys([min(numbers), max(numbers)])))
+        each = "points" if self.points else "replicates"
+        return f"{self.name}: {len(numbers)} variants x {times} {each}, {sum(numbers)} runs"
+
+    @cached_property
+    def repeats(self) -> dict[str, int]:
+        """The number of replicates of each variant, by label."""
+        settings = self.file.sweep
+        return {one.label: settings.repeats_of.get(one.label, settings.repeats) for one in self.variants}
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seed of each replicate."""
+        return [replicate_seed(self.file.sweep.seed, number) for number in range(max(self.repeats.values()))]
 
     @property
     def swept(self) -> list[str]:
@@ -122,12 +137,12 @@ class Sweep:
 
     def jobs(self) -> list[Job]:
         """List all runs, first replicates first, so that the variants of an interrupted sweep can be compared."""
-        settings = self.file.sweep
-        seeds = [replicate_seed(settings.seed, replicate) for replicate in range(settings.repeats)]
+        every_s = self.file.sweep.series_every_s
         return [
-            Job(variant, number, replace(variant.scenario, seed=seed), settings.series_every_s)
-            for number, seed in enumerate(seeds)
+            Job(variant, number, replace(variant.scenario, seed=seed), every_s)
+            for number, seed in enumerate(self.seeds)
             for variant in (self.points[number] if self.points else self.variants)
+            if number < self.repeats[variant.label]
         ]
 
     def sample(self, jobs: Sequence[Job]) -> list[Job]:
@@ -142,11 +157,6 @@ def replicate_seed(sweep_seed: int, replicate: int) -> int:
 
     (state,) = np.random.SeedSequence([sweep_seed, replicate]).generate_state(1, np.uint64)
     return int(state) >> (64 - SEED_BITS)
-
-
-def size(name: str, variants: int, repeats: int, each: str = "replicates") -> str:
-    """Tell the number of runs."""
-    return f"{name}: {variants} variants x {repeats} {each}, {variants * repeats} runs"
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

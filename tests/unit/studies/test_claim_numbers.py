@@ -293,7 +293,8 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     assert [planned[name] for name in ("study", "variants", "repeats", "workers")] == ["made-up", 6, 6, 4]
     first, *rest = planned["families"]
     assert first == {
-        "name": "contrast 'c', waiting_all", "tests": 2, "smallest_p": 0.0625, "repeats_needed": 7, "shows": None,
+        "name": "contrast 'c', waiting_all", "tests": 2, "smallest_p": 0.0625, "repeats": 6,
+        "repeats_needed": 7, "shows": None,
     }  # fmt: skip
     assert [(family["name"], family["tests"]) for family in rest] == [("claims of 'Kelly'", 2), ("claims", 1)]
     lines = planning.text(planned).splitlines()

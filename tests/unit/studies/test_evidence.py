@@ -19,7 +19,8 @@ from deltaswarm_studies.tables import (
     runs_of,
     same_arrivals,
 )
-from tests.support.studying import FAST, LIMIT, OWN, SAME, SLOW, made, series, spread, table, worse_at_90
+from deltaswarm_studies.tables import too_few as variants_with_too_few
+from tests.support.studying import FAST, LIMIT, OWN, SAME, SLOW, SWEEP, made, series, spread, table, worse_at_90
 from tests.support.tiers import in_one_test
 
 NONE = pd.DataFrame()
@@ -279,6 +280,17 @@ def test_a_variant_with_more_than_a_fifth_invalid_runs_is_not_judged(invalid: in
     assert found.incomplete[0].endswith("agent 3 failed in step 5 (25 steps missed): boom")
     assert [line.startswith("Too few replicates are left") for line in found.incomplete[1:]] == [True] * (not is_judged)
     assert set(found.estimates[found.estimates["variant"] == slow]["n"]) == ({10 - invalid} - {0})
+
+
+def test_each_variant_is_judged_by_its_own_number_of_replicates() -> None:
+    """Of 30 replicates 4 may fail where 3 of 10 are too many, and what is missing is counted up to 30."""
+    study = made(sweep=SWEEP.replace("repeats = 10", f'repeats = 10\nrepeats_of = {{ "{SLOW}" = 30 }}'))
+    invalid = pd.DataFrame([*lost(SLOW, range(4)), *lost(FAST, range(3))])
+    assert variants_with_too_few(study, invalid) == {FAST: 7}
+    runs = runs_of(study, table(), NONE)
+    assert missing_runs(study, runs, invalid_of(runs, [])) == [
+        f"20 of 80 runs are missing: {SLOW} (replicates 10 to 29)."
+    ]
 
 
 def test_invalid_runs_are_kept_with_the_tables_until_they_are_repeated(tmp_path: Path) -> None:

@@ -69,6 +69,16 @@ def test_more_replicates_keep_the_first_ones() -> None:
     assert [one.key for one in many[:2]] == [one.key for one in few]
 
 
+def test_a_variant_can_have_more_replicates_than_the_others() -> None:
+    """Those that both have share their seeds, and the number of runs is told before they are done."""
+    sweep = made({"axes": {"control.delta": [2, 3]}, "repeats": 2, "repeats_of": {"delta=3": 4}})
+    numbers = [(one.variant.label, one.replicate) for one in sweep.jobs()]
+    assert numbers == [("delta=2", 0), ("delta=3", 0), ("delta=2", 1), ("delta=3", 1), ("delta=3", 2), ("delta=3", 3)]
+    seeds = [one.scenario.seed for one in sweep.jobs()]
+    assert seeds == [replicate_seed(1, number) for _, number in numbers]
+    assert "2 to 4 replicates, 6 runs" in sweep.size
+
+
 def test_no_run_of_a_sweep_is_recorded() -> None:
     """Whatever its base says."""
     assert all(one.scenario.record == "off" for one in made({"axes": {"control.delta": [2]}}).jobs())
