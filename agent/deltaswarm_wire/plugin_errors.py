@@ -11,10 +11,10 @@ from itertools import takewhile
 from types import FrameType, TracebackType
 
 PACKAGES = frozenset(
-    f"deltaswarm_{part}"
+    f"deltaswarm{part}"
     for part in (
-        *("wire", "scenario", "agent", "world", "operator", "orchestrator"),
-        *("board", "ros2", "studies", "sessions", "cluster"),
+        *("", "_wire", "_scenario", "_agent", "_world", "_operator", "_orchestrator"),
+        *("_board", "_ros2", "_studies", "_sessions", "_cluster"),
     )
 )
 """Packages whose frames are not a plug-in's."""

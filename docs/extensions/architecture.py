@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2]
 CORE = {
     "deltaswarm_wire": "agent",
     "deltaswarm_scenario": "agent",
+    "deltaswarm": "orchestrator",
     "deltaswarm_orchestrator": "orchestrator",
     "deltaswarm_world": "world",
     "deltaswarm_agent": "agent",

@@ -4,15 +4,16 @@ import secrets
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from deltaswarm.runs import check as check_run
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.paths import free_folder
 from deltaswarm_orchestrator.base.signals import heed_signals_again
-from deltaswarm_orchestrator.cli.arguments import free_folder
+from deltaswarm_orchestrator.cli import report
 from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
-from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_sessions.folder import (
     RECORD,
@@ -57,7 +58,7 @@ class Runner:
             SettingsError, CommandError: a run would be refused.
         """
         for run in self.session.runs:
-            report.check_run(run.scenario, self._options(run))
+            check_run(run.scenario, self._options(run))
         slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
         return [*dict.fromkeys(warning for warning in [*slow, order_warning(self.session.runs)] if warning)]
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, check_out, must_exist, show
+from deltaswarm_orchestrator.base.paths import check_out, must_exist
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
 from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for, exit_code_of
 
 if TYPE_CHECKING:

@@ -10,17 +10,9 @@ from pathlib import Path
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
+from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.signals import stoppable
-from deltaswarm_orchestrator.cli.arguments import (
-    A_RUN,
-    add_json,
-    add_quiet,
-    host_and_port,
-    must_exist,
-    number,
-    part_of,
-    show,
-)
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, number, show
 from deltaswarm_wire.keys import OPERATOR
 
 FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")

@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.advice import options_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_orchestrator.base.paths import free_folder, must_exist
 from deltaswarm_orchestrator.cli.arguments import (
-    LOCAL,
     add_dry_run,
     add_engine,
     add_json,
     add_markers,
     add_quiet,
-    engine_of,
-    free_folder,
     host_and_port,
-    must_exist,
     number,
     show,
     whole,
 )
+from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
@@ -179,13 +177,14 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
-    from deltaswarm_orchestrator.run import report
+    from deltaswarm import runs
+    from deltaswarm_orchestrator.cli import report
 
     if problem := _problem(arguments):
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
     options = _options_of(arguments, scenario)
-    report.check_run(scenario, options)
+    runs.check(scenario, options)
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK

@@ -10,16 +10,9 @@ from typing import TYPE_CHECKING
 from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import (
-    add_dry_run,
-    add_engine,
-    add_json,
-    add_quiet,
-    check_out,
-    engine_of,
-    show,
-    whole,
-)
+from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show, whole
+from deltaswarm_orchestrator.processes.engines import engine_of
 from deltaswarm_wire.plugin_errors import distinct
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings

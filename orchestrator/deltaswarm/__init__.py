@@ -1,0 +1,37 @@
+"""Runs, sweeps and studies from Python, each by one function: `import deltaswarm`.
+
+What is named here is loaded when it is asked for, because the command line is built on this package and starts fast.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from deltaswarm_wire import __version__ as __version__
+
+if TYPE_CHECKING:
+    from deltaswarm.errors import Error as Error
+    from deltaswarm.runs import Run as Run
+    from deltaswarm.runs import open as open
+    from deltaswarm.runs import run as run
+
+WHERE = {
+    "Error": "deltaswarm.errors",
+    "Run": "deltaswarm.runs",
+    "open": "deltaswarm.runs",
+    "run": "deltaswarm.runs",
+}
+"""The module of each public name; a new name is a line here and an import above, for type checkers."""
+
+__all__ = ["__version__", *WHERE]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in WHERE:
+        raise AttributeError(f"module 'deltaswarm' has no attribute {name!r}")
+    value = getattr(import_module(WHERE[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *WHERE})
