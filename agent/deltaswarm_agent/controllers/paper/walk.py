@@ -15,20 +15,42 @@ from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
+LEVY_MIN_S = 1.0
+"""Shortest leg of a Levy walk."""
+
+
+def leg_s(rng: Random, leg_max_s: float, exponent: float) -> float:
+    """Draw the duration of a leg: uniform, or by a power law between `LEVY_MIN_S` and the maximum [s]."""
+    if not exponent:
+        return rng.uniform(0.0, leg_max_s)
+    least_s, share = min(LEVY_MIN_S, leg_max_s), rng.random()
+    if exponent == 1:
+        return float(least_s * (leg_max_s / least_s) ** share)
+    power = 1 - exponent
+    return float((least_s**power + share * (leg_max_s**power - least_s**power)) ** (1 / power))
+
 
 class Walk(Saved):
-    """Straight legs of uniform length in time, a uniform new heading, specular walls and obstacles.
+    """Straight legs, a uniform new heading, specular walls and obstacles.
 
     Some legs lead back to where events were `found` (`returning.py`), unless an obstacle is in the way. On a straight
     leg the velocity is the same to the bit in every step, so that an agent need not be asked for it.
     """
 
-    def __init__(self, shared: AgentSettings, leg_max_s: float, rng: Random, found: FoundPlaces | None = None) -> None:
+    def __init__(
+        self,
+        shared: AgentSettings,
+        leg_max_s: float,
+        rng: Random,
+        found: FoundPlaces | None = None,
+        leg_exponent: float = 0.0,
+    ) -> None:
         self._rng = rng
         self._found = found
         self._speed_mps = shared.speed_mps
         self._step_s = shared.step_s
         self._leg_max_s = leg_max_s
+        self._leg_exponent = leg_exponent
         self._size_m = (shared.width_m, shared.height_m)
         self._obstacles = ObstacleMap(shared)
         self._vx = self._vy = 0.0
@@ -47,7 +69,7 @@ class Walk(Saved):
         else:
             self.leg = RANDOM
             heading = self._rng.uniform(0.0, math.tau)
-            time_s = self._rng.uniform(0.0, self._leg_max_s)
+            time_s = leg_s(self._rng, self._leg_max_s, self._leg_exponent)
         self._vx = self._speed_mps * math.cos(heading)
         self._vy = self._speed_mps * math.sin(heading)
         self._ends = now + max(1, math.ceil(time_s / self._step_s))
