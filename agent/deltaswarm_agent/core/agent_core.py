@@ -85,7 +85,7 @@ class Receiver(Saved):
 
 
 class AgentCore(Saved):
-    """One agent without input and output. `step` is its only mutating method.
+    """One agent without input and output. `step`, or its two halves in turn, are its only mutating methods.
 
     Args:
         agent: its id.
@@ -129,6 +129,10 @@ class AgentCore(Saved):
         Raises:
             ControllerError: the controller raised, or returned an invalid decision.
         """
+        return self.decide(self.perceive(frame))
+
+    def perceive(self, frame: Frame) -> Percept:
+        """Take a frame; return what its controller gets of it."""
         step, time_s, _, x_m, y_m, poses, events, heard = frame
         frames: list[tuple[int, bytes]] = []
         commands: tuple[Command, ...] = ()
@@ -140,6 +144,11 @@ class AgentCore(Saved):
                     [command for command in new if command.target.covers(self.agent, (x_m, y_m), self._root)]
                 )
         percept: Percept = tuple_of(Percept, (step, time_s, (x_m, y_m), poses, events, frames, commands))
+        return percept
+
+    def decide(self, percept: Percept) -> StepOutput:
+        """Let the controller decide, and encode its decision. Raises ControllerError as `step` does."""
+        step = percept.step
         try:
             controller: Any = self.controller  # whatever it returns is checked, or is ours
             decision = controller.step(percept)
@@ -149,7 +158,7 @@ class AgentCore(Saved):
             raise ControllerError(self._failed_in(step), error) from error
         try:
             act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
-            return self._outbound(act, decision, (x_m, y_m))
+            return self._outbound(act, decision, percept.pose)
         except Exception as error:  # the decision is invalid: no frame is the controller's
             text = f"{self._failed_in(step)}: {described(error)} ({defined_at(type(self.controller).step)})"
             raise ControllerError(text) from error

@@ -100,19 +100,27 @@ class InProcess:
 
     def step(self, step: int, last: bool, sink: Sink | None = None) -> StepRecord:
         """Run one step of the world and of all agents, in agent order."""
-        world = self.world
-        self._inject(step, sink)
-        frames = world.begin(step, last)
+        frames = self.begin(step, last, sink)
         began = time.perf_counter()
-        self.exchanged = []
+        answers = []
         for agent, frame in frames:
             try:
-                self.exchanged.append((agent, frame, self.agents[agent].step(frame)))
+                answers.append((agent, frame, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
                 self.failed[agent] = str(error)
                 self._note(f"agent {agent}", error, time_s=step * self.scenario.run.step_s, sink=sink)
-                world.participants.token_gone(agent)
+                self.world.participants.token_gone(agent)
         self.agents_s += time.perf_counter() - began
+        return self.end(step, answers, sink)
+
+    def begin(self, step: int, last: bool, sink: Sink | None = None) -> list[tuple[int, Frame]]:
+        """Begin a step: inject faults, and return a frame for each agent with something to decide."""
+        self._inject(step, sink)
+        return self.world.begin(step, last)
+
+    def end(self, step: int, answers: list[tuple[int, Frame, StepOutput]], sink: Sink | None = None) -> StepRecord:
+        """Give the world the agents' answers, as in `exchanged`; end the step."""
+        world, self.exchanged = self.world, answers
         for agent, _, (act, act_bytes, counter, radio, report, report_bytes) in self.exchanged:
             if radio is not None:
                 world.intake.accept_radio(agent, counter, radio)

@@ -339,6 +339,16 @@ class WorldCore(Saved):
             outcomes[outcomes.index("delivered")] = "dropped: frame_full"
         return self.air.explain(sender, receiver, self._speaking), outcomes
 
+    def losses(self) -> tuple[list[tuple[int, int, str]], list[tuple[int, str]]]:
+        """Return why messages were lost: sender, receiver and reason of frames, and sender and reason of reports.
+
+        The frames are those that this step's drops count, and the reports those of the last closed step.
+        """
+        frames = self._carried.losses(self._listening)
+        full = Counter(self._carried.links) - Counter(self.links)
+        frames += [(sender, receiver, "frame_full") for sender, receiver in full.elements()]
+        return frames, self.uplink.losses if self.uplink else []
+
     @property
     def samples(self) -> list[Sample]:
         """The raw radio frames and reports of the last closed step, in agent order."""
