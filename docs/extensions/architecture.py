@@ -19,6 +19,7 @@ EXTENSIONS = {
     "deltaswarm_studies": "orchestrator",
     "deltaswarm_sessions": "orchestrator",
     "deltaswarm_cluster": "orchestrator",
+    "deltaswarm_learn": "orchestrator",
     "deltaswarm_board": "agent",
     "deltaswarm_ros2": "agent",
     "benchmarks": "orchestrator",

@@ -24,7 +24,7 @@ from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, POINTS, RADIO_MODELS, f
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
-EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster"))
+EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster", "learn"))
 PACKAGES = ("deltaswarm", *CORE, *EXTENSIONS)
 
 INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging import ERROR, WARNING
 from pathlib import Path
-from typing import Any
 
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
@@ -40,6 +39,10 @@ SWARM = "the run"
 """Whose traceback it is, if a plug-in of no agent raised."""
 
 
+def ignore(_: PluginError) -> None:
+    """Tell nobody of a failure."""
+
+
 class InProcess:
     """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator.
 
@@ -51,7 +54,7 @@ class InProcess:
         self,
         scenario: Scenario,
         folder: Path | None = None,
-        on_failure: Callable[[PluginError], None] = lambda _: None,
+        on_failure: Callable[[PluginError], None] = ignore,
         failed: dict[int, str] | None = None,
     ) -> None:
         self.scenario = scenario
@@ -154,14 +157,19 @@ class InProcess:
             self.console.actions.clear()
         return workload
 
-    def finish(self) -> dict[str, Any]:
-        """Complete the operator's tables; return the operator's metrics."""
-        if self.console is None:
-            return self.operator.totals
-        self.console.probes.close()
-        if self._tables is not None:
-            self._tables.close(self.console)
-        return self.operator.totals | self.console.totals
+    def finish(self, outcome: Outcome, wall_s: float) -> None:
+        """Complete the outcome, which has all steps, and the operator's tables."""
+        complete = len(outcome.step_records) == self.scenario.run.steps
+        outcome.traces |= self.traces
+        outcome.events = self.world.environment.states()
+        outcome.world = self.world.totals(complete) | {"wall_s": wall_s}
+        outcome.operator = {"complete": complete, "digest": self.operator.digest_hex, **self.operator.totals}
+        outcome.told_s = self.operator.told_s
+        if self.console is not None:
+            self.console.probes.close()
+            if self._tables is not None:
+                self._tables.close(self.console)
+            outcome.operator |= self.console.totals
 
 
 @contextmanager
@@ -190,7 +198,7 @@ def run_in_process(
     reporter: Reporter | None = None,
     stopped: Callable[[], object] = lambda: None,
     folder: Path | None = None,
-    on_failure: Callable[[PluginError], None] = lambda _: None,
+    on_failure: Callable[[PluginError], None] = ignore,
 ) -> Outcome:
     """Do a run until its end or until `stopped` returns something true; return its outcome.
 
@@ -248,13 +256,8 @@ def run_in_process(
             reporter.update(status, workload.rate_60s_hz)
         if last:
             break
-    complete = len(outcome.step_records) == steps
     outcome.messages += _failures(outcome)
-    outcome.traces |= swarm.traces
-    outcome.events = swarm.world.environment.states()
-    outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
-    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.finish()}
-    outcome.told_s = swarm.operator.told_s
+    swarm.finish(outcome, time.monotonic() - began)
     return outcome
 
 
