@@ -60,7 +60,7 @@ class VectorCoding:
         self._body_bytes = struct.calcsize(self._body)
 
     def observation(self, percept: Percept) -> Vector:
-        """Return what the agent senses and hears as float32 numbers from -1 to 1, in the order of `observation_shapes`."""
+        """Return what the agent senses and hears as numbers from -1 to 1, in the order of `observation_shapes`."""
         shared, settings, (x_m, y_m) = self._shared, self._settings, percept.pose
         place, range_m = (2 * x_m / shared.width_m - 1, 2 * y_m / shared.height_m - 1), shared.sensing_range_m
         numbers = [1.0, 1.0, percept.time_s / HOUR_S, *place]
