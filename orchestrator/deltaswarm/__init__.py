@@ -13,11 +13,15 @@ if TYPE_CHECKING:
     from deltaswarm.runs import Run as Run
     from deltaswarm.runs import open as open
     from deltaswarm.runs import run as run
+    from deltaswarm_learn.make import env as env
+    from deltaswarm_learn.make import parallel_env as parallel_env
 
 WHERE = {
     "Error": "deltaswarm.errors",
     "Run": "deltaswarm.runs",
+    "env": "deltaswarm_learn.make",
     "open": "deltaswarm.runs",
+    "parallel_env": "deltaswarm_learn.make",
     "run": "deltaswarm.runs",
 }
 """The module of each public name; a new name is a line here and an import above, for type checkers."""

@@ -40,7 +40,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
 
     Args:
         scenario: a built-in scenario's name, a TOML file, or a scenario; its controller is replaced by the learner.
-        settings: other values of the scenario's keys, by dotted key.
+        keys: scenario keys by dotted names, such as `{"radio.loss": 0.2}` (docs/SCENARIO.md).
         reward: a name of `REWARDS`, weights by name, or a function of a step's outcome.
         observation: "flat" for one array, "dict" for its parts by name.
         leaving: whether an agent that a fault kills terminates and leaves; else all stay, with `alive` 0.
@@ -61,7 +61,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
     def __init__(
         self,
         scenario: str | Path | Scenario = "smoke",
-        settings: Mapping[str, Any] | None = None,
+        keys: Mapping[str, Any] | None = None,
         *,
         reward: Reward = "told",
         observation: str = FLAT,
@@ -73,7 +73,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
         render_mode: str | None = None,
     ) -> None:
         sizes = {"event_slots": event_slots, "frame_slots": frame_slots, "message_size": message_size}
-        self.scenario = _scenario_of(scenario, settings or {}, sizes)
+        self.scenario = _scenario_of(scenario, keys or {}, sizes)
         self.possible_agents = [f"agent_{agent}" for agent in range(self.scenario.agents.count)]
         self._numbers = {name: agent for agent, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
@@ -298,10 +298,12 @@ class _Episode:
         return controller
 
 
-def _scenario_of(given: str | Path | Scenario, settings: Mapping[str, Any], sizes: Mapping[str, int]) -> Scenario:
+def _scenario_of(given: str | Path | Scenario, keys: Mapping[str, Any], sizes: Mapping[str, int]) -> Scenario:
     """Return the checked scenario of an environment. Raises SettingsError with every mistake."""
     table = plain(given) if isinstance(given, Scenario) else read_table(str(given))
-    problems = [problem for path, value in settings.items() for problem in put(table, path, value)]
+    problems = [problem for path, value in keys.items() for problem in put(table, path, value)]
+    must = "must not be given: the learner is the controller"
+    problems += [Problem(path, repr(value), must) for path, value in keys.items() if path.startswith("control")]
     table["control"] = {"mode": CONTROLLER, **sizes}
     scenario, more = check_table(table)
     if scenario is not None and scenario.run.bound != "none":

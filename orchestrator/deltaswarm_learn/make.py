@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm.errors import one_error
 from deltaswarm_orchestrator.base.exits import CommandError
 
 if TYPE_CHECKING:
     from pettingzoo import AECEnv
 
     from deltaswarm_learn.environment import SwarmEnv
-
-INSTALL = "pip install 'deltaswarm[learn]'"
 
 EXTRA = ("gymnasium", "pettingzoo")
 
@@ -18,16 +17,16 @@ def parallel_env(*arguments: Any, **named: Any) -> "SwarmEnv":
     """Make a swarm's environment in which all agents act at once; the arguments are those of `SwarmEnv`.
 
     Raises:
-        CommandError: the extra `learn` is not installed.
-        SettingsError: arguments are wrong.
+        Error: arguments are wrong, or the extra `learn` is not installed.
     """
-    try:
-        from deltaswarm_learn.environment import SwarmEnv
-    except ModuleNotFoundError as error:
-        if error.name not in EXTRA:
-            raise
-        raise CommandError(f"a learning environment needs {error.name}: {INSTALL}") from None
-    return SwarmEnv(*arguments, **named)
+    with one_error("parallel_env"):
+        try:
+            from deltaswarm_learn.environment import SwarmEnv
+        except ModuleNotFoundError as error:
+            if error.name not in EXTRA:
+                raise
+            raise CommandError(f"a learning environment needs {error.name}: pip install 'deltaswarm[learn]'") from None
+        return SwarmEnv(*arguments, **named)
 
 
 def env(*arguments: Any, **named: Any) -> "AECEnv[str, Any, Any]":

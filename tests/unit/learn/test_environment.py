@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import deltaswarm
 from deltaswarm_learn import make
 from deltaswarm_learn.environment import SwarmEnv
 from deltaswarm_learn.rewards import StepOutcome
@@ -51,12 +52,12 @@ def idle(env: SwarmEnv) -> dict[str, Any]:
 @in_one_test(
     "named",
     [
-        {"settings": SHORT},
-        {"settings": SHORT, "observation": "dict"},
-        {"settings": {**SHORT, "fault": FAULTS}},
-        {"settings": {**SHORT, "fault": FAULTS}, "leaving": True},
-        {"settings": {**SHORT, "fault": [{"kind": "kill", "at_s": 5.0, "fraction": 1.0}]}, "leaving": True},
-        {"settings": {**SHORT, "agents.count": 1}, "frame_slots": 0, "event_slots": 0, "message_size": 0},
+        {"keys": SHORT},
+        {"keys": SHORT, "observation": "dict"},
+        {"keys": {**SHORT, "fault": FAULTS}},
+        {"keys": {**SHORT, "fault": FAULTS}, "leaving": True},
+        {"keys": {**SHORT, "fault": [{"kind": "kill", "at_s": 5.0, "fraction": 1.0}]}, "leaving": True},
+        {"keys": {**SHORT, "agents.count": 1}, "frame_slots": 0, "event_slots": 0, "message_size": 0},
     ],
 )
 def test_it_has_the_parallel_api(named: dict[str, Any]) -> None:
@@ -66,7 +67,7 @@ def test_it_has_the_parallel_api(named: dict[str, Any]) -> None:
 
 def test_it_passes_the_other_tests_of_pettingzoo() -> None:
     """The AEC API, equal steps for equal seeds, and the number of cycles asked for."""
-    api_test(make.env(settings=SHORT), 200)
+    api_test(make.env(keys=SHORT), 200)
     parallel_seed_test(busy_env, 20)
     max_cycles_test(make)
 
@@ -308,9 +309,10 @@ def test_actions_are_of_the_agents_that_are_there() -> None:
     ("named", "text"),
     [
         ({"scenario": "smok"}, "did you mean 'smoke'"),
-        ({"settings": {"radio.los": 0.1}}, "radio.los"),
-        ({"settings": {"run.bound": "density"}}, "run.bound must be none"),
-        ({"settings": {"command": [{"at_s": 1.0, "name": "recall"}]}}, "must be a command that"),
+        ({"keys": {"radio.los": 0.1}}, "radio.los"),
+        ({"keys": {"run.bound": "density"}}, "run.bound must be none"),
+        ({"keys": {"command": [{"at_s": 1.0, "name": "recall"}]}}, "must be a command that"),
+        ({"keys": {"control.mode": "hybrid"}}, "control.mode must not be given"),
         ({"reward": "tolt"}, "reward must be one of told, .*did you mean 'told'"),
         ({"reward": {"told": float("nan")}}, "reward must have finite weights"),
         ({"reward": {}}, "reward must be a name"),
@@ -325,6 +327,18 @@ def test_a_wrong_argument_is_refused(named: dict[str, Any], text: str) -> None:
     """When the environment is made, before any episode."""
     with pytest.raises(SettingsError, match=text):
         SwarmEnv(**named)
+
+
+def test_the_public_functions_say_what_is_wrong_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mistake, and the missing extra, with what to install."""
+    assert isinstance(deltaswarm.parallel_env(keys=SHORT), SwarmEnv)
+    with pytest.raises(deltaswarm.Error, match="reward must be one of"):
+        deltaswarm.env(reward="tolt")
+    for name in ("gymnasium", "pettingzoo"):
+        monkeypatch.delitem(sys.modules, "deltaswarm_learn.environment", raising=False)
+        monkeypatch.setitem(sys.modules, name, None)
+        with pytest.raises(deltaswarm.Error, match=rf"needs (gymnasium|{name}.*): pip install 'deltaswarm\[learn\]'"):
+            deltaswarm.parallel_env()
 
 
 def test_a_line_shows_the_step() -> None:
