@@ -23,7 +23,7 @@ def parallel_env(*arguments: Any, **named: Any) -> "SwarmEnv":
         try:
             from deltaswarm_learn.environment import SwarmEnv
         except ModuleNotFoundError as error:
-            if error.name not in EXTRA:
+            if str(error.name).partition(".")[0] not in EXTRA:
                 raise
             raise CommandError(f"a learning environment needs {error.name}: pip install 'deltaswarm[learn]'") from None
         return SwarmEnv(*arguments, **named)
