@@ -8,6 +8,7 @@ from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import Place
 from deltaswarm_scenario.task import TaskSettings
+from deltaswarm_scenario.technique import DURING
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_wire.checked import OURS, Problem, key
 from deltaswarm_wire.commands import CommandForm
@@ -92,6 +93,9 @@ NO_ORDERS = ("none",)
 LAYERS = ("heat", "activity", "labels", "trees")
 """Layers of the page's map that can be switched on and off."""
 
+PANELS = ("workload", "inbox", "orders", "agents", "events", "notes", "help")
+"""What the participant's page shows beside the map; help: a button that calls the conductor of the experiment."""
+
 
 @dataclass(frozen=True)
 class PageSettings:
@@ -104,6 +108,14 @@ class PageSettings:
         (), 'orders that the page offers; an empty list: all that the controller accepts; ["none"]: no order'
     )
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
+    panels: tuple[str, ...] = key(
+        PANELS,
+        "what the participant's page shows beside the map; help: a button that calls the conductor, if there is one",
+        choices=PANELS,
+    )
+    place: tuple[int, ...] = key(
+        (), "number of the run in its session, 0: training, and of all runs; the page shows it between runs", low=0
+    )
     hold_while_away: bool = key(False, "whether the run is held while no page of the participant answers")
     language: LanguageSettings = key(LanguageSettings, "language of the page")
 
@@ -188,6 +200,12 @@ class OperatorSettings:
     def commands(self) -> bool:
         """Whether a simulated person or the system may give commands, so that the operator's turns are waited for."""
         return self.person.commands or self.autonomy.commands
+
+    @property
+    def asks_in_passing(self) -> bool:
+        """Whether the person is asked anything while the run goes on."""
+        asked = any(one.when == DURING and one.wait_s is not None for one in self.probes.techniques)
+        return asked or self.autonomy.sets_delta == SYSTEM
 
     def problems(self) -> list[Problem]:
         """A budget must leave room for a message."""

@@ -48,14 +48,26 @@ def test_every_answer_to_isa_is_within_the_window(page: Page, size: tuple[int, i
 
 
 def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
-    """The selected one, while there is a task; the list says how it was judged."""
+    """The oldest that is not judged is selected by itself, then the next; the list says how each was judged."""
     page.press("x")
     hello(page, goal="Find the targets.")
-    page.until(lambda: page.text("goal") == "Find the targets." and page.at("task").is_displayed())
-    assert not page.at("judge-target").is_enabled()
+    page.until(lambda: page.text("goal") == "Find the targets." and page.at("judge").is_displayed())
+    page.until(lambda: page.text("judge-event") == "Event 0 is" and page.text("judge-count") == "5 to judge")
+    assert page.player.heard(
+        lambda intent: intent.get("event") == "selected" and intent.get("text") == "event 0 by itself"
+    )
     page.at("tab-events").click()
     page.until(lambda: page.texts("#events-list > li"))
-    page.all('#events-list [data-key="2"] button')[0].click()
+    page.press("z")
+    assert page.asked("judge") == {"type": "judge", "event": 0, "answer": "decoy"}
+    page.until(lambda: page.text("judge-count") == "4 to judge")
+    page.press(Keys.ESCAPE)
+    page.until(lambda: not page.at("judge").is_displayed())
+    page.player.show(101.0)  # who selects nothing is left alone
+    page.press("w")
+    page.until(lambda: page.text("judge-event") == "Event 1 is")
+    page.at("judge-next").click()
+    page.until(lambda: page.text("judge-event") == "Event 2 is")
     page.at("judge-decoy").click()
     assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "decoy"}
     page.press("x")
@@ -339,10 +351,10 @@ def test_an_event_is_not_judged_after_the_end(page: Page) -> None:
     page.at("tab-events").click()
     page.until(lambda: page.texts("#events-list > li"))
     page.all('#events-list [data-key="2"] button')[0].click()
-    page.until(lambda: page.at("judge-target").is_enabled())
+    page.until(lambda: page.at("judge").is_displayed())
     page.player.swarm.over = True
     page.player.show(101.0)
-    page.until(lambda: not page.at("judge-target").is_enabled())
+    page.until(lambda: not page.at("judge").is_displayed())
     page.press("x", "n")
     page.player.heard(lambda intent: intent["type"] == "page" and intent.get("text") == "tab-notes")
     assert not any(intent["type"] == "judge" for intent in page.player.intents)

@@ -78,7 +78,7 @@ class Participant:
         """Do what is to be done now, unless the page loads again meanwhile; True once the session is over."""
         with suppress(NoSuchElementException, StaleElementReferenceException):
             self.do_next()
-            return self.at("ended").text.startswith("Vielen Dank")
+            return self.at("plain-title").text.startswith("Vielen Dank")
         return False
 
     def do_next(self) -> None:

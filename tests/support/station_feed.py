@@ -91,6 +91,7 @@ class Swarm:
             "thresholds_hz": [5.0, 2.0],
             "commands": FORMS if self.kind == "live" else [],
             "speeds": [1, 2, 5, 10, 20, 0],
+            "asks": True,
             "session": {"sheet": {"consent": CONSENT, "participant": "P07", "condition": "2"}},
         } | changes
 
@@ -120,7 +121,9 @@ class Swarm:
             if first_s <= time_s:
                 x_m, y_m = (37 * number + 15) % 90 + 5, (53 * number + 20) % 90 + 5
                 by, attending = (6, [6]) if number == 1 else (0, [])
-                rows.append([number, x_m, y_m, first_s, round(time_s - number * 11 % 60, 1), by, attending])
+                seen_s = round(time_s - number * 11 % 60, 1)
+                trail_m = [[x_m - 6, y_m - 4], [x_m + 5, y_m - 6]] if number == 3 else []
+                rows.append([number, x_m, y_m, first_s, seen_s, by, attending, trail_m])
         return rows
 
     def items(self, time_s: float) -> list[list[Any]]:

@@ -332,6 +332,9 @@ class Console:
             goal=briefing.operator.task.goal if briefing.operator.task.is_on else "",
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
+            panels=page.panels,
+            place=page.place,
+            asks=briefing.operator.asks_in_passing,
             end_text=page.end_text,
             session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None},
         )

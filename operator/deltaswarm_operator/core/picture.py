@@ -18,6 +18,10 @@ MAX_EVENTS = 2000
 MAX_INBOX = 20_000
 MAX_NUMBERS = 100_000
 """Maximum number of events whose numbers are remembered: in open air a sender may invent events."""
+MAX_TRAIL = 6
+"""Maximum number of places of an event that are remembered besides the newest."""
+MOVED_M = 0.01
+"""An event that is reported this far from its last place has moved."""
 MAX_NAMED = 8
 """Maximum number of events in an item."""
 NO_EVENTS: frozenset[int] = frozenset()
@@ -40,13 +44,17 @@ class KnownAgent(NamedTuple):
 
 
 class KnownEvent(NamedTuple):
-    """An event: its position [m], the times of its first and last report [s], and the last reporter."""
+    """An event: its position [m], the times of its first and last report [s], and the last reporter.
+
+    `trail_m`: the places that were reported before, oldest first.
+    """
 
     x_m: float
     y_m: float
     first_s: float
     seen_s: float
     by: int
+    trail_m: tuple[tuple[float, float], ...] = ()
 
 
 class Item(NamedTuple):
@@ -171,7 +179,10 @@ class Picture:
                     first_s, _ = self.closed.pop(event, (said_s, said_s))
                     events[event] = KnownEvent(x_m, y_m, first_s, said_s, agent)
             elif known.seen_s <= said_s:  # else this report was delayed, and the event has been seen since
-                events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent)
+                trail_m = known.trail_m
+                if abs(x_m - known.x_m) + abs(y_m - known.y_m) > MOVED_M:
+                    trail_m = (*trail_m, (known.x_m, known.y_m))[-MAX_TRAIL:]
+                events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent, trail_m)
 
     def _close(self, event: int) -> None:
         known = self.events.pop(event)
@@ -218,7 +229,13 @@ class Picture:
                 for agent, k in sorted(self.agents.items())
             ],
             "events": [
-                [event, *(round(value, 2) for value in k[:4]), k.by, attending.get(event, [])]
+                [
+                    event,
+                    *(round(value, 2) for value in k[:4]),
+                    k.by,
+                    attending.get(event, []),
+                    [[round(x_m, 2), round(y_m, 2)] for x_m, y_m in k.trail_m],
+                ]
                 for event, k in sorted(self.events.items())
             ],
         }

@@ -157,6 +157,7 @@ class Station:
     def _hear_feed(self) -> None:
         """Take the waiting datagrams; show only the newest picture."""
         newest: dict[bytes, bytes] = {}
+        has_closed = False
         for _ in range(MAX_DATAGRAMS_AT_ONCE):
             try:
                 datagram = bytes(self._buffer[: self._feed.recv_into(self._buffer)])
@@ -164,8 +165,8 @@ class Station:
                 break
             except OSError:
                 datagram = b""
-            if not datagram:
-                self._end()
+            has_closed = not datagram
+            if has_closed:
                 break
             begin = next(filter(datagram.startswith, NEWEST_ONLY), None)
             if begin is None:
@@ -175,6 +176,8 @@ class Station:
         for begin, shown in newest.items():
             self._newest[begin] = text = shown.decode(errors="replace")
             broadcast([browser for browser in self._browsers.values() if browser.waiting_bytes < SLOW_BYTES], text)
+        if has_closed:
+            self._end()  # after the last picture, which would tell pages that the run goes on
 
     def _pass_on(self, datagram: bytes) -> None:
         """Forward a message other than a picture to the browser that it names, else to all."""

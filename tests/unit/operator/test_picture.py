@@ -97,6 +97,16 @@ def test_an_event_names_who_says_that_it_attends_it() -> None:
     assert [row[6] for row in picture.rows()["events"]] == [[], [3, 6]]
 
 
+def test_an_event_leaves_a_trail_of_the_places_that_were_reported_before() -> None:
+    """The newest six, oldest first; a place that is reported again is none."""
+    picture = Picture(1.0)
+    for step, x_m in enumerate((1.0, 1.0, 2.0, 3.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)):
+        picture.update([Report(5, step, step, "attending", 0.0, 0.0, 0, (Event(9, x_m, 2.0),))], float(step))
+        if step == 1:
+            assert picture.rows()["events"][0][7] == []
+    assert picture.rows()["events"][0][7] == [[x_m, 2.0] for x_m in (2.0, 3.0, 4.0, 5.0, 6.0, 7.0)]
+
+
 def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
     """A picture that goes on from another's state drops what that would have dropped."""
     before = Picture(1.0)

@@ -370,6 +370,18 @@ def test_the_station_ends_after_its_feed(feed: Feed) -> None:
     assert feed.process.wait(PATIENCE_S) == 0
 
 
+def test_a_page_is_told_of_the_end_after_the_last_picture(feed: Feed) -> None:
+    """Also if both come at once; a picture after the end would mean that the run goes on."""
+    say(feed, HELLO)
+    with browser(feed) as page:
+        told(page, "hello")
+        feed.hear("page")
+        feed.send({"type": "picture", "step": 1})
+        feed.hang_up()
+        told = [json.loads(page.recv(PATIENCE_S))["type"] for _ in range(2)]
+    assert told == ["picture", "ended"]
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_the_station(feed: Feed, number: signal.Signals) -> None:
     """At once, with 0."""

@@ -65,7 +65,7 @@ export const ACTIVITY = [
   [0.3, "0.3", 0.28],
   [0.05, later("less"), 0.14],
 ];
-const ACTIVITY_RGB = { light: "190, 60, 0", dark: "255, 150, 60" };
+const ACTIVITY_RGB = { light: "0, 80, 190", dark: "110, 170, 255" };
 const HEAT_RGB = { light: "0, 120, 110", dark: "60, 210, 190" };
 
 export function isDark() {

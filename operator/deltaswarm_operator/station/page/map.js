@@ -36,6 +36,7 @@ export class MapPanel {
     this.hasMoved = false;
     this.isDirty = false;
     this.legendOf = "";
+    this.onDraw = () => {};
     /** kind of the view: the truth needs no heat map, so it is off there until asked for */
     this.kind = "";
     this.arenaOf = "";
@@ -143,6 +144,7 @@ export class MapPanel {
         trees: trees.checked,
       };
       draw(this.on, this.view, this.app, layers, this.heat, document.activeElement === this.canvas);
+      this.onDraw();
     });
   }
 

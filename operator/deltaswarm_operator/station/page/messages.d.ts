@@ -37,6 +37,9 @@ export type Hello = {
   sets_delta?: "operator" | "swarm" | "system" | "budget";
   speeds: number[];
   layers?: string[];
+  panels?: string[];
+  place: number[];
+  asks: boolean;
   end_text: string;
   language: Language | null;
   session: Session | null

@@ -88,7 +88,7 @@ export class Model {
   get events() {
     const { picture, now_s, shownTruth } = this;
     if (shownTruth)
-      return shownTruth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, []]);
+      return shownTruth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, [], []]);
     return picture?.events ?? [];
   }
 
