@@ -378,8 +378,7 @@ def test_a_page_is_told_of_the_end_after_the_last_picture(feed: Feed) -> None:
         feed.hear("page")
         feed.send({"type": "picture", "step": 1})
         feed.hang_up()
-        told = [json.loads(page.recv(PATIENCE_S))["type"] for _ in range(2)]
-    assert told == ["picture", "ended"]
+        assert [json.loads(page.recv(PATIENCE_S))["type"] for _ in range(2)] == ["picture", "ended"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
