@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from deltaswarm.runs import Run as Run
     from deltaswarm.runs import open as open
     from deltaswarm.runs import run as run
+    from deltaswarm.sweeps import sweep as sweep
+    from deltaswarm_studies.conducting import StudyResult as StudyResult
+    from deltaswarm_studies.conducting import study as study
     from deltaswarm_learn.make import env as env
     from deltaswarm_learn.make import parallel_env as parallel_env
 
@@ -23,6 +26,9 @@ WHERE = {
     "open": "deltaswarm.runs",
     "parallel_env": "deltaswarm_learn.make",
     "run": "deltaswarm.runs",
+    "StudyResult": "deltaswarm_studies.conducting",
+    "study": "deltaswarm_studies.conducting",
+    "sweep": "deltaswarm.sweeps",
 }
 """The module of each public name; a new name is a line here and an import above, for type checkers."""
 
@@ -32,7 +38,14 @@ __all__ = ["__version__", *WHERE]
 def __getattr__(name: str) -> Any:
     if name not in WHERE:
         raise AttributeError(f"module 'deltaswarm' has no attribute {name!r}")
-    value = getattr(import_module(WHERE[name]), name)
+    try:
+        value = getattr(import_module(WHERE[name]), name)
+    except ModuleNotFoundError as error:
+        from deltaswarm.errors import error_of
+
+        if (told := error_of(error, f"deltaswarm.{name}")) is None:
+            raise
+        raise told from None
     globals()[name] = value
     return value
 

@@ -2,9 +2,11 @@
 
 import json
 import os
+import shutil
 import tempfile
 import tomllib
 import warnings
+import weakref
 from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import cached_property
@@ -12,11 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm.errors import Error, one_error
+from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
 from deltaswarm_orchestrator.base.paths import must_exist
 from deltaswarm_orchestrator.processes.engines import engine_of
-from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO, load_scenario
+from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire import checked
 from deltaswarm_wire.checked import did_you_mean
 
 if TYPE_CHECKING:
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from deltaswarm_orchestrator.export.snapshots import Film
+    from deltaswarm_orchestrator.results.outcome import Outcome
     from deltaswarm_orchestrator.run.options import RunOptions, RunResult
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
@@ -31,7 +36,7 @@ IN_PROCESS, PROCESSES = "in-process", "processes"
 
 def run(
     scenario: str | os.PathLike[str] = DEFAULT_SCENARIO,
-    keys: Mapping[str, Any] | None = None,
+    keys: Mapping[Any, Any] | None = None,
     *,
     seed: int | None = None,
     engine: str = IN_PROCESS,
@@ -48,7 +53,9 @@ def run(
 
     Args:
         scenario: a built-in scenario (`deltaswarm list`) or a TOML file.
-        keys: scenario keys by dotted names, such as `{"control.mode": "hybrid", "record": "off"}` (docs/SCENARIO.md).
+        keys: scenario keys by dotted names, such as `{"control.mode": "hybrid", "record": "off"}` (docs/SCENARIO.md). A
+            class, such as a controller, stands for its `module:Class`. `events.density` may be a function of x and y
+            [m], which is kept as a grid beside the run's folder.
         seed: of all randomness; None: the scenario's.
         engine: "in-process", "processes" on this machine, or an engine such as "dask".
         scheduler: with an engine: the address of its scheduler.
@@ -63,11 +70,14 @@ def run(
     with one_error("deltaswarm.run"):
         from deltaswarm_orchestrator.run.options import RunOptions
 
+        temporary = _Temporary() if out is None else None
+        folder = Path(out or "") if temporary is None else temporary.path / "run"
         file = None if commands is None else Path(commands)
-        loaded = load_scenario(os.fspath(scenario), seed=seed, commands=file, keys=keys or {})
+        density = folder.with_name(f"{folder.name}-density.npy")
+        loaded, given = scenario_of(os.fspath(scenario), keys or {}, seed, file, density)
         placed = engine_of(engine, scheduler, path="engine", local=(IN_PROCESS, PROCESSES))
-        temporary = None if out is not None else tempfile.TemporaryDirectory(prefix="deltaswarm-")
-        folder = Path(out) if out is not None else Path(temporary.name if temporary else "") / loaded.name
+        if engine != IN_PROCESS:
+            check_importable(given, f"engine is {engine!r}; {IN_PROCESS!r} takes it as it is")
         options = RunOptions(out=folder, in_process=engine == IN_PROCESS, force=force, engine=placed)
         check(loaded, options)
         result = conduct(loaded, options, quiet=not progress)
@@ -121,6 +131,14 @@ def conduct(scenario: Scenario, options: "RunOptions", *, quiet: bool) -> "RunRe
 
     with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
         return run_scenario(scenario, options, display)
+
+
+class _Temporary:
+    """A folder that is deleted with this object."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="deltaswarm-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 class Run:
@@ -299,6 +317,30 @@ class Run:
             return read_film(recording_in(self.folder))
         except (FileNotFoundError, RecordingError) as error:
             raise Error(str(error), code=FAILED) from None
+
+
+class UnsavedRun(Run):
+    """A run of a sweep in this process, which has no folder and no recording."""
+
+    def __init__(self, outcome: "Outcome", scenario: Scenario, summary: dict[str, Any]) -> None:
+        super().__init__(Path(), summary)
+        self._outcome, self._settings = outcome, scenario
+
+    @cached_property
+    def scenario(self) -> dict[str, Any]:  # noqa: D102 (of the base)
+        settings: dict[str, Any] = checked.plain(self._settings)
+        return settings
+
+    def _table(self, name: str) -> "pd.DataFrame":
+        import pandas as pd
+
+        from deltaswarm_orchestrator.results.outcome import EventLife
+        from deltaswarm_orchestrator.results.run_tables import series_rows
+
+        if name == "events":
+            return pd.DataFrame(self._outcome.lives, columns=EventLife._fields)
+        header, rows = series_rows(self._outcome)
+        return pd.DataFrame(rows, columns=header)
 
 
 REPORT_COLUMNS = (

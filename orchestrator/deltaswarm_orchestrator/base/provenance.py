@@ -5,6 +5,7 @@ what these import, and data that they declare.
 """
 
 import ast
+import contextlib
 import hashlib
 import importlib.util
 import os
@@ -130,14 +131,19 @@ def sources(scenario: Scenario) -> list[Source]:
         *((RADIO_MODELS, name, "radio.models") for name in scenario.radio.models),
         *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),
     ]
-    return [_source(point.group, name, path) for point, name, path in named if name not in point.shipped]
+    own = [(point.group, name, path) for point, name, path in named if name not in point.shipped]
+    # What a notebook defines can be another class of the same name the next time.
+    return [(_source.__wrapped__ if one[1].startswith("__main__:") else _source)(*one) for one in own]
 
 
 @cache
 def _source(group: str, name: str, path: str) -> Source:
     point = next(point for point in POINTS if point.group == group)
     digest = hashlib.blake2b(digest_size=8)
-    files = sorted(files_of(find(point, name, path)).items())
+    found = find(point, name, path)
+    files = sorted(files_of(found).items())
+    for cell in _cells_of(found):
+        digest.update(cell.encode())
     for module, file in files:
         try:
             content = file.read_bytes()
@@ -165,8 +171,18 @@ def files_of(cls: type[Any]) -> dict[str, Path]:
             continue
         files[name] = file
         waiting += [imported for imported in _imports(name, file) if _is_third_party(imported)]
-    folder = Path(sys.modules[cls.__module__].__file__ or "").parent
+    folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
     return files | {f"data: {name}": folder / name for name in getattr(cls, "data_files", ())}
+
+
+def _cells_of(cls: type[Any]) -> list[str]:
+    """Return the source of the class and of its bases, as far as they are in a notebook, which is no file."""
+    import inspect  # slow to import
+
+    own = [base for base in cls.__mro__ if base.__module__ == "__main__" and _file_of("__main__") is None]
+    with contextlib.suppress(OSError, TypeError):  # typed into a console that keeps nothing
+        return [inspect.getsource(base) for base in own]
+    return []
 
 
 def _is_third_party(name: str) -> bool:

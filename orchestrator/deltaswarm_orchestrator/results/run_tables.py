@@ -126,16 +126,7 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
 
     Delete the tables of the parts, unless `keep_unmerged` is set because the run may be resumed.
     """
-    by_step = {workload.step: workload for workload in outcome.workloads}
-
-    def rows() -> Iterable[list[Any]]:
-        for record in outcome.step_records:
-            workload = by_step.get(record.step)
-            yield [*record.columns().values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
-
-    columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
-    header = [*columns, *OPERATOR_COLUMNS.values()]
-    write_csv(folder / "series.csv", header, rows())
+    write_csv(folder / "series.csv", *series_rows(outcome))
     lives = [life._asdict() for life in outcome.lives]
     known = [name for name in EventLife._fields if name != "told_s" or outcome.told_s is not None]
     write_csv(folder / "events.csv", known, ([life[name] for name in known] for life in lives))
@@ -144,6 +135,19 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     if not keep_unmerged:
         for name in UNMERGED:
             (folder / name).unlink(missing_ok=True)
+
+
+def series_rows(outcome: Outcome) -> tuple[list[str], Iterator[list[Any]]]:
+    """Return header and rows of `series.csv`."""
+    by_step = {workload.step: workload for workload in outcome.workloads}
+
+    def rows() -> Iterator[list[Any]]:
+        for record in outcome.step_records:
+            workload = by_step.get(record.step)
+            yield [*record.columns().values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
+
+    columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
+    return [*columns, *OPERATOR_COLUMNS.values()], rows()
 
 
 def person_tables(folder: Path) -> list[tuple[str, bytes]]:

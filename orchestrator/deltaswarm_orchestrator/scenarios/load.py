@@ -40,22 +40,17 @@ LANGUAGE = "operator.page.language"
 
 
 def load_scenario(
-    name: str,
-    overrides: Sequence[str] = (),
-    seed: int | None = None,
-    commands: Path | None = None,
-    keys: Mapping[str, Any] | None = None,
+    name: str, overrides: Sequence[str] = (), seed: int | None = None, commands: Path | None = None
 ) -> Scenario:
     """Load a scenario from a file or by its built-in name, with `key=value` overrides.
 
-    `commands` is a file of `[[command]]` tables, `keys` are values by dotted keys.
+    `commands` is a file of `[[command]]` tables.
 
     Raises:
         SettingsError: it lists every mistake in file and overrides.
     """
     table = read_table(name)
     problems = [problem for override in overrides for problem in apply(table, override)]
-    problems += [problem for path, value in (keys or {}).items() for problem in put(table, path, value)]
     if seed is not None:
         table["seed"] = seed
     if commands is not None:
