@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from deltaswarm.runs import open as open
     from deltaswarm.runs import run as run
     from deltaswarm.sweeps import sweep as sweep
-    from deltaswarm_studies.conducting import StudyResult as StudyResult
-    from deltaswarm_studies.conducting import study as study
     from deltaswarm_learn.make import env as env
     from deltaswarm_learn.make import parallel_env as parallel_env
+    from deltaswarm_studies.conducting import StudyResult as StudyResult
+    from deltaswarm_studies.conducting import study as study
 
 WHERE = {
     "Error": "deltaswarm.errors",
