@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from docs.extensions import api, architecture, page_messages
+from docs.extensions import api, architecture, page_messages, published
 from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
@@ -22,6 +22,13 @@ def test_the_lists_of_metrics_and_columns_are_up_to_date() -> None:
     for name in PARTS:
         page = (DOCS / name).read_text()
         assert page == with_parts(name, page)
+
+
+def test_what_pages_tell_of_studies_is_what_was_published() -> None:
+    """Findings that still hold, and medians as the tables have them."""
+    for page in published.PAGES:
+        text = page.read_text()
+        assert text == published.with_published(text)
 
 
 def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:
