@@ -137,6 +137,17 @@ class StepRecord(NamedTuple):
             row |= {name: value} if prefix is None else {f"{prefix}{reason}": n for reason, n in value.items()}
         return row
 
+    def values(self) -> list[Any]:
+        """Return the values of `columns`, in a tenth of the time."""
+        frames, reports = _DROPS_AT
+        return [
+            *self[:frames],
+            *self.frames_dropped.values(),
+            *self[frames + 1 : reports],
+            *self.reports_dropped.values(),
+            *self[reports + 1 :],
+        ]
+
     @classmethod
     def of(cls, columns: Mapping[str, Any]) -> Self:
         """Make a row from the values of its columns; other columns are ignored."""
@@ -149,6 +160,8 @@ class StepRecord(NamedTuple):
 
 _DROPS = {"frames_dropped": "dropped_", "reports_dropped": "reports_dropped_"}
 """The fields of `StepRecord` with a column for each reason, and how these columns begin."""
+
+_DROPS_AT = tuple(StepRecord._fields.index(name) for name in _DROPS)
 
 _REASONS = {"frames_dropped": DROP_REASONS, "reports_dropped": UPLINK_REASONS}
 
@@ -177,10 +190,12 @@ def encode_truth(truth: Truth) -> bytes:
 
     The step's record ends with a map of the drops of radio models from outside, if there are any.
     """
-    columns = truth.step_record.columns()
-    row: list[Any] = [columns.pop(name) for name in COLUMNS]
+    row = truth.step_record.values()
+    if len(row) > len(COLUMNS):
+        columns = truth.step_record.columns()
+        row = [*(columns.pop(name) for name in COLUMNS), columns]
     return pack(
-        {"v": PROTOCOL_VERSION, **truth._asdict(), "step_record": [*row, columns] if columns else row},
+        {"v": PROTOCOL_VERSION, **truth._asdict(), "step_record": row},
         MAX_ORDINARY_BYTES,
     )
 

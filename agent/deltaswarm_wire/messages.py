@@ -23,6 +23,7 @@ from deltaswarm_wire.codec import (
     number,
     pack,
     text,
+    tuple_of,
     unpack,
     version,
 )
@@ -79,7 +80,8 @@ def encode_frame(frame: Frame) -> bytes:
     """`[version, step, time_s, last, x_m, y_m, [x_m, y_m...], [[event, x_m, y_m]...], [sender, sample...]]`."""
     step, time_s, last, x_m, y_m, poses, events, heard = frame
     flat = chain.from_iterable
-    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, tuple(flat(poses)), events, tuple(flat(heard))))
+    walked = tuple(flat(poses)) if poses else ()
+    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, walked, events, tuple(flat(heard))))
 
 
 def decode_frame(data: bytes) -> Frame:
@@ -188,20 +190,23 @@ def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
     known, step, vx_mps, vy_mps, observed, role, level, parent, root, delta, until = array(unpack(data), 11, "act")
     version(known)
-    return Act(
+    status = (
+        role_name(role, "act.role"),
+        integer(level, 0, MAX_AGENT_ID, "act.level"),
+        integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),
+        integer(root, NOBODY, MAX_AGENT_ID, "act.root"),
+        integer(delta, 0, MAX_DELTA, "act.delta"),
+    )
+    fields = (
         integer(step, 0, MAX_STEP, "act.step"),
         number(vx_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
         number(vy_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
         _observed(observed),
-        TreeStatus(
-            role_name(role, "act.role"),
-            integer(level, 0, MAX_AGENT_ID, "act.level"),
-            integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),
-            integer(root, NOBODY, MAX_AGENT_ID, "act.root"),
-            integer(delta, 0, MAX_DELTA, "act.delta"),
-        ),
+        tuple_of(TreeStatus, status),
         integer(until, step + 1, MAX_STEP + 1, "act.until"),
     )
+    act: Act = tuple_of(Act, fields)
+    return act
 
 
 def role_name(value: Any, field: str) -> str:

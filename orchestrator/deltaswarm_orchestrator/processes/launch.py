@@ -85,8 +85,10 @@ class Swarm:
         finally:
             adopt_orphans(do_so=False)
 
-    def start_world(self, listen: str, *, record: bool = False) -> None:
+    def start_world(self, listen: str, *, record: bool = False, time_phases: bool = False) -> None:
         """Start the world and wait until its router listens at `listen`, and for boards if there are any.
+
+        With `time_phases` it adds to `world.json` where the steps' wall time goes.
 
         Raises:
             LaunchError: the world ended (the text has its last log lines) or was not up in time.
@@ -113,6 +115,7 @@ class Swarm:
             "--resume": self.resumed.step if self.resumed else None,
             "--station": self.station is not None,
             "--truth": record,
+            "--time-phases": time_phases,
             "--wire": record and self.scenario.record == "wire",
             "--zenoh": self._overrides,
         }

@@ -1,6 +1,6 @@
 """Bodies and events: positions, sensing, work on events, and the area that members of trees sense."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -138,31 +138,19 @@ class Environment(Saved):
     def work(self, observers: dict[int, int], time_s: float) -> None:
         """Let each event's distinct observers work on it for one step; complete finished events."""
         done = False
-        for record in self.active:
-            count = observers.get(record.event, 0)
-            if count:
-                if record.worked_s is None:
-                    record.worked_s = time_s
-                    self.changed.append(record)
-                record.work_agent_s += count * self._step_s
-                if record.work_agent_s >= self._work_agent_s - 1e-9:
-                    record.completed_s = time_s
-                    self.changed.append(record)
-                    self.completed += 1
-                    done = True
+        for record in [record for record in self.active if record.event in observers]:
+            if record.worked_s is None:
+                record.worked_s = time_s
+                self.changed.append(record)
+            record.work_agent_s += observers[record.event] * self._step_s
+            if record.work_agent_s >= self._work_agent_s - 1e-9:
+                record.completed_s = time_s
+                self.changed.append(record)
+                self.completed += 1
+                done = True
         if done:
             self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
-
-    def from_densest_m(self, agents: Sequence[int], time_s: float) -> float | None:
-        """Return the mean distance of agents from the position at which events are densest at a time [m].
-
-        None if there are no agents, or events are equally dense everywhere.
-        """
-        densest_m = self.density.densest_m(time_s) if agents else None
-        if densest_m is None:
-            return None
-        return float(np.hypot(*(self.positions_m[agents] - densest_m).T).mean())
 
     def states(self) -> list[EventState]:
         """Return all events so far in order of arrival, by id within a step."""

@@ -40,6 +40,8 @@ class WorldConfig:
     """Accept commands and pace from a person, without waiting for turns."""
     boards: tuple[int, ...] = ()
     """Agents on machines of their own, which may leave and come back."""
+    time_phases: bool = False
+    """Measure where the steps' wall time goes, for `world.json`."""
 
 
 @dataclass
