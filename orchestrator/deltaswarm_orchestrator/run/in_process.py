@@ -119,7 +119,7 @@ class InProcess:
     def begin(self, step: int, last: bool, sink: Sink | None = None) -> list[tuple[int, Frame]]:
         """Begin a step: inject faults, and return a frame for each agent with something to decide."""
         self._inject(step, sink)
-        return self.world.begin(step, last)
+        return list(self.world.begin(step, last))
 
     def end(self, step: int, answers: list[tuple[int, Frame, StepOutput]], sink: Sink | None = None) -> StepRecord:
         """Give the world the agents' answers, as in `exchanged`; end the step."""
