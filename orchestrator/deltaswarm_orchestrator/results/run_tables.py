@@ -144,7 +144,7 @@ def series_rows(outcome: Outcome) -> tuple[list[str], Iterator[list[Any]]]:
     def rows() -> Iterator[list[Any]]:
         for record in outcome.step_records:
             workload = by_step.get(record.step)
-            yield [*record.columns().values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
+            yield [*record.values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
 
     columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
     return [*columns, *OPERATOR_COLUMNS.values()], rows()
