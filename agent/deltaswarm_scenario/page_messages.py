@@ -19,7 +19,7 @@ RESEARCHER, REPLAY = "researcher", "replay"
 WHY_NOT: Mapping[str, str] = {
     PARTICIPANT: "a message of this type is for replays",
     WATCHER: "this address only watches",
-    CONDUCTOR: "the conductor may pause and write notes; the participant does all else",
+    CONDUCTOR: "the conductor may pause, end the run, answer a call for help and write notes, and nothing else",
     RESEARCHER: "the researcher's view only looks on",
     REPLAY: "this is a replay: nothing can be commanded or answered",
 }
@@ -171,6 +171,13 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         is_input=True,
     ),
     "note": MessageForm("a note", (PARTICIPANT, CONDUCTOR), {"text": Field("string", most=MAX_NOTE)}, is_input=True),
+    "help": MessageForm(
+        "a call for help (`asked`), the conductor's answer that somebody comes (`seen`), or its end (`over`)",
+        (PARTICIPANT, CONDUCTOR),
+        {"state": TEXT},
+        is_input=True,
+    ),
+    "end": MessageForm("end the run now; it is not complete", (CONDUCTOR,), {}, is_input=True),
     "page": MessageForm(
         "what happened to the page",
         (PARTICIPANT,),
@@ -239,6 +246,8 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "pace": Field("{ paused: boolean; speed: number }", {"paused": False, "speed": 0.0}),
             "probe": Field("Probe | null", None),
             "proposal": Field("{ delta: number; left_s: number } | null", None),
+            "help": Field('"asked" | "seen" | "over"', "over"),
+            "next": Field("{ what: string; at_s: number } | null", LEFT_OUT),
             "replay": Field("{ from_s: number; to_s: number; speed: number; paused: boolean }", LEFT_OUT),
             "truth": Field("Truth | null", LEFT_OUT),
             "status": Field("Record<string, unknown>", LEFT_OUT),

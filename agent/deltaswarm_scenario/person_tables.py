@@ -10,7 +10,7 @@ from deltaswarm_scenario.columns import MONOTONIC, PAGE, Column, Utc
 from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
 _ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
-_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "ready", *_ANSWERS)
+_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "help", "end", "ready", *_ANSWERS)
 
 PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
@@ -26,7 +26,12 @@ class OperatorAction(NamedTuple):
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the act")] = None
     name: Annotated[
-        str, Column("", "the command; target or decoy; pause, resume, step or speed; what happened to the page")
+        str,
+        Column(
+            "",
+            "the command; target or decoy; pause, resume, step or speed; help asked, seen or over; what happened to "
+            "the page",
+        ),
     ] = ""
     command: Annotated[int | None, Column("", "number of the command")] = None
     target: Annotated[str, Column("", "whom the command is for: all, circle, tree, agent or place")] = ""

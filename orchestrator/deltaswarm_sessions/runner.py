@@ -43,6 +43,8 @@ class Runner:
     command: str = ""
     """The command that continues the session, for the experimenter."""
     _token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
+    _researcher_token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
+    _researcher_listen: str = field(default_factory=lambda: free_address(LOOPBACK), init=False)
     _opens_browser: bool = field(default=True, init=False)
 
     _lock: FolderLock = field(init=False)
@@ -117,7 +119,9 @@ class Runner:
 
     def _options(self, run: PlannedRun) -> RunOptions:
         station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
-        return RunOptions(out=free_folder(self.folder / run.folder), station=station, researcher=self.researcher)
+        page = StationChannel(listen=self._researcher_listen, token=self._researcher_token) if self.researcher else None
+        out = free_folder(self.folder / run.folder)
+        return RunOptions(out=out, station=station, researcher=self.researcher, researcher_page=page)
 
     def _do_run(self, run: PlannedRun) -> int:
         options = self._options(run)

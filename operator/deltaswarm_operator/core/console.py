@@ -36,6 +36,7 @@ SPEEDS = (1, 2, 5, 10, 20, 50, 0)
 INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
 HISTORY_ROWS = 600
 SHEET_FIELDS = ("consent", "participant", "condition")
+HELP_ASKED, HELP_SEEN, HELP_OVER = "asked", "seen", "over"
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
 
@@ -71,6 +72,12 @@ class Console:
         """Whether there is a station now."""
         self.beats = PageBeats()
         self._is_held_for_page = False
+        self.has_conductor = False
+        """Whether there is a conductor's page."""
+        self.help = HELP_OVER
+        """Whether the person has called for help, and whether the conductor has seen it."""
+        self.is_ended = False
+        """Whether the conductor has ended the run."""
         self.inputs: dict[str, list[Message]] = {}
         """The answers to the newest inputs by their ids: one that is sent again counts once."""
         self.pace = Pace(briefing.speed, -1)
@@ -332,11 +339,12 @@ class Console:
             goal=briefing.operator.task.goal if briefing.operator.task.is_on else "",
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
-            panels=page.panels,
+            panels=[panel for panel in page.panels if panel != "help" or self.has_conductor],
             place=page.place,
             asks=briefing.operator.asks_in_passing,
             end_text=page.end_text,
-            session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None},
+            session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None}
+            | ({name: getattr(probes, name) for name in SHEET_FIELDS[1:]} if kind == CONDUCTOR_KIND else {}),
         )
 
     def show(self, wall_s: float, **more: Any) -> Message:
@@ -368,6 +376,7 @@ class Console:
             pace={"paused": self.is_held, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
             proposal=self._proposal,
+            help=self.help,
         )
         return made("picture", **{**fields, **more})
 

@@ -7,7 +7,14 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 from typing import Any
 
-from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, INPUTS_KEPT, Console
+from deltaswarm_operator.core.console import (
+    HELP_ASKED,
+    HELP_OVER,
+    HELP_SEEN,
+    INBOX_CAUGHT_UP,
+    INPUTS_KEPT,
+    Console,
+)
 from deltaswarm_operator.core.picture import item_rows
 from deltaswarm_operator.core.probes import delay_s
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
@@ -153,6 +160,23 @@ def _note(console: Console, raw: Raw, at: Raw) -> list[Message]:
     return []
 
 
+def _help(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    state = raw["state"]
+    if state not in ((HELP_SEEN, HELP_OVER) if at["by"] == CONDUCTOR else (HELP_ASKED, HELP_OVER)):
+        raise ValueError(f"a message's state must be {HELP_ASKED}, {HELP_SEEN} or {HELP_OVER}, as the page may say")
+    if not console.has_conductor:
+        raise ValueError("nobody conducts this run")
+    console.help = state
+    console.note(kind="help", name=state, **at)
+    return []
+
+
+def _end(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    console.is_ended = True
+    console.note(kind="end", **at)
+    return []
+
+
 def _page(console: Console, raw: Raw, at: Raw) -> list[Message]:
     console.note(kind="page", name=raw["event"], text=raw.get("text", ""), **at)
     return []
@@ -194,6 +218,8 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "form": _answer,
     "ready": _ready,
     "note": _note,
+    "help": _help,
+    "end": _end,
     "page": _page,
     "beat": lambda console, raw, at: [made("beat", to=at["page"])],  # that it came is noted above
     "sheet": _sheet,

@@ -1,12 +1,13 @@
 /** The conductor's page: what the participant has selected, does and answers, and the truth beside the knowledge. */
 
-import { element, input, keepRows, make, setText } from "./dom.js";
+import { button, element, input, keepRows, make, setText } from "./dom.js";
 import { clock } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Act} Act */
 
 const MAX_ACTS = 200;
+const SURE_MS = 5000;
 /** Acts that only say how the page looks. */
 const LOOKS = ["selected", "tab", "zoom", "size"];
 
@@ -20,8 +21,10 @@ export class ConductPanel {
     /** @type {[number, Act][]} with their number on this page */
     this.acts = [];
     this.count = 0;
+    this.endAt_ms = -Infinity;
     /** @type {Record<string, string>} how the participant's page looks now */
     this.looks = {};
+    button("run-end").addEventListener("click", () => this.end());
     const truth = input("layer-truth");
     truth.addEventListener("change", () => {
       app.model.showsTruth = truth.checked;
@@ -33,6 +36,24 @@ export class ConductPanel {
   start() {
     const isOffered = this.app.model.hello?.kind === "conductor";
     for (const label of input("layer-truth").labels ?? []) label.hidden = !isOffered;
+  }
+
+  /** Whose session this is, which of its runs, and its condition: the heading of the conductor's page. */
+  get title() {
+    const { hello } = this.app.model;
+    if (hello?.kind !== "conductor") return "";
+    const [number, count] = hello.place ?? [];
+    const place = count === undefined ? "" : number ? `run ${number} of ${count}` : "training";
+    const { participant, condition } = hello.session ?? {};
+    return [participant, place, condition && `condition ${condition.replace(/^\d+ /, "")}`, hello.run].filter(Boolean).join(" · ");
+  }
+
+  /** End the run at the second press: it is not complete then. */
+  end() {
+    const isSure = performance.now() - this.endAt_ms < SURE_MS;
+    this.endAt_ms = performance.now();
+    if (isSure) this.app.send({ type: "end" });
+    else this.app.say("Press again to end the run, which is then not complete; the session stops.");
   }
 
   /** Forget another run's acts. */
@@ -61,6 +82,9 @@ export class ConductPanel {
   }
 
   update() {
+    const next = this.app.model.picture?.next;
+    setText(element("next-question"), next ? `Next question: ${next.what} at ${clock(next.at_s)}` : "No more questions while the run goes on");
+    element("conduct").hidden = this.app.model.hello?.kind !== "conductor";
     const create = () => make("li", {}, make("time"), make("b"), make("span", { class: "what" }));
     keepRows(
       element("acts-list"),

@@ -84,7 +84,7 @@ export class InboxPanel {
             ? "The participant's page has the inbox."
             : t("No messages."),
     );
-    document.title = `${unread ? `(${unread}) ` : ""}${t(model.hello?.title ?? "station")}`;
+    document.title = `${unread ? `(${unread}) ` : ""}${element("title").textContent}`;
   }
 
   readAll() {

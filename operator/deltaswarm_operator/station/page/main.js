@@ -5,6 +5,7 @@ import { CommandPanel } from "./commands.js";
 import { ConductPanel } from "./conduct.js";
 import { choice, element, setText } from "./dom.js";
 import { FormPanel } from "./form.js";
+import { HelpCall } from "./help_call.js";
 import { InboxPanel } from "./inbox.js";
 import { IsaPanel } from "./isa.js";
 import { Keys } from "./keys.js";
@@ -91,6 +92,7 @@ const isa = new IsaPanel(app);
 const tlx = new TlxPanel(app);
 const session = new SessionPanel(app);
 const form = new FormPanel(app);
+const help = new HelpCall(app);
 const conduct = new ConductPanel(app, () => {
   map.update();
   showLists();
@@ -117,7 +119,7 @@ function takeHello(hello) {
     app.say(t("Not noted: the run that it was for is over."));
   isNew = false;
   if (isFirst || isOther) events.begin();
-  setText(element("title"), t(hello.title));
+  setText(element("title"), conduct.title || t(hello.title));
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
   if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
@@ -158,6 +160,7 @@ function takePicture(picture) {
   if (!isFirstPicture) heardAt_ms = performance.now();
   isFirstPicture = false;
   pace.update();
+  help.update();
   isa.update();
   autonomy.update();
   tlx.update();
@@ -177,7 +180,10 @@ function showRole() {
     researcher: "Researcher's view: shows what no operator knows",
     conductor: `Conductor's view: shows what the participant does not know. Participant: ${conduct.words}`,
   };
-  const { hello, asked } = app.model;
+  const { hello, asked, picture } = app.model;
+  const isCalled = hello?.kind === "conductor" && picture?.help === "asked";
+  element("role").classList.toggle("alarm", isCalled);
+  if (isCalled) return setText(element("role"), "The participant calls for help.");
   const text = hello ? words[hello.kind] : "";
   element("role").hidden = !text;
   setText(element("role"), text && asked ? t("{role}. The participant is asked: {question}", { role: text, question: question(asked) }) : text);
@@ -219,10 +225,12 @@ function showStatus() {
   let [state, words] = ["live", hello?.kind === "replay" ? t("replay") : t("live")];
   if (!picture) [state, words] = ["silent", t("waiting for the run")];
   const atEnd = t(hello?.end_text ?? "");
-  element("ended").hidden = !link.hasEnded || !atEnd;
+  element("ended").hidden = !link.hasEnded || !atEnd || hello?.kind === "conductor";
   showPlain(app.model, link.hasEnded);
+  if (link.hasEnded) element("help-me").hidden = true;
   setText(element("ended"), atEnd);
   if (link.hasEnded) [state, words] = ["ended", atEnd ? t("the run has ended") : t("the run has ended; this page may be closed")];
+  if (link.hasEnded && hello?.kind === "conductor" && atEnd) words = "the run has ended; the page of the next one follows here";
   else if (!isOpen) [state, words] = ["lost", hello ? t("connection lost, trying again") : t("connecting")];
   else if (picture?.over) [state, words] = ["ended", t("the run is over")];
   else if (pace.state.paused) [state, words] = ["paused", t("paused")];

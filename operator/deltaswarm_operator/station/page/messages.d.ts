@@ -62,6 +62,8 @@ export type Picture = {
   pace: { paused: boolean; speed: number };
   probe: Probe | null;
   proposal: { delta: number; left_s: number } | null;
+  help: "asked" | "seen" | "over";
+  next?: { what: string; at_s: number } | null;
   replay?: { from_s: number; to_s: number; speed: number; paused: boolean };
   truth?: Truth | null;
   status?: Record<string, unknown>
@@ -101,6 +103,8 @@ export type Intent =
   | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
   | { type: "ready"; form: string; number: number; shown_s?: number | null }
   | { type: "note"; text: string }
+  | { type: "help"; state: string }
+  | { type: "end" }
   | { type: "page"; event: string; text?: string | null }
   | { type: "beat" }
   | { type: "sheet"; consent: boolean; participant?: string | null; condition?: string | null }

@@ -54,6 +54,9 @@ export interface Form {
 
 export interface Session {
   sheet?: { consent: string; participant: string; condition: string } | null;
+  /** Of the conductor's page alone. */
+  participant?: string;
+  condition?: string;
 }
 
 export interface Language {
