@@ -18,6 +18,7 @@ CORE = {
 EXTENSIONS = {
     "deltaswarm_studies": "orchestrator",
     "deltaswarm_sessions": "orchestrator",
+    "deltaswarm_branches": "orchestrator",
     "deltaswarm_cluster": "orchestrator",
     "deltaswarm_learn": "orchestrator",
     "deltaswarm_board": "agent",
@@ -29,7 +30,7 @@ EXTENSIONS = {
 ORDER = ("cli", "scenarios", "run", "processes", "base", "core", "io", "station", "recording", "results")
 """Folders of a package in the order of a run; other folders follow."""
 
-JOINS = ("deltaswarm_orchestrator/run/in_process.py", "deltaswarm_orchestrator/run/bounds.py")
+JOINS = tuple(f"deltaswarm_orchestrator/run/{name}.py" for name in ("in_process", "bounds", "checkpoints"))
 """The files that join the cores of several parts in one process."""
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from docs.extensions import api, architecture, page_messages, published
+from docs.extensions import api, architecture, branch_keys, page_messages, published
 from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
@@ -51,6 +51,12 @@ def test_the_lists_of_packages_and_files_are_up_to_date() -> None:
     files = {file.name for name, folder in rooms.items() for file in (DOCS.parent / folder / name).rglob("*.py")}
     assert len(files) > 100
     assert not {name for name in files - {"__init__.py"} if f"| `{name}` | " not in page}
+
+
+def test_the_table_of_keys_that_may_differ_in_a_branch_is_up_to_date() -> None:
+    """docs/BRANCHES.md has every rule."""
+    page = (DOCS / "BRANCHES.md").read_text()
+    assert page == branch_keys.with_keys(page)
 
 
 @in_one_test("page", sorted((DOCS / "api").glob("*.md")))

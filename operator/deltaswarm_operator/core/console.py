@@ -19,6 +19,7 @@ from deltaswarm_operator.core.page_beats import QUIET_AFTER_S, PageBeats
 from deltaswarm_operator.core.picture import Item, Picture, item_rows
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.recent_acts import RecentActs
+from deltaswarm_operator.core.script import Script, Scripted
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
@@ -89,7 +90,9 @@ class Console:
         self.briefing = briefing
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
-        self._script = deque(sorted(briefing.command, key=lambda command: command.at_s))
+        self.script = Script(map(Scripted, briefing.command), briefing.step_s)
+        self.rule_drops = 0
+        """So many of the next commands of a simulated person or of the system are not given."""
         self.step = -1
         """The newest closed step."""
         self._is_over = False
@@ -217,11 +220,13 @@ class Console:
 
     def _follow_script(self, step: int) -> None:
         """Give the script's commands for this step; those that are too early leave in the first possible step."""
-        script, step_s = self._script, self.briefing.step_s
-        while script and round(script[0].at_s / step_s) <= step and self.command_log.has_room:
-            scripted = script.popleft()
-            target = Target(scripted.target, scripted.numbers)
-            self.command(SCRIPT, scripted.name, target, scripted.arguments, scripted.life_s)
+        while (scripted := self.script.due(step)) and self.command_log.has_room:
+            self.script.take()
+            if scripted.is_dropped:
+                self.command_log.skip()
+                continue
+            given = scripted.command
+            self.command(SCRIPT, given.name, Target(given.target, given.numbers), given.arguments, given.life_s)
 
     def _act_as(self, person: SimulatedOperator, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
         """Carry out the simulated person's acts up to now."""
@@ -275,7 +280,11 @@ class Console:
     def command(
         self, by: str, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float, **at: Any
     ) -> int:
-        """Give a command; return its place among all commands. `at`: columns of the act. Raises ValueError."""
+        """Give a command; return its place among all, -1 if dropped. `at`: columns of the act. Raises ValueError."""
+        if self.rule_drops and by in (SIMULATED, SYSTEM):
+            self.rule_drops -= 1
+            self.command_log.skip()
+            return -1
         command = self.command_log.issue(name, target, arguments, self.picture.now_s, *life_s, by=by)
         numbers = [value for value in command.arguments.values() if not isinstance(value, str)]
         self.note(

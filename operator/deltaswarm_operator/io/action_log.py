@@ -32,7 +32,7 @@ class ActionLog:
     def __init__(self, folder: Path, sizes: Mapping[str, int] | None = None, *, has_station: bool = False) -> None:
         for name, size in (sizes or {}).items():
             os.truncate(folder / name, size)
-        self._folder = folder
+        self.folder = folder
         self._streams = {
             name: (folder / name).open("a" if sizes else "w", newline="", encoding="utf-8")
             for name in (ACTIONS, PROBES, *([WALL_TIMES] if has_station else []))
@@ -86,7 +86,7 @@ class ActionLog:
         self._whole("event_numbers", [EventNumberRow(number, event) for event, number in picture.event_numbers.items()])
 
     def _whole(self, name: str, rows: Iterable[tuple[Any, ...]]) -> None:
-        with (self._folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as stream:
+        with (self.folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(TABLES[name]._fields)
             writer.writerows(rows)

@@ -34,7 +34,7 @@ LIVE_PORT = 8765
 ANYWHERE = "tcp/127.0.0.1:0"
 """Any free port, reachable from this machine only."""
 
-FOXGLOVE = "foxglove"
+FOXGLOVE, IN_PROCESS = "foxglove", "in-process"
 
 NEEDS = {
     "debug": "in_process",
@@ -235,6 +235,13 @@ def _default_folder(scenario: Scenario) -> Path:
     return free_folder(Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}")
 
 
+def _began_in_process(folder: Path) -> bool:
+    """Whether a run to resume has all its cores in one process, as a branch may."""
+    from deltaswarm_orchestrator.base import seal
+
+    return bool(seal.read_sealed(folder / seal.MANIFEST).get("engine") == IN_PROCESS)
+
+
 def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
     from deltaswarm_orchestrator.processes.boards import Boards
     from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel
@@ -254,7 +261,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(
         out=out,
-        in_process=arguments.in_process,
+        in_process=arguments.in_process or (arguments.resume and _began_in_process(arguments.resume)),
         debug=arguments.debug,
         force=arguments.force,
         listen=listen,

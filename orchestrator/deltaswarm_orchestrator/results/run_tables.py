@@ -5,7 +5,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 import tomli_w
 
@@ -37,6 +37,9 @@ RUNNING = "running"
 """The exit reason of a run that has not ended. A killed run keeps it: see `folder_lock.is_held`."""
 
 Row = TypeVar("Row", Workload, EventState)
+
+HINTS: dict[type[Any], dict[str, Any]] = {kind: get_type_hints(kind) for kind in (Workload, EventState)}
+"""The types of a row's cells, without their limits."""
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
@@ -112,7 +115,7 @@ def _step_record(row: dict[str, str]) -> StepRecord:
 
 
 def _row(kind: type[Row], row: dict[str, str]) -> Row:
-    return kind(*(_cell(row[name], kind.__annotations__[name]) for name in kind._fields))
+    return kind(*(_cell(row[name], HINTS[kind][name]) for name in kind._fields))
 
 
 def _cell(text: str, hint: Any) -> Any:

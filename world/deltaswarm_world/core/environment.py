@@ -152,6 +152,12 @@ class Environment(Saved):
             self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
 
+    def redraw(self, seed: int, time_s: float) -> None:
+        """Draw anew, as with another seed, which events arrive after a time [s], and where they are sensed."""
+        self._arrivals.redraw(seed, time_s)
+        if self._classes is not None:
+            self._classes.redraw(seed, [record.event for record in self.arrived])
+
     def states(self) -> list[EventState]:
         """Return all events so far in order of arrival, by id within a step."""
         return [event.state() for event in sorted(self.arrived, key=_by_arrival)]

@@ -138,10 +138,23 @@ class WorldCore(Saved):
                     self.environment.command(agent, 0.0, 0.0)
                 elif order.action == START:
                     participants.token_back(agent)
-                    self._sleep.start(agent, step)
-                    self.intake.expect_new_process(agent)
+                    self.expect_new_process(agent, step)
         participants.freeze(self._faults.frozen)
         return orders
+
+    def expect_new_process(self, agent: int, step: int) -> None:
+        """Expect a new process of an agent, which begins with this step and knows nothing of those before."""
+        self._sleep.start(agent, step)
+        self.intake.expect_new_process(agent)
+
+    def redraw(self, seed: int) -> None:
+        """Draw anew, as with another seed, what will happen after the last closed step and is not drawn yet.
+
+        The generators that the models of the air have drawn from are not replaced.
+        """
+        self.environment.redraw(seed, self._time_s)
+        if self._faults is not None:
+            self._faults.redraw(seed)
 
     def begin(
         self, step: int, last: bool, probe: bool = False, lap: Callable[[str], None] = _untimed

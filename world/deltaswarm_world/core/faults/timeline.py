@@ -113,6 +113,10 @@ class Faults:
     def _of(self, name: str) -> list[ActiveFault]:
         return [fault for fault in self._active if fault.fault.kind == name]
 
+    def redraw(self, seed: int) -> None:
+        """Draw the targets and effects of the faults that have not begun anew, as with another seed."""
+        self._seed = seed
+
     # What bodies do and sense in each step
 
     def seeing(self, present: list[bool]) -> list[bool]:

@@ -1,0 +1,123 @@
+"""The command `deltaswarm branch`: read its options, and print what comes of it."""
+
+import argparse
+import tomllib
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base.exits import Reporter, notice
+from deltaswarm_orchestrator.cli.arguments import Group, add_json, add_quiet, free_folder, number
+from deltaswarm_scenario.operator_links import CommandSettings
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+
+LATER = ("kept", "dropped", "decided")
+"""Those of `plan.LATER`, which is slow to import."""
+
+ADDED = "--add-command"
+
+
+def add_branch(command: argparse.ArgumentParser) -> None:
+    """Go on from a step of a run with something different: an order less or more, a setting, a mode."""
+    command.description = (
+        "Repeat a run, check its digest, and go on from one of its steps in a new run with something different: "
+        "without an order, with another, or with other settings. Events and chance are the same, as far as they are "
+        "common to both. See docs/BRANCHES.md."
+    )
+    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, whoever gave orders in it")
+    group = command.add_argument_group("what is different")
+    group.add_argument(
+        "--at",
+        type=number(0.0),
+        metavar="S",
+        help="time from which on it is different [s] (default: when the first dropped order left the base)",
+    )
+    group.add_argument(
+        "--drop-command",
+        type=int,
+        action="append",
+        default=[],
+        metavar="N",
+        help="number of an order that is not given, as in commands.csv",
+    )
+    group.add_argument(
+        ADDED,
+        action="append",
+        default=[],
+        metavar="TOML",
+        help="an order that is given besides, as in a scenario: 'name=\"set delta\", arguments={delta=3}' (at_s: --at)",
+    )
+    group.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting from then on")
+    group.add_argument("--mode", metavar="MODE", help="control mode from then on; short for --set control.mode=MODE")
+    add_later(group)
+    group = command.add_argument_group("output")
+    group.add_argument("--processes", action="store_true", help="go on with real processes (default: in one process)")
+    group.add_argument("--out", type=Path, metavar="FOLDER", help="folder of the new run (default: runs/NAME-atS)")
+    group.add_argument("--force", action="store_true", help="replace the folder if it exists")
+    add_json(group)
+    add_quiet(group)
+    command.set_defaults(func=branch, makes_files=True, handles_signals=True)
+
+
+def add_later(group: Group) -> None:
+    """Add `--later`."""
+    group.add_argument(
+        "--later",
+        choices=LATER,
+        default="",
+        help="later orders: kept: given in the same steps (default); dropped: not given; decided: anew, by the "
+        "simulated person or the system (default if one of them gives orders)",
+    )
+
+
+def branch(arguments: argparse.Namespace) -> int:
+    """Make a branch, and print its results."""
+    from deltaswarm_branches.handover import prepare
+    from deltaswarm_branches.parent import read_parent
+    from deltaswarm_branches.plan import Difference, at_step, plan
+    from deltaswarm_branches.trunk import repeat
+    from deltaswarm_orchestrator.results.folder import check_target
+    from deltaswarm_orchestrator.run.options import RunOptions
+    from deltaswarm_orchestrator.run.report import check_run, run_and_report
+
+    parent = read_parent(arguments.run)
+    sets = [*arguments.set, *([f"control.mode={arguments.mode}"] if arguments.mode else [])]
+    difference = Difference(tuple(arguments.drop_command), (), tuple(sets), arguments.later)
+    step = at_step(parent, arguments.at, difference)
+    at_s = step * parent.step_s
+    added = tuple(_added(text, at_s) for text in arguments.add_command)
+    difference = Difference(difference.drop, added, difference.sets, difference.later)
+    planned = plan(parent, step, difference)
+    out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
+    check_target(out, arguments.force)
+    options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)
+    check_run(planned.scenario, options)
+    notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
+    with _display(arguments, parent.step_s, parent.scenario.agents.count) as display:
+        trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
+    engine = "processes" if arguments.processes else "in-process"
+    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=arguments.force)
+    return run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
+
+
+def _display(arguments: argparse.Namespace, step_s: float, agents: int) -> Any:
+    from deltaswarm_orchestrator.run.progress import Display
+
+    return nullcontext(Reporter()) if arguments.quiet else Display(step_s, agents)
+
+
+def _added(text: str, at_s: float) -> CommandSettings:
+    """Read an order from the text of a TOML table, with or without braces; by default it leaves at the branching point.
+
+    Raises:
+        SettingsError: it is no order.
+    """
+    inner = text.strip()
+    inner = inner if inner.startswith("{") else f"{{{inner}}}"
+    try:
+        table = tomllib.loads(f"command = {inner}")["command"]
+    except (ValueError, RecursionError) as error:
+        must = "must be an order as in a scenario, such as 'name=\"set delta\", arguments={delta=3}'"
+        raise SettingsError([Problem(ADDED, f"{text!r}; {error}", must)]) from None
+    return checked.load(CommandSettings, {"at_s": at_s, **table}, ADDED)
