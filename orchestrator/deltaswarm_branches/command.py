@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import Reporter, notice
-from deltaswarm_orchestrator.cli.arguments import Group, add_json, add_quiet, free_folder, number
+from deltaswarm_orchestrator.base.paths import free_folder
+from deltaswarm_orchestrator.cli.arguments import Group, add_json, add_quiet, number
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -73,13 +74,14 @@ def add_later(group: Group) -> None:
 
 def branch(arguments: argparse.Namespace) -> int:
     """Make a branch, and print its results."""
+    from deltaswarm import runs
     from deltaswarm_branches.handover import prepare
     from deltaswarm_branches.parent import read_parent
     from deltaswarm_branches.plan import Difference, at_step, plan
     from deltaswarm_branches.trunk import repeat
+    from deltaswarm_orchestrator.cli.report import run_and_report
     from deltaswarm_orchestrator.results.folder import check_target
     from deltaswarm_orchestrator.run.options import RunOptions
-    from deltaswarm_orchestrator.run.report import check_run, run_and_report
 
     parent = read_parent(arguments.run)
     sets = [*arguments.set, *([f"control.mode={arguments.mode}"] if arguments.mode else [])]
@@ -92,7 +94,7 @@ def branch(arguments: argparse.Namespace) -> int:
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
     options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)
-    check_run(planned.scenario, options)
+    runs.check(planned.scenario, options)
     notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
     with _display(arguments, parent.step_s, parent.scenario.agents.count) as display:
         trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
