@@ -41,7 +41,7 @@ def write(folder: Path, begun: Begun) -> None:
         operator.checkpoint(step, sizes)
     with WorldOutput(folder, cores.world.columns) as world:
         for record in begun.step_records:
-            world.write(record, cores.world.environment.arrived if record.step == step else ())
+            world.write(record, cores.world.environment.states() if record.step == step else ())
         backoff = TimeoutBackoff(cores.world.scenario.run.step_timeout_s)
         saving.save(folder, saving.SavedWorld(cores.world, backoff, cores.restarts, world.sync()))
 
