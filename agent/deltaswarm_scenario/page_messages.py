@@ -275,6 +275,11 @@ TO_PAGE: Mapping[str, MessageForm] = {
     ),
     "read": MessageForm("items marked as read", (PARTICIPANT, WATCHER, CONDUCTOR, REPLAY), {"items": INTEGERS}),
     "act": MessageForm("what the participant did or answered", (CONDUCTOR,), {"act": Field("Act")}),
+    "acts": MessageForm(
+        "what the participant did and answered in the run that is replayed; with `is_first`, what was told before goes",
+        (REPLAY,),
+        {"acts": Field("Act[]"), "is_first": FLAG},
+    ),
     "truth": MessageForm(
         "from the orchestrator: agents and events as they are",
         (CONDUCTOR,),

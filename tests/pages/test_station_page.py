@@ -237,6 +237,28 @@ def test_replay_seeks_forwards_and_back(open_page: Callable[..., Page]) -> None:
     assert not page.at("command-form").is_displayed()
 
 
+def test_a_replay_shows_on_its_time_bar_what_the_participant_did(open_page: Callable[..., Page]) -> None:
+    """Judgements, answers, selections and notes; the list leads to each, and the map rings what was selected."""
+    page = open_page(Swarm("replay"))
+    acts = [
+        {"time_s": 60.0, "kind": "page", "name": "selected", "text": "event 2"},
+        {"time_s": 70.0, "kind": "judge", "name": "decoy", "event": 2},
+        {"time_s": 300.0, "kind": "answer", "name": "sagat", "text": "trees: 2"},
+        {"time_s": 450.0, "kind": "note", "text": "too fast"},
+    ]
+    page.feed.send({"type": "acts", "acts": acts, "is_first": True})
+    page.until(lambda: page.at("marks").is_displayed())
+    rows = page.texts("#marks > span")
+    assert rows == ["judgements: 1", "answers: 1", "selections: 1", "notes and other acts: 1"]
+    assert page.all("#marks i")[0].get_attribute("title") == "1:10 decoy event 2"
+    page.at("tab-acts").click()
+    page.until(lambda: len(page.all("#acts-list li")) == 3)
+    before = page.drawn()
+    page.all("#acts-list button")[1].click()
+    assert page.asked("seek") == {"type": "seek", "time_s": 300}
+    page.until(lambda: page.text("time") == "5:00" and page.drawn() != before)
+
+
 CHART = "#workload-chart canvas"
 SEEK = "const bar = document.getElementById('seek'); bar.value = arguments[0]; bar.dispatchEvent(new Event('change'))"
 

@@ -1,6 +1,7 @@
 """`python -m deltaswarm_operator.io.replaying`: feed the station's page of a finished run, from a file of its steps.
 
-The file is a stream of MessagePack values: the briefing, then each step: clock, workload, encoded reports, items read.
+The file is a stream of MessagePack values: the briefing, then each step: clock, workload, encoded reports, items read,
+acts.
 """
 
 import argparse
@@ -39,8 +40,10 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
         try:
             briefing = checked.load(Briefing, next(values, None))
             steps = [
-                RecordedStep(Clock(*clock), Workload(*workload), tuple(map(decode_report, reports)), tuple(read))
-                for clock, workload, reports, read in values
+                RecordedStep(
+                    Clock(*clock), Workload(*workload), tuple(map(decode_report, reports)), tuple(read), tuple(acts)
+                )
+                for clock, workload, reports, read, acts in values
             ]
         except (TypeError, msgpack.UnpackException) as error:
             raise ValueError(f"{file}: {error}") from None

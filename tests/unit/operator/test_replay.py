@@ -20,6 +20,7 @@ from tests.support.cores import swarm
 from tests.support.tiers import in_one_test
 
 STEPS = 260
+JUDGED = ((20, "decoy"), (30, "target"), (40, "decoy"))
 SETS = (
     "control.delta=2",
     "uplink.latency_s=3",
@@ -172,3 +173,18 @@ def test_a_file_without_steps_is_refused(tmp_path: Any) -> None:
         file.write_bytes(data)
         with pytest.raises(ValueError, match=r".+"):
             read(file)
+
+
+def test_a_replay_tells_what_the_person_did_and_judges_no_earlier() -> None:
+    """All acts at once, for the time bar; the map has a judgement from its step on, also after a jump back."""
+    briefing, steps = recorded()
+    acts = [{"time_s": float(step), "kind": "judge", "event": 1, "name": answer} for step, answer in JUDGED]
+    steps = [step._replace(acts=tuple(act for act in acts if act["time_s"] == step.clock.time_s)) for step in steps]
+    replay = Replay(briefing, steps)
+    [_, *told] = replay.intend(json.dumps({"type": "catch_up", "from": 1}).encode())
+    assert [act for message in told for act in message["acts"]] == acts
+    assert [message["is_first"] for message in told] == [True]
+    for time_s, answer in ((260.0, "decoy"), (35.0, "target"), (9.0, None)):
+        replay.seek(time_s)
+        replay.show()
+        assert replay._console.judgements.get(1) == answer

@@ -93,7 +93,7 @@ const tlx = new TlxPanel(app);
 const session = new SessionPanel(app);
 const form = new FormPanel(app);
 const help = new HelpCall(app);
-const conduct = new ConductPanel(app, () => {
+const conduct = new ConductPanel(app, (time_s) => pace.seek(time_s), () => {
   map.update();
   showLists();
 });
@@ -148,7 +148,7 @@ function offerPanels({ panels, asks }) {
   tabs.offer("tab-agents", has("agents"));
   tabs.offer("tab-events", has("events"));
   tabs.offer("tab-notes", has("notes") && ["live", "conductor"].includes(kind));
-  tabs.offer("tab-acts", kind === "conductor");
+  tabs.offer("tab-acts", kind === "conductor" || kind === "replay");
   element("side").hidden = tabs.isEmpty;
   element("asks").hidden = !asks || kind !== "live";
 }
@@ -161,6 +161,7 @@ function takePicture(picture) {
   isFirstPicture = false;
   pace.update();
   help.update();
+  conduct.follow();
   isa.update();
   autonomy.update();
   tlx.update();
@@ -254,6 +255,10 @@ function take(message) {
   } else if (message.type === "truth") {
     app.model.takeTruth(message);
     map.update();
+    showListsSoon();
+  } else if (message.type === "acts") {
+    if (message.is_first) conduct.forget();
+    conduct.take(message.acts);
     showListsSoon();
   } else if (message.type === "act") {
     conduct.take([message.act]);

@@ -88,6 +88,7 @@ export type Message =
   | { type: "refused"; id: string | null; why: string; again?: boolean }
   | { type: "read"; items: number[] }
   | { type: "act"; act: Act }
+  | { type: "acts"; acts: Act[]; is_first: boolean }
   | { type: "truth"; time_s: number; agents: Truth["agents"]; events: Truth["events"] }
   | { type: "role"; role: "watch" }
   | { type: "ended" };
