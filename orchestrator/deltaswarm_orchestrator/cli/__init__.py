@@ -29,6 +29,7 @@ COMMANDS = {
     "why": "explain how a run ended, or whether one agent could hear another at some time of it",
     "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",
+    "compile": "compile the cores of this installation, so that runs take less time",
     "doctor": "check whether this machine has what runs need",
     "completion": "print a script with which a shell completes commands and options",
 }
@@ -36,7 +37,7 @@ COMMANDS = {
 
 MODULES = {
     **dict.fromkeys(("export", "info", "replay", "station", "top", "why"), "one_run"),
-    **dict.fromkeys(("completion", "doctor", "list"), "installation"),
+    **dict.fromkeys(("compile", "completion", "doctor", "list"), "installation"),
 }
 
 

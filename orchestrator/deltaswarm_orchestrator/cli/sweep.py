@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from deltaswarm import sweeps
 from deltaswarm.runs import IN_PROCESS, PROCESSES
 from deltaswarm.sweeps import engine_maker
+from deltaswarm_orchestrator import compiling
 from deltaswarm_orchestrator.base.advice import as_given
-from deltaswarm_orchestrator.base.exits import OK, CommandError, complain
+from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.provenance import build
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show, whole
 
 if TYPE_CHECKING:
@@ -87,8 +89,15 @@ def conduct_for(
     Raises:
         CommandError: the sweep could not start, or its tables could not be written.
     """
+    from deltaswarm_orchestrator.sweeps.job import default_workers
+
     means = _means(arguments)
     make_engine = engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
+    if means == IN_PROCESS and arguments.engine == "local":
+        workers = arguments.jobs or default_workers(means)
+        planned_s = compiling.rough_s(job.scenario for job in loaded.jobs()) / workers
+        if line := compiling.hint(planned_s, build()):
+            notice(line)
     wanted = {"with_series": with_series, "with_events": with_events}
     result = sweeps.conduct(loaded, folder, make_engine, means=means, quiet=arguments.quiet, **wanted)
     for line in sweeps.complaints(result, as_given(arguments)):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from deltaswarm_scenario.truth import NOBODY_LEFT, StepRecord, encode_truth, encode_wire
+from deltaswarm_scenario.truth import NOBODY_LEFT, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.child import FAILED, GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
@@ -105,11 +105,7 @@ class WorldProcess:
         return complete
 
     def _steps(self, steps: range, output: WorldOutput) -> int:
-        """Run these steps, or fewer; return the last one.
-
-        A closed step is booked after the frames of the next one are out, while the agents think; but at once if nothing
-        follows soon.
-        """
+        """Run these steps, or fewer; return the last one. Book a step while the agents think about the next one."""
         core, lap = self._core, self._lap
         for step in steps:
             self._await_operator(step, output)
@@ -135,21 +131,6 @@ class WorldProcess:
                 self._book(output)
                 self._save(step, output)
         return step
-
-    def _book(self, output: WorldOutput) -> None:
-        """Write down and announce the last closed step, unless that has been done.
-
-        Raises:
-            TimeoutError, InterruptedError: as in `run`.
-        """
-        if not self._unbooked:
-            return
-        self._unbooked = False
-        record = self._core.book()
-        output.write(record, self._core.closed.changed)  # a step is on file before it is announced
-        self._announce(record)
-        if time.monotonic() >= self._loop.status_due:
-            self._loop.send_status(record.step, "running")
 
     def _await_operator(self, step: int, output: WorldOutput) -> None:
         """Hold a step back until the operator's turn has come and the pace allows the step.
@@ -294,13 +275,20 @@ class WorldProcess:
             self._backoff.missed(agent, participants.step)
             log.warning("step %d continues without agent %d, which hangs", participants.step, agent)
 
-    def _announce(self, record: StepRecord) -> None:
-        """Send a step to recorder and operator; wait for a part that is far behind or being replaced.
+    def _book(self, output: WorldOutput) -> None:
+        """Write down the last closed step and send it to recorder and operator, unless that has been done.
+
+        Wait for a part that is far behind or being replaced.
 
         Raises:
             TimeoutError, InterruptedError: as in `run`.
         """
+        if not self._unbooked:
+            return
+        self._unbooked = False
         core, transport, last = self._core, self._transport, self._core.closed.is_last
+        record = core.book()
+        output.write(record, core.closed.changed)  # a step is on file before it is announced
         if self._config.publish_truth:
             transport.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
@@ -314,6 +302,8 @@ class WorldProcess:
         self._loop.is_over = last
         if not last and any(record.step - taken > AHEAD_STEPS for taken in self._loop.persisted.values()):
             self._let_catch_up(record.step)
+        if time.monotonic() >= self._loop.status_due:
+            self._loop.send_status(record.step, "running")
 
     def _welcome_operator(self) -> None:
         """Wait for the operator that replaces the lost one, and send it what it missed."""
