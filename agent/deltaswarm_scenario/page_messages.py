@@ -146,6 +146,13 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         },
         is_input=True,
     ),
+    "held": MessageForm("asks for the items of the inbox that are held back", (PARTICIPANT, CONDUCTOR), {}),
+    "open": MessageForm(
+        "shows items of the inbox that were held back",
+        (PARTICIPANT,),
+        {"items": INTEGERS},
+        is_input=True,
+    ),
     "isa": MessageForm(
         "an answer to ISA",
         (PARTICIPANT,),
@@ -239,6 +246,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "events": Field("EventRow[]", ()),
             "inbox": Field("InboxRow[]", ()),
             "judged": Field("[number, string][]", ()),
+            "held": Field("[number, number, number | null]", LEFT_OUT),
             "unread": Field("integer", 0),
             "closed": Field("{ events: number; after_s: number }", LEFT_OUT),
             "workload": Field("Workload"),
@@ -262,6 +270,9 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "history": Field("HistoryRow[]", ()),
             "acts": Field("Act[]", LEFT_OUT),
         },
+    ),
+    "held": MessageForm(
+        "the newest items of the inbox that are held back", (PARTICIPANT, CONDUCTOR), {"inbox": Field("InboxRow[]", ())}
     ),
     "accepted": MessageForm("the answer to an order", (PARTICIPANT,), {"id": TEXT, "number": INTEGER}),
     "beat": MessageForm("the answer to a beat: both ways of the connection work", (PARTICIPANT,), {}),

@@ -7,10 +7,11 @@ unless the unit says wall; `utc` is the wall clock, `monotonic_s` a clock that n
 from typing import Annotated, Any, NamedTuple
 
 from deltaswarm_scenario.columns import MONOTONIC, PAGE, Column, Utc
+from deltaswarm_scenario.operator_settings import CHANGE, INFO, NEWS
 from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
 _ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
-_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "help", "end", "ready", *_ANSWERS)
+_KINDS = ("command", "proposal", "veto", "read", "open", "pace", "note", "help", "end", "ready", *_ANSWERS)
 
 PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
@@ -44,7 +45,7 @@ class OperatorAction(NamedTuple):
     value: Annotated[
         float | None, Column("", "a command's first argument, delta, the speed, the steps or the answer")
     ] = None
-    items: Annotated[str, Column("", "numbers of the items that were read, separated by spaces")] = ""
+    items: Annotated[str, Column("", "numbers of the items that were read or opened, separated by spaces")] = ""
     event: Annotated[int | None, Column("", "number of the event that was judged, as on the page")] = None
     text: Annotated[str, Column("", "a note, the participant and condition of a sheet, or details of the page")] = ""
     page: Annotated[int | None, Column("", "number of the page that acted, in the order in which pages opened")] = None
@@ -100,6 +101,13 @@ class InboxRow(NamedTuple):
     read_s: Annotated[float | None, Column("s", "when it was read; empty: it was not")] = None
     read_utc: Utc = ""
     read_monotonic_s: Annotated[float | None, Column(MONOTONIC, "when it was read")] = None
+    news: Annotated[str, Column("", f"what it tells: {', '.join(NEWS)}")] = CHANGE
+    severity: Annotated[str, Column("", "info, notice or alert")] = INFO
+    shown_s: Annotated[float | None, Column("s", "when the inbox showed it; empty: it did not")] = None
+    line: Annotated[int | None, Column("", "its line of the inbox: the number of the first item put on it")] = None
+    is_quiet: Annotated[int | None, Column("", "1: its line only counts it, and did not ask to be read for it")] = None
+    held_because: Annotated[str, Column("", "why it was not shown when it arrived; empty: it was")] = ""
+    is_opened: Annotated[int, Column("", "1: the person opened it while it was held back")] = 0
 
 
 class CommandRow(NamedTuple):

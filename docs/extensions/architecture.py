@@ -27,7 +27,7 @@ EXTENSIONS = {
 }
 """Folder by package, in the order of a run: what all share, then who starts the run, then who takes part."""
 
-ORDER = ("cli", "scenarios", "run", "processes", "base", "core", "io", "station", "recording", "results")
+ORDER = ("cli", "scenarios", "run", "processes", "base", "core", "inbox", "io", "station", "recording", "results")
 """Folders of a package in the order of a run; other folders follow."""
 
 JOINS = tuple(f"deltaswarm_orchestrator/run/{name}.py" for name in ("in_process", "bounds", "checkpoints"))

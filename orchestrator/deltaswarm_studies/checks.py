@@ -275,7 +275,7 @@ def _columns(study: Study) -> Iterator[Problem]:
 
 
 def _has_column(metric: StudyMetric, scenario: Scenario, swept: Sequence[str]) -> bool:
-    if metric.column.startswith("person."):
+    if metric.column.startswith(("person.", "inbox.", "shown_s.", "read_s.")):
         return scenario.operator.person.is_on
     return metric.column in swept or metric.column in dict(flattened(summarise(Outcome(), scenario)))
 

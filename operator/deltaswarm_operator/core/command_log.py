@@ -7,7 +7,9 @@ from typing import Any
 
 from deltaswarm_scenario.person_tables import PERSON, CommandRow
 from deltaswarm_wire.commands import (
+    AGENT,
     MAX_IN_TURN,
+    TREE,
     Command,
     CommandForm,
     Signed,
@@ -197,3 +199,10 @@ class CommandLog:
             }
             for sent in self.sent
         ]
+
+
+def target_columns(target: Target) -> dict[str, Any]:
+    """Return the columns of an act that say whom a command is for."""
+    if target.kind in (AGENT, TREE):
+        return {"target": target.kind, "agent": int(target.numbers[0])}
+    return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}

@@ -14,13 +14,16 @@ from typing import Any
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.budget import Budget, budget_of
-from deltaswarm_operator.core.command_log import CommandLog
+from deltaswarm_operator.core.command_log import CommandLog, target_columns
 from deltaswarm_operator.core.page_beats import QUIET_AFTER_S, PageBeats
-from deltaswarm_operator.core.picture import Item, Picture, item_rows
+from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.recent_acts import RecentActs
 from deltaswarm_operator.core.script import Script, Scripted
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
+from deltaswarm_operator.inbox.item import Item
+from deltaswarm_operator.inbox.ledger import Ledger
+from deltaswarm_operator.inbox.policy import RANKED
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
@@ -28,7 +31,7 @@ from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_scenario.technique import Seen
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
+from deltaswarm_wire.commands import CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 LIVE, CONDUCTOR_KIND = "live", "conductor"
@@ -57,13 +60,14 @@ class Console:
     """
 
     def __init__(self, briefing: Briefing, command_log: CommandLog | None = None, *, in_air: bool = False) -> None:
-        self.picture = Picture(briefing.step_s)
+        self.picture = Picture(briefing.step_s, briefing.operator.inbox)
+        self.ledger = Ledger(briefing.operator.inbox, briefing.operator.person.patience_s)
         self.command_log = command_log or CommandLog(briefing.forms)
         rng = Random(f"deltaswarm/{briefing.seed}/probes")
         drawn = Random(f"deltaswarm/{briefing.seed}/probes drawn")  # of its own: ISA's times stay
         self.probes = Probes(briefing.operator.probes, rng, drawn, briefing.duration_s)
         self.probes.is_timed = False
-        self.person = person_of(briefing)
+        self.person = person_of(briefing, is_ranked=self.ledger.order == RANKED)
         self.autonomy = autonomy_of(briefing)
         self.budget = budget_of(briefing)
         """The rule by which the system sets delta; None: it does not."""
@@ -102,7 +106,6 @@ class Console:
         self._messages = 0
         self._steps_above = [0 for _ in self._thresholds]
         self.history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
-        self._shown = 0
 
     @property
     def _thresholds(self) -> list[float]:
@@ -112,7 +115,7 @@ class Console:
         """Note whether there is a station, at which somebody may sit."""
         self.is_attended = self.probes.is_timed = has_station and self.person is None
         if self.is_attended and self.attention is None:
-            self.attention = Attention(self.briefing.operator.person.patience_s)
+            self.attention = Attention(self.ledger, self.briefing.operator.person.patience_s)
 
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
@@ -183,7 +186,7 @@ class Console:
         self.command_log.close_step()
         for report in reports:
             self.command_log.hear(report)
-        items = self.picture.update(reports, clock.time_s)
+        items = self.ledger.close_step(clock.time_s, self.picture.update(reports, clock.time_s))
         self._messages += workload.messages
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
@@ -200,7 +203,7 @@ class Console:
             see=self.see,
         )
         if self.attention is not None:
-            self.attention.close_step(self.picture)
+            self.attention.close_step(clock.time_s)
         self._follow_script(clock.step + self._first_step)
         if self.person is not None:
             self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
@@ -232,7 +235,8 @@ class Console:
         """Carry out the simulated person's acts up to now."""
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
-                self.note(SIMULATED, "read", items=" ".join(map(str, self.picture.read(act.numbers))))
+                read = self.ledger.read(act.numbers, self.picture.now_s)
+                self.note(SIMULATED, "read", items=" ".join(map(str, read)))
             elif self.command_log.has_room:
                 self.command(SIMULATED, SET_DELTA, Target(), {DELTA: act.delta})
         if (answered := self.probes.answer_as(person.load, wall_s)) is not None:
@@ -272,10 +276,12 @@ class Console:
             person = self.person.totals(asked[ISA])
         elif self.attention is not None:
             given = sum(sent.by != SYSTEM for sent in self.command_log.sent)
-            person = self.attention.totals(self.picture, given, asked[ISA]) | {"page_away_s": self.beats.away_s}
+            person = self.attention.totals(given, asked[ISA]) | {"page_away_s": self.beats.away_s}
         else:
             return {}
-        return {"person": person | self.command_log.outcomes(self.picture.now_s) | asked}
+        person |= self.command_log.outcomes(self.picture.now_s) | asked
+        inbox = self.ledger.totals(self.picture.now_s)
+        return {"person": person, "inbox": inbox, **self.ledger.by_event(self.picture.event_numbers)}
 
     def command(
         self, by: str, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float, **at: Any
@@ -295,7 +301,7 @@ class Console:
             life_s=command.life_s,
             arguments=json.dumps(command.arguments),
             value=next(iter(numbers), None),
-            **_target_columns(target),
+            **target_columns(target),
             **at,
         )
         return len(self.command_log.sent) - 1
@@ -358,28 +364,26 @@ class Console:
 
     def show(self, wall_s: float, **more: Any) -> Message:
         """Return the newest picture."""
-        picture, workload = self.picture, self._workload
-        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also after a replay went back
-        self._shown = len(picture.inbox)
+        picture, ledger, workload = self.picture, self.ledger, self._workload
         if self.attention is not None:
-            self.attention.show(picture, wall_s)
-        above_s = [steps * self.briefing.step_s for steps in self._steps_above]
+            self.attention.show(wall_s)
         fields = dict(
             step=self.step,
             time_s=round(picture.now_s, 3),
             over=self._is_over,
             **picture.rows(),
-            inbox=item_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
+            inbox=ledger.new_rows(INBOX_SHOWN, INBOX_CAUGHT_UP),
+            held=list(ledger.held),
             judged=[[event, self.judgements[event]] for event in picture.events if event in self.judgements],
-            unread=len(picture.unread),
+            unread=ledger.unread,
             closed={"events": len(picture.closed), "after_s": round(picture.closed_after_s or 0.0, 1)},
             workload={
                 "messages": self._messages,
                 "rate_1s_hz": round(workload.rate_1s_hz, 3) if workload else 0.0,
                 "rate_60s_hz": round(workload.rate_60s_hz, 3) if workload else 0.0,
                 "senders": workload.senders if workload else 0,
-                "residue": picture.waiting(RESIDUE_S),
-                "above_s": above_s,
+                "residue": ledger.waiting(picture.now_s - RESIDUE_S),
+                "above_s": [steps * self.briefing.step_s for steps in self._steps_above],
             },
             commands=self.command_log.rows(picture.now_s),
             pace={"paused": self.is_held, "speed": self.pace.speed},
@@ -396,10 +400,3 @@ class Console:
         if not proposal:
             return None
         return {"delta": proposal.delta, "left_s": round(max(0.0, proposal.due_s - self.picture.now_s), 1)}
-
-
-def _target_columns(target: Target) -> dict[str, Any]:
-    """Return the columns of an act that say whom a command is for."""
-    if target.kind in (AGENT, TREE):
-        return {"target": target.kind, "agent": int(target.numbers[0])}
-    return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}

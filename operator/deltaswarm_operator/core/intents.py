@@ -15,8 +15,8 @@ from deltaswarm_operator.core.console import (
     INPUTS_KEPT,
     Console,
 )
-from deltaswarm_operator.core.picture import item_rows
 from deltaswarm_operator.core.probes import delay_s
+from deltaswarm_operator.inbox.item import item_row
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_scenario.task import CLASSES
@@ -130,15 +130,27 @@ def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
 
 
 def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    picture = console.picture
-    newest = raw.get("up_to", len(picture.inbox))
-    numbers = [number for number in picture.unread if number <= newest] if raw.get("all") else raw.get("items", ())
-    fresh = picture.read(numbers)
+    ledger, items = console.ledger, raw.get("items", ())
+    if raw.get("all"):
+        items = ledger.shown[: raw.get("up_to", len(ledger.shown)) + 1]
+    fresh = ledger.read(items, console.picture.now_s)
     if fresh:
         if console.attention is not None:
-            console.attention.read(picture, fresh, at["monotonic_s"])
+            console.attention.read(fresh, console.picture.now_s, at["monotonic_s"])
         console.note(kind="read", items=" ".join(map(str, fresh)), **at)
     return [made("read", items=fresh)]
+
+
+def _held(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    rows = [item_row(item, -1) for item in console.ledger.held_items[-INBOX_CAUGHT_UP:]]
+    return [made("held", to=at["page"], inbox=rows)]
+
+
+def _open(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    opened = console.ledger.open(raw["items"], console.picture.now_s)
+    if opened:
+        console.note(kind="open", items=" ".join(map(str, opened)), **at)
+    return []
 
 
 def _answer(console: Console, raw: Raw, at: Raw) -> list[Message]:
@@ -200,11 +212,12 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Message]:
 
 
 def _catch_up(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    newest = console.picture.inbox[-INBOX_CAUGHT_UP:]
-    read = [item.number for item in newest if item.number not in console.picture.unread]
+    ledger = console.ledger
+    newest = ledger.rows(INBOX_CAUGHT_UP)
+    read = [row[0] for row in newest if row[0] in ledger.read_s]
     acts = {"acts": list(console.recent_acts.acts)} if at["by"] == CONDUCTOR else {}
     history = list(console.history)
-    return [made("catch_up", to=at["page"], inbox=item_rows(newest), read=read, history=history, **acts)]
+    return [made("catch_up", to=at["page"], inbox=newest, read=read, history=history, **acts)]
 
 
 INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
@@ -213,6 +226,8 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "veto": _veto,
     "judge": _judge,
     "read": _read,
+    "held": _held,
+    "open": _open,
     "isa": _answer,
     "tlx": _answer,
     "form": _answer,

@@ -86,7 +86,7 @@ class Replay:
         while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
             clock, workload, reports, read, _ = self._steps[self._done]
             self._console.close_step(clock, workload, reports, 0.0)
-            self._newly_read += self._console.picture.read(read)
+            self._newly_read += self._console.ledger.read(read, self._console.picture.now_s)
             acts = self._console.actions  # of a simulated person
             self._newly_read += [int(item) for act in acts for item in act.items.split()]
             self._console.actions.clear()

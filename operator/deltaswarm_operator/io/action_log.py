@@ -93,18 +93,29 @@ class ActionLog:
 
 
 def _inbox(console: Console) -> Iterable[InboxRow]:
-    attention = console.attention
-    for item in console.picture.inbox:
-        events = " ".join(map(str, item.events))
-        row = InboxRow(item.number, item.time_s, item.agent, item.role, item.followers, events, int(item.is_new))
-        if attention is not None:
-            shown = attention.shown_wall_s[item.number] if item.number < len(attention.shown_wall_s) else None
-            read_s, read = attention.read_at.get(item.number, (None, None))
-            row = row._replace(
-                shown_utc=utc_of(shown),
-                shown_monotonic_s=shown,
-                read_s=read_s,
-                read_utc=utc_of(read),
-                read_monotonic_s=read,
-            )
-        yield row
+    ledger, attention = console.ledger, console.attention
+    for item in ledger.items:
+        number, is_shown = item.number, item.number in ledger.shown_s
+        shown = None if attention is None else attention.shown_wall_s.get(number)
+        read = None if attention is None else attention.read_wall_s.get(number)
+        yield InboxRow(
+            number,
+            item.time_s,
+            item.agent,
+            item.role,
+            item.followers,
+            " ".join(map(str, item.events)),
+            int(item.is_new),
+            utc_of(shown),
+            shown,
+            ledger.read_s.get(number),
+            utc_of(read),
+            read,
+            item.news,
+            item.severity,
+            ledger.shown_s.get(number),
+            item.line if is_shown else None,
+            int(item.is_quiet) if is_shown else None,
+            ledger.why_held(number),
+            int(number in ledger.opened),
+        )

@@ -1,7 +1,7 @@
 """Where results come from: versions, host, code, date, and the files of third-party extensions.
 
-Extensions here are what a scenario names: its controller, radio models and faults. Their results rest on their modules,
-what these import, and data that they declare.
+Extensions here are what a scenario names: its controller, radio models, faults and inbox policy. Their results rest on
+their modules, what these import, and data that they declare.
 """
 
 import ast
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, POINTS, RADIO_MODELS, find
+from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, INBOX_POLICIES, POINTS, RADIO_MODELS, find
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
@@ -129,6 +129,7 @@ def sources(scenario: Scenario) -> list[Source]:
     named = [
         (CONTROLLERS, scenario.control.mode, "control.mode"),
         *((RADIO_MODELS, name, "radio.models") for name in scenario.radio.models),
+        (INBOX_POLICIES, scenario.operator.inbox.policy, "operator.inbox.policy"),
         *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),
     ]
     own = [(point.group, name, path) for point, name, path in named if name not in point.shipped]

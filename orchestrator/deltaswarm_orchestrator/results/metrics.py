@@ -10,7 +10,9 @@ from operator import attrgetter
 
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
+    READ,
     SENSED,
+    SHOWN,
     TOLD,
     WORKED,
     Compute,
@@ -25,6 +27,7 @@ from deltaswarm_orchestrator.results.outcome import (
     newest,
     per_second,
     percentile_95,
+    read_too_late,
     share_beyond_horizon,
     time_to,
     total,
@@ -83,10 +86,11 @@ class Metric:
         return self.moment is not None and self.unit == "s"
 
 
-def until(moment: Moment, mean: str, median: str, study: str, column: str, session: str) -> list[Metric]:
+def until(moment: Moment, mean: str, median: str, study: str, session: str, column: str = "") -> list[Metric]:
     """Return the metrics of the time from an event's arrival until a moment, which the horizon bounds.
 
-    `mean` and `median` are their names in the summary, `study` that of the mean, `column` that of its time series.
+    `mean` and `median` are their names in the summary, `study` that of the mean, `column` that of its time series;
+    without one they are not in the table that a run prints either.
     """
     above, short, state = mean.partition(".")[0], study.partition("_")[0], moment.state
     return [
@@ -97,9 +101,9 @@ def until(moment: Moment, mean: str, median: str, study: str, column: str, sessi
             "s",
             time_to(moment, mean_of),
             title=f"Mean time until an event is {state}",
-            label=f"mean time until {state}",
+            label=f"mean time until {state}" if column else "",
             study=study,
-            over=OverTime(column, PER_EVENT, moment),
+            over=OverTime(column, PER_EVENT, moment) if column else None,
             session=session,
             moment=moment,
         ),
@@ -153,6 +157,16 @@ METRICS = (
         study="told_s",
         column="told_time_s",
         session="told_s",
+    ),
+    *until(SHOWN, "shown_s.mean", "shown_s.median", study="shown_s", session="shown_s"),
+    *until(READ, "read_s.mean", "read_s.median", study="read_s", session="read_s"),
+    Metric(
+        "read_s.too_late_share",
+        "share of the followed events that were complete before the operator had read of them, of those that were "
+        "completed",
+        compute=read_too_late,
+        title="Share of events read only after they were complete",
+        study="read_too_late",
     ),
     *until(
         WORKED,

@@ -3,7 +3,7 @@
 import csv
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -12,7 +12,7 @@ import tomli_w
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import COMMANDS
-from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
+from deltaswarm_orchestrator.results.outcome import BY_OPERATOR, EventLife, Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Recorded, ScoredTable
@@ -87,12 +87,17 @@ def read_outcome(folder: Path) -> Outcome:
     if not events:
         events = list({row["event"]: row for row in _table(folder / EVENTS_SO_FAR)}.values())  # the newest of each
     world, operator = (_json(folder / name) for name in ("world.json", "operator.json"))
-    told = operator.get("told_s")
-    if told is None and events and "told_s" in events[0]:
-        told = {row["event"]: row["told_s"] for row in events if row["told_s"]}
-    told_s = None if told is None else {int(event): float(time_s) for event, time_s in told.items()}
     states = [_row(EventState, {"worked_s": "", **row}) for row in events]  # runs of earlier versions lack it
-    return Outcome(step_records, states, workloads, world, operator, told_s)
+    told_s, shown_s, read_s = (_moments(name, operator, events) for name in BY_OPERATOR)
+    return Outcome(step_records, states, workloads, world, operator, told_s, shown_s, read_s)
+
+
+def _moments(name: str, operator: Mapping[str, Any], events: Sequence[Mapping[str, str]]) -> dict[int, float] | None:
+    """Return by event when a moment came that the operator's process knows; None if it does not say."""
+    moments = operator.get(name)
+    if moments is None and events and name in events[0]:
+        moments = {row["event"]: row[name] for row in events if row[name]}
+    return None if moments is None else {int(event): float(time_s) for event, time_s in moments.items()}
 
 
 def _json(file: Path) -> dict[str, Any]:
@@ -131,7 +136,7 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     """
     write_csv(folder / "series.csv", *series_rows(outcome))
     lives = [life._asdict() for life in outcome.lives]
-    known = [name for name in EventLife._fields if name != "told_s" or outcome.told_s is not None]
+    known = [name for name in EventLife._fields if name not in BY_OPERATOR or getattr(outcome, name) is not None]
     write_csv(folder / "events.csv", known, ([life[name] for name in known] for life in lives))
     if commands := outcome.world.get("commands"):
         write_whole(folder / COMMANDS, tomli_w.dumps({"command": commands}).encode())

@@ -23,7 +23,7 @@ from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.outcome import READ, SHOWN, Outcome
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
@@ -252,6 +252,7 @@ class InProcess:
             if self._tables is not None:
                 self._tables.close(self.console)
             outcome.operator |= self.console.totals
+            outcome.shown_s, outcome.read_s = (outcome.operator.get(moment.column) for moment in (SHOWN, READ))
 
 
 @contextmanager

@@ -20,7 +20,7 @@ def test_the_conductor_may_pause_note_help_and_end_and_nothing_else() -> None:
     def conduct(kind: str, **intent: Any) -> list[dict[str, Any]]:
         return carry_out(console, json.dumps({"type": kind, "from": 1, **intent}).encode(), 0.0, CONDUCTOR)
 
-    for kind in INTENTS.keys() - {"pace", "note", "help", "end", "catch_up", "page", "beat"}:
+    for kind in INTENTS.keys() - {"pace", "note", "help", "end", "catch_up", "held", "page", "beat"}:
         [refusal] = conduct(kind, items=[0], text="x", name="go", target={"kind": "all"})
         assert refusal["type"] == "refused", kind
     assert conduct("page", event="opened") == []

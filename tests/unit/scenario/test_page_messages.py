@@ -13,6 +13,7 @@ from tests.support.tiers import in_one_test
 RIGHT: dict[str, dict[str, Any]] = {
     "command": {"name": "go", "target": {"kind": "all"}},
     "judge": {"event": 1, "answer": "target"},
+    "open": {"items": [0]},
     "isa": {"number": 0, "answer": 3},
     "tlx": {"scales": {}},
     "form": {"form": "trust", "answers": {}},

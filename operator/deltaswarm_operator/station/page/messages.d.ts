@@ -55,6 +55,7 @@ export type Picture = {
   events: EventRow[];
   inbox: InboxRow[];
   judged: [number, string][];
+  held?: [number, number, number | null];
   unread: number;
   closed?: { events: number; after_s: number };
   workload: Workload;
@@ -82,6 +83,7 @@ export type Message =
   | Hello
   | Picture
   | CatchUp
+  | { type: "held"; inbox: InboxRow[] }
   | { type: "accepted"; id: string; number: number }
   | { type: "beat" }
   | { type: "noted"; id: string }
@@ -99,6 +101,8 @@ export type Intent =
   | { type: "judge"; event: number; answer: string }
   | { type: "pace"; speed?: number | null; steps?: number | null; paused?: boolean | null }
   | { type: "read"; items?: number[] | null; all?: boolean | null; up_to?: number | null }
+  | { type: "held" }
+  | { type: "open"; items: number[] }
   | { type: "isa"; number: number; answer: number; shown_s?: number | null }
   | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null; shown_s?: number | null }
   | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
