@@ -326,10 +326,6 @@ class Console:
         """Whether no agent of this run carries out a command."""
         return self.briefing.mode in form.refused_in
 
-    def _offer(self, form: CommandForm) -> dict[str, Any]:
-        """Return a form for the page; the page need not know the control mode."""
-        return {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)}
-
     def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> Message:
         """Return the message that describes the run to the page."""
         briefing = self.briefing
@@ -348,7 +344,9 @@ class Console:
             range_m=briefing.range_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
-            commands=[self._offer(form) for form in briefing.offered],
+            commands=[  # the page need not know the control mode
+                {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)} for form in briefing.offered
+            ],
             sets_delta=briefing.operator.autonomy.sets_delta,
             event_numbers=list(self.picture.event_numbers.items())[-NUMBERS_SHOWN:] if kind == CONDUCTOR_KIND else (),
             goal=briefing.operator.task.goal if briefing.operator.task.is_on else "",
