@@ -55,7 +55,7 @@ UPLINK_REASONS = {
 
 
 class AgentState(NamedTuple):
-    """One agent: its position [m; world frame] and its own `TreeStatus`."""
+    """One agent: its position [m; world frame], its own `TreeStatus`, and the state of a body that takes up room."""
 
     agent: int
     x_m: float
@@ -65,7 +65,15 @@ class AgentState(NamedTuple):
     parent: int
     root: int = NOBODY
     delta: int = 0
+    heading_rad: float | None = None
+    """From x to y; None: the body is a point."""
+    left_mps: float | None = None
+    right_mps: float | None = None
+    """Speeds of its wheels on the ground; None: a point."""
 
+
+BODY_FIELDS = AgentState._fields[8:]
+"""The fields that only bodies have that take up room."""
 
 NOBODY_LEFT = "no agent was left"
 """Why a run ends of which all agents have failed."""
@@ -194,8 +202,9 @@ def encode_truth(truth: Truth) -> bytes:
     if len(row) > len(COLUMNS):
         columns = truth.step_record.columns()
         row = [*(columns.pop(name) for name in COLUMNS), columns]
+    bodies = [body if body.heading_rad is not None else body[:8] for body in truth.bodies]
     return pack(
-        {"v": PROTOCOL_VERSION, **truth._asdict(), "step_record": row},
+        {"v": PROTOCOL_VERSION, **truth._asdict(), "bodies": bodies, "step_record": row},
         MAX_ORDINARY_BYTES,
     )
 
@@ -214,7 +223,8 @@ def decode_truth(data: bytes) -> Truth:
 
 
 def _body(row: Any) -> AgentState:
-    array(row, 8, "truth.bodies")
+    felt = row[8:] if isinstance(row, list) and len(row) == len(AgentState._fields) else []
+    array(row, 8 + len(felt), "truth.bodies")
     return AgentState(
         integer(row[0], 0, MAX_AGENT_ID, "truth.bodies.agent"),
         number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.x_m"),
@@ -224,6 +234,10 @@ def _body(row: Any) -> AgentState:
         integer(row[5], NOBODY, MAX_AGENT_ID, "truth.bodies.parent"),
         integer(row[6], NOBODY, MAX_AGENT_ID, "truth.bodies.root"),
         integer(row[7], 0, MAX_DELTA, "truth.bodies.delta"),
+        *(
+            number(value, -MAX_TIME_S, MAX_TIME_S, f"truth.bodies.{name}")
+            for name, value in zip(BODY_FIELDS, felt, strict=False)
+        ),
     )
 
 

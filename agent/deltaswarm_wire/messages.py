@@ -64,6 +64,8 @@ class Frame(NamedTuple):
     """What one agent senses and hears in one step. After a frame with `last`, it acts once more and exits.
 
     `poses` are its positions in the steps since its last frame, oldest first; empty if that was in the previous step.
+    `bumped` and `blocked` are what a body feels that takes up room: whether it touched another one or a wall in the
+    last step, and whether something kept it from moving as its act said.
     """
 
     step: int
@@ -74,19 +76,30 @@ class Frame(NamedTuple):
     poses: tuple[Pose, ...]
     events: tuple[Event, ...]
     heard: tuple[Heard, ...]
+    bumped: bool = False
+    blocked: bool = False
 
 
 def encode_frame(frame: Frame) -> bytes:
-    """`[version, step, time_s, last, x_m, y_m, [x_m, y_m...], [[event, x_m, y_m]...], [sender, sample...]]`."""
-    step, time_s, last, x_m, y_m, poses, events, heard = frame
+    """`[version, step, time_s, last, x_m, y_m, [x_m, y_m...], [[event, x_m, y_m]...], [sender, sample...]]`.
+
+    With `bumped` or `blocked`, both follow.
+    """
+    step, time_s, last, x_m, y_m, poses, events, heard, bumped, blocked = frame
     flat = chain.from_iterable
     walked = tuple(flat(poses)) if poses else ()
-    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, walked, events, tuple(flat(heard))))
+    felt = (bumped, blocked) if bumped or blocked else ()
+    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, walked, events, tuple(flat(heard)), *felt))
 
 
 def decode_frame(data: bytes) -> Frame:
     """Check and decode. Raises WireError."""
-    known, step, time_s, last, x_m, y_m, poses, events, heard = array(unpack(data), 9, "frame")
+    items = unpack(data)
+    felt = (False, False)
+    if isinstance(items, list) and len(items) == 11:
+        felt = boolean(items[9], "frame.bumped"), boolean(items[10], "frame.blocked")
+        items = items[:9]
+    known, step, time_s, last, x_m, y_m, poses, events, heard = array(items, 9, "frame")
     version(known)
     return Frame(
         integer(step, 0, MAX_STEP, "frame.step"),
@@ -97,6 +110,7 @@ def decode_frame(data: bytes) -> Frame:
         _poses(poses),
         read_events(events, MAX_SENSED, "frame.events"),
         _heard(heard),
+        *felt,
     )
 
 

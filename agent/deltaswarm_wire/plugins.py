@@ -120,6 +120,15 @@ INBOX_POLICIES = ExtensionPoint(
 )
 """What `operator.inbox.policy` takes. A new policy of the core is a line here."""
 
+DYNAMICS = ExtensionPoint(
+    "deltaswarm.dynamics",
+    "kind of dynamics",
+    "deltaswarm_world.core.dynamics:Dynamics",
+    {"point": "deltaswarm_world.core.dynamics:Points"},
+    ("Settings", "misplaced", "move", "states"),
+)
+"""What `world.dynamics` takes: how bodies move. Bodies that take up room come with an extension package."""
+
 COMMANDS = ExtensionPoint("deltaswarm.commands", "command", "deltaswarm_orchestrator.cli:AddArguments", {}, ())
 """Commands of `deltaswarm`; those of the core are listed in `deltaswarm_orchestrator.cli`."""
 
@@ -151,7 +160,7 @@ SWEEPS = ExtensionPoint(
 )
 """Built-in files that `deltaswarm sweep` takes by their names: by kind, a function that returns the files by name."""
 
-POINTS = (CONTROLLERS, BODIES, RADIO_MODELS, FAULTS, INBOX_POLICIES, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
+POINTS = (CONTROLLERS, BODIES, RADIO_MODELS, FAULTS, DYNAMICS, INBOX_POLICIES, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
 """Every extension point; docs/EXTENDING.md tells how each is used."""
 
 

@@ -23,6 +23,7 @@ EXTENSIONS = {
     "deltaswarm_learn": "orchestrator",
     "deltaswarm_board": "agent",
     "deltaswarm_ros2": "agent",
+    "deltaswarm_physics": "world",
     "benchmarks": "orchestrator",
 }
 """Folder by package, in the order of a run: what all share, then who starts the run, then who takes part."""

@@ -92,7 +92,7 @@ EXAMPLES = {
         messages.decode_frame,
         message(
             "frame",
-            ("version", *Frame._fields),
+            ("version", *(name for name in Frame._fields if name not in ("bumped", "blocked"))),
             poses=Shape("poses", ("x_m", "y_m"), "flat"),
             events=_EVENTS,
             heard=Shape("heard", ("sender", "sample"), "flat"),

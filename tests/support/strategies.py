@@ -119,7 +119,7 @@ paper_frames = st.one_of(
     st.builds(paper.Leaving, *_heads),
 )
 
-bodies = st.builds(
+_points = st.builds(
     truth.AgentState,
     agents,
     metres,
@@ -129,7 +129,12 @@ bodies = st.builds(
     agents | nobody,
     agents | nobody,
     deltas,
+    heading_rad=st.none(),
+    left_mps=st.none(),
+    right_mps=st.none(),
 )
+_states = st.fixed_dictionaries(dict.fromkeys(truth.BODY_FIELDS, st.floats(-10.0, 10.0)))
+bodies = _points | st.builds(lambda body, state: body._replace(**state), _points, _states)
 event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.none() | times_s] * 3, times_s)
 step_records = st.builds(
     truth.StepRecord,
@@ -175,7 +180,17 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
     return {name: name for name in fields}
 
 
-FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
+_FELT = ("bumped", "blocked")
+_FRAME_FIELDS = messages.Frame._fields[: -len(_FELT)]
+_CODEC = (messages.encode_frame, messages.decode_frame)
+FRAME = Codec("frame", frames, *_CODEC, _in_array(_FRAME_FIELDS, first=1))
+FELT_FRAME = Codec(
+    "frame",
+    st.builds(lambda frame, felt: frame._replace(**felt), frames, st.sampled_from([{name: True} for name in _FELT])),
+    *_CODEC,
+    _in_array(messages.Frame._fields, first=1),
+)
+"""Of a body that touched something."""
 _ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", *messages.TreeStatus._fields, "until")
 ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_ACT_FIELDS, first=1))
 REPORT = Codec(
@@ -224,7 +239,7 @@ ATTENDING = Codec(
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 
-MESSAGES = (FRAME, ACT, REPORT, FORWARDED, HEALTH, CLOCK, WORKLOAD, STATUS)
+MESSAGES = (FRAME, FELT_FRAME, ACT, REPORT, FORWARDED, HEALTH, CLOCK, WORKLOAD, STATUS)
 CODECS = (*MESSAGES, RADIO, PAPER, MEMBER, ATTENDING, TRUTH)
 
 NASTY: tuple[Any, ...] = (

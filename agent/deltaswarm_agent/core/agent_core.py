@@ -133,7 +133,7 @@ class AgentCore(Saved):
 
     def perceive(self, frame: Frame) -> Percept:
         """Take a frame; return what its controller gets of it."""
-        step, time_s, _, x_m, y_m, poses, events, heard = frame
+        step, time_s, _, x_m, y_m, poses, events, heard, *felt = frame
         frames: list[tuple[int, bytes]] = []
         commands: tuple[Command, ...] = ()
         if heard:
@@ -143,7 +143,7 @@ class AgentCore(Saved):
                 commands = tuple(
                     [command for command in new if command.target.covers(self.agent, (x_m, y_m), self._root)]
                 )
-        percept: Percept = tuple_of(Percept, (step, time_s, (x_m, y_m), poses, events, frames, commands))
+        percept: Percept = tuple_of(Percept, (step, time_s, (x_m, y_m), poses, events, frames, commands, *felt))
         return percept
 
     def decide(self, percept: Percept) -> StepOutput:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, INBOX_POLICIES, POINTS, RADIO_MODELS, find
+from deltaswarm_wire.plugins import CONTROLLERS, DYNAMICS, FAULTS, INBOX_POLICIES, POINTS, RADIO_MODELS, find
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
@@ -128,6 +128,7 @@ def sources(scenario: Scenario) -> list[Source]:
     """
     named = [
         (CONTROLLERS, scenario.control.mode, "control.mode"),
+        (DYNAMICS, scenario.world.dynamics, "world.dynamics"),
         *((RADIO_MODELS, name, "radio.models") for name in scenario.radio.models),
         (INBOX_POLICIES, scenario.operator.inbox.policy, "operator.inbox.policy"),
         *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),

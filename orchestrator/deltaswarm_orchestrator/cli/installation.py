@@ -122,7 +122,7 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_orchestrator.scenarios.load import BUILT_IN
     from deltaswarm_orchestrator.sweeps.load import built_in
     from deltaswarm_wire.commands import forms_of
-    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, FAULTS, RADIO_MODELS, find_controller
+    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, DYNAMICS, FAULTS, RADIO_MODELS, find_controller
 
     def about(files: Mapping[str, Traversable]) -> dict[str, str]:
         texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
@@ -134,6 +134,7 @@ def known() -> dict[str, dict[str, str]]:
         "controllers": CONTROLLERS.names(),
         "commands": {form.name: form.help for mode in CONTROLLERS.shipped for form in forms_of(find_controller(mode))},
         "bodies": BODIES.names(),
+        "dynamics": DYNAMICS.names(),
         "radio models": RADIO_MODELS.names(),
         "faults": FAULTS.names(),
     }

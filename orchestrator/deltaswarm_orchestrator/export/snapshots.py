@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.recording.reader import (
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
 from deltaswarm_orchestrator.results.run_tables import write_csv
-from deltaswarm_scenario.truth import AgentState, EventState
+from deltaswarm_scenario.truth import BODY_FIELDS, AgentState, EventState
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Workload
 
@@ -58,7 +58,7 @@ class Film:
         events: dict[int, EventState] = {}
         step, time_s = 0, 0.0
         view: Snapshot | None = None
-        statuses: list[tuple[Any, ...]] = []
+        statuses: list[dict[str, Any]] = []
         for topic, message in entries(self.path, {"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"}):
             match topic:
                 case "/swarm/state":
@@ -69,7 +69,9 @@ class Film:
                     if event.completed_s is not None:
                         del events[event.event]
                 case "/swarm/agents":
-                    statuses = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
+                    shown = [*AGENT_FIELDS, *BODY_FIELDS] if message.heading_rad else AGENT_FIELDS
+                    rows = zip(*(getattr(message, name) for name in shown), strict=True)
+                    statuses = [dict(zip(shown, row, strict=True)) for row in rows]
                 case "/tf":
                     if view is not None:
                         yield _with_statuses(view, statuses)
@@ -102,23 +104,27 @@ def read_film(path: Path) -> Film:
     return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops])
 
 
-def _with_statuses(view: Snapshot, statuses: list[tuple[Any, ...]]) -> Snapshot:
+def _with_statuses(view: Snapshot, statuses: list[dict[str, Any]]) -> Snapshot:
     """Add to each body of a view what it says it is; drop all bodies if the file was cut off in between."""
     if len(statuses) != len(view.bodies):
         return view._replace(bodies=())
     pairs = zip(view.bodies, statuses, strict=True)
-    bodies = (body._replace(**dict(zip(AGENT_FIELDS, status, strict=True))) for body, status in pairs)
+    bodies = (body._replace(**status) for body, status in pairs)
     return view._replace(bodies=tuple(bodies))
 
 
 def write(film: Film, out: Path) -> None:
     """Write `poses.csv` (a row per view and agent), `events.csv` (per event) and `workload.csv` (per step).
 
-    A cell is empty where there is no time yet, no parent or no root.
+    A cell is empty where there is no time yet, no parent, no root, or no body but a point.
     """
     out.mkdir()
     poses = (
-        (view.step, view.time_s, *("" if value == NOBODY and type(value) is int else value for value in body))
+        (
+            view.step,
+            view.time_s,
+            *("" if value is None or (value == NOBODY and type(value) is int) else value for value in body),
+        )
         for view in film.snapshots()
         for body in view.bodies
     )

@@ -25,7 +25,7 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, ARENA_FRAME, OURS, ROOT_FRAME
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, AgentState, EventState, Truth
+from deltaswarm_scenario.truth import BODY_FIELDS, DEAD, AgentState, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
 
 EPOCH_S = 946_684_800
@@ -144,10 +144,12 @@ class Scene:
         yield "/scene/events", _encoded(self._events(events, event_places), now)
         yield "/points/agents", _points(places, [role_rgba(role) for role in roles], now)
         yield "/points/events", _points(event_places, [EVENT_RGBA] * len(events), now)
+        has_headings = any(body.heading_rad is not None for body in truth.bodies)
         standings = [body[3:] for body in truth.bodies]
         if standings != self._tree_statuses:
             self._tree_statuses = standings
-            columns = {name: [getattr(body, name) for body in truth.bodies] for name in AGENT_FIELDS}
+            shown = [*AGENT_FIELDS, *BODY_FIELDS] if has_headings else AGENT_FIELDS
+            columns = {name: [getattr(body, name) for body in truth.bodies] for name in shown}
             agents_message = OURS["Agents"](step=truth.step, time_s=truth.time_s, **columns)
             yield "/swarm/agents", agents_message.SerializeToString()
 

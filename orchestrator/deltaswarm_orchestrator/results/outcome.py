@@ -230,6 +230,11 @@ def newest(column: str) -> Compute:
     return lambda run: getattr(run.steps[-1], column) if run.steps else 0
 
 
+def of_bodies(name: str) -> Compute:
+    """Return what the dynamics counted; 0 for points."""
+    return lambda run: run.outcome.world.get("bodies", {}).get(name, 0)
+
+
 def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
     """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
 

@@ -13,6 +13,7 @@ from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.reception import Reception
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.density import Places
+from deltaswarm_world.core.dynamics import BodyState
 from deltaswarm_world.core.environment import Coverage
 from deltaswarm_world.core.uplink.uplink import Uplink
 
@@ -39,6 +40,8 @@ class ClosedStep(NamedTuple):
     """Number of reports that reached the operator."""
     tree_statuses: Mapping[int, TreeStatus]
     positions_m: Floats
+    bodies: Sequence[BodyState] | None
+    """Each body's state besides its position; None for points."""
     links: Sequence[tuple[int, int]]
     reception: Reception
     under_way: int
@@ -142,5 +145,5 @@ def truth_of(closed: ClosedStep, record: StepRecord, events: Sequence[EventState
     bodies, present, statuses = [], closed.present, closed.tree_statuses
     for agent, (x_m, y_m) in enumerate(closed.positions_m.tolist()):
         status = statuses.get(agent, SILENT) if agent in present else GONE
-        bodies.append(AgentState(agent, x_m, y_m, *status))
+        bodies.append(AgentState(agent, x_m, y_m, *status, *(closed.bodies[agent] if closed.bodies else ())))
     return Truth(closed.step, closed.time_s, tuple(bodies), tuple(events), tuple(closed.links), record)

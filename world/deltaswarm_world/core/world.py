@@ -176,7 +176,7 @@ class WorldCore(Saved):
             self._sleep.wake(participants.returned.pop())  # even if it left and came back within a step
         environment.changed.clear()
         if step > 0:
-            environment.move(self._faults.drive if self._faults else None)
+            environment.move(*(self._faults.drive, self._faults.active) if self._faults else ())
         environment.arrive(self._time_s)
         self.downlink.send(step, self.turns.leaving(step, self.scenario.run.step_s))
         self._sensed = self._sense((*taking_part, *probed))
@@ -185,6 +185,7 @@ class WorldCore(Saved):
         lap("radio")
         self._sleep.move_to(environment.positions_m.tolist())
         always = participants.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
+        always |= environment.hindered
         asked = taking_part if last else self._sleep.due(step, taking_part, self._sensed, heard, always)
         participants.begin(step, asked)
         before = self._tree_statuses
@@ -206,7 +207,8 @@ class WorldCore(Saved):
         if len(sensed) > MAX_SENSED:
             self.events_cut += len(sensed) - MAX_SENSED
             sensed = sensed[:MAX_SENSED]
-        fields = (self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard))
+        felt = agent in self.environment.dynamics.bumped, agent in self.environment.dynamics.blocked
+        fields = (self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard), *felt)
         frame: Frame = tuple_of(Frame, fields)
         return frame
 
@@ -301,6 +303,7 @@ class WorldCore(Saved):
             arrived=len(self.forwarded),
             tree_statuses=self._tree_statuses,
             positions_m=environment.positions_m,
+            bodies=environment.dynamics.states(),
             links=self.links,
             reception=self._carried,
             under_way=self.air.under_way,
@@ -391,6 +394,7 @@ class WorldCore(Saved):
             "refused_claims": self.refused_claims,
             "events_cut": self.events_cut,
             "targets": self.environment.targets(),
+            "bodies": self.environment.dynamics.totals,
             "commands": self.turns.log,
             "downlink": self.downlink.totals,
         }

@@ -51,6 +51,7 @@ class Walk(Saved):
         self._step_s = shared.step_s
         self._leg_max_s = leg_max_s
         self._leg_exponent = leg_exponent
+        self._radius_m = shared.radius_m
         self._size_m = (shared.width_m, shared.height_m)
         self._obstacles = ObstacleMap(shared)
         self._vx = self._vy = 0.0
@@ -78,8 +79,8 @@ class Walk(Saved):
         """The velocity of this step, from where the agent is."""
         if now >= self._ends:
             self.turn(now, x_m, y_m)
-        vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0])
-        vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1])
+        vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0], self._radius_m)
+        vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1], self._radius_m)
         to_x_m, to_y_m = x_m + vx_mps * self._step_s, y_m + vy_mps * self._step_s
         if not self._obstacles:
             return vx_mps, vy_mps
@@ -98,8 +99,12 @@ class Walk(Saved):
         return now + max(1, self._obstacles.free_strides(x_m, y_m, dx_m, dy_m, most))
 
 
-def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float) -> tuple[float, float]:
-    """The velocity of a stride that may cross a wall, and that after it; from beyond a wall it leads back."""
+def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float, radius_m: float) -> tuple[float, float]:
+    """The velocity of a stride that may cross a wall, and that after it; from beyond a wall it leads back.
+
+    A body turns where it touches the wall.
+    """
+    at_m, wall_m = at_m - radius_m, wall_m - 2.0 * radius_m
     to_m = at_m + v_mps * step_s
     if 0.0 <= to_m <= wall_m and 0.0 <= at_m <= wall_m:
         return v_mps, v_mps

@@ -106,6 +106,11 @@ class Faults:
         return set([agent for agent in shuffled if agent in living][:wanted])
 
     @property
+    def active(self) -> Sequence[ActiveFault]:
+        """Return all active faults, by start."""
+        return self._active
+
+    @property
     def affected(self) -> frozenset[int]:
         """Return all agents under a fault in this step."""
         return frozenset(agent for fault in self._active for agent in fault.agents)
