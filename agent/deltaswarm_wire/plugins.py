@@ -160,7 +160,19 @@ SWEEPS = ExtensionPoint(
 )
 """Built-in files that `deltaswarm sweep` takes by their names: by kind, a function that returns the files by name."""
 
-POINTS = (CONTROLLERS, BODIES, RADIO_MODELS, FAULTS, DYNAMICS, INBOX_POLICIES, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
+POINTS = (
+    CONTROLLERS,
+    BODIES,
+    RADIO_MODELS,
+    FAULTS,
+    DYNAMICS,
+    INBOX_POLICIES,
+    COMMANDS,
+    PARTS,
+    ENGINES,
+    OBSERVERS,
+    SWEEPS,
+)
 """Every extension point; docs/EXTENDING.md tells how each is used."""
 
 
