@@ -129,8 +129,10 @@ class Decision(NamedTuple):
 class Controller(Protocol):
     """One agent's decisions. Made once per agent and start; `step` is called in order of the steps.
 
-    A mapping `counts` of names to numbers, if there is one, goes into the agent's log at the end. `Commands` of the
-    class, a tuple of `CommandForm`, are the operator commands that it accepts; without it there are none.
+    `Metrics` of the class, a tuple of `ControllerMetric` (`deltaswarm_wire.controller_metrics`), declare numbers of
+    its own, which the mapping `metrics` of the object holds after each step. A mapping `counts` of names to numbers, if
+    there is one, goes into the agent's log at the end. `Commands` of the class, a tuple of `CommandForm`, are the
+    operator commands that it accepts; without it there are none.
     """
 
     Settings: ClassVar[type[Any]]

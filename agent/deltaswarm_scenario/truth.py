@@ -22,8 +22,9 @@ from deltaswarm_wire.codec import (
     pack,
     unpack,
 )
+from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.digest import REPORT
-from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, NOBODY, role_name
+from deltaswarm_wire.messages import MAX_DELTA, MAX_METRIC, MAX_TIME_S, NOBODY, role_name
 from deltaswarm_wire.plugins import RADIO_MODELS
 
 DEAD = "dead"
@@ -136,9 +137,11 @@ class StepRecord(NamedTuple):
     """Dropped reports by reason, `UPLINK_REASONS`."""
     rejected: int
     transport_lost: int
+    metrics: Mapping[str, float | None] = {}
+    """The controller's own numbers by name: means over the agents that have one."""
 
     def columns(self) -> dict[str, Any]:
-        """Return the row by column, with a column `dropped_<reason>` or `reports_dropped_<reason>` for each reason."""
+        """Return the row by column; each reason of a drop, and each of the controller's own numbers, has one."""
         row: dict[str, Any] = {}
         for name, value in self._asdict().items():
             prefix = _DROPS.get(name)
@@ -166,8 +169,8 @@ class StepRecord(NamedTuple):
         return cls._make(drops[name] if name in drops else columns[name] for name in cls._fields)
 
 
-_DROPS = {"frames_dropped": "dropped_", "reports_dropped": "reports_dropped_"}
-"""The fields of `StepRecord` with a column for each reason, and how these columns begin."""
+_DROPS = {"frames_dropped": "dropped_", "reports_dropped": "reports_dropped_", "metrics": PREFIX}
+"""The fields of `StepRecord` with a column for each reason or name, and how these columns begin."""
 
 _DROPS_AT = tuple(StepRecord._fields.index(name) for name in _DROPS)
 
@@ -196,7 +199,8 @@ MAX_LINKS = 1_000_000
 def encode_truth(truth: Truth) -> bytes:
     """A map with the fields of `Truth` and the version `v`; rows are arrays. Raises WireError.
 
-    The step's record ends with a map of the drops of radio models from outside, if there are any.
+    The step's record ends with a map of the drops of radio models from outside, and of the controller's own numbers, if
+    there are any.
     """
     row = truth.step_record.values()
     if len(row) > len(COLUMNS):
@@ -270,20 +274,25 @@ def _link(row: Any) -> tuple[int, int]:
 def _step_record(row: Any) -> StepRecord:
     others = row[-1] if isinstance(row, list) and len(row) == len(COLUMNS) + 1 else {}
     array(row, len(COLUMNS) + bool(others), "truth.step_record")
-    named = {**dict(zip(COLUMNS, row, strict=False)), **_other_drops(others)}
+    named = {**dict(zip(COLUMNS, row, strict=False)), **_other_columns(others)}
     values: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.step_record.time_s")}
     for name, most in _MEASURED.items():
         value = named.pop(name)
         values[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
+    for name in [name for name in named if name.startswith(PREFIX)]:
+        value = named.pop(name)
+        values[name] = None if value is None else number(value, -MAX_METRIC, MAX_METRIC, f"truth.step_record.{name}")
     for name, value in named.items():
         values[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
     return StepRecord.of(values)
 
 
-def _other_drops(drops: Any) -> dict[str, Any]:
-    if not isinstance(drops, dict) or not all(type(name) is str and name.startswith("dropped_") for name in drops):
-        raise WireError("truth.step_record", "end with a map of drops", type(drops).__name__)
-    return drops
+def _other_columns(columns: Any) -> dict[str, Any]:
+    if not isinstance(columns, dict) or not all(
+        type(name) is str and name.startswith(("dropped_", PREFIX)) for name in columns
+    ):
+        raise WireError("truth.step_record", "end with a map of drops and metrics", type(columns).__name__)
+    return columns
 
 
 _MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}

@@ -35,6 +35,12 @@ MAX_SPEED_MPS = 1000.0
 MAX_TIME_S = 1e9
 MAX_ROLE = 16
 """Characters."""
+MAX_METRICS = 16
+MAX_METRIC_NAME = 32
+"""Characters of the name of a controller's own number, which becomes part of the names of columns."""
+MAX_METRIC = 1e300
+ACT_ITEMS = 11
+"""Items of an act without a controller's own numbers."""
 MAX_POSES = 64
 """Longest interval between two frames of an agent [steps]: a frame holds every position since the last."""
 
@@ -192,17 +198,22 @@ class Act(NamedTuple):
     observed: tuple[int, ...]
     tree_status: TreeStatus
     until: int
+    metrics: tuple[tuple[str, float], ...] = ()
+    """The controller's own numbers, by name."""
 
 
 def encode_act(act: Act) -> bytes:
-    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, delta, until]`."""
-    step, vx_mps, vy_mps, observed, tree_status, until = act
-    return pack((PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *tree_status, until))
+    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, delta, until]`, and `metrics` if any."""
+    step, vx_mps, vy_mps, observed, tree_status, until, metrics = act
+    fields = (PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *tree_status, until)
+    return pack((*fields, dict(metrics)) if metrics else fields)
 
 
 def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
-    known, step, vx_mps, vy_mps, observed, role, level, parent, root, delta, until = array(unpack(data), 11, "act")
+    raw = unpack(data)
+    metrics: Any = raw.pop() if type(raw) is list and len(raw) == ACT_ITEMS + 1 else ()
+    known, step, vx_mps, vy_mps, observed, role, level, parent, root, delta, until = array(raw, ACT_ITEMS, "act")
     version(known)
     status = (
         role_name(role, "act.role"),
@@ -218,6 +229,18 @@ def decode_act(data: bytes) -> Act:
         _observed(observed),
         tuple_of(TreeStatus, status),
         integer(until, step + 1, MAX_STEP + 1, "act.until"),
+        () if metrics == () else _metrics(metrics),
+    )
+
+
+def _metrics(raw: Any) -> tuple[tuple[str, float], ...]:
+    if not isinstance(raw, dict) or not 0 < len(raw) <= MAX_METRICS:
+        raise WireError("act.metrics", f"be a map of 1 to {MAX_METRICS} numbers", type(raw).__name__)
+    return tuple(
+        [
+            (text(name, "act.metrics", MAX_METRIC_NAME), number(value, -MAX_METRIC, MAX_METRIC, "act.metrics"))
+            for name, value in raw.items()
+        ]
     )
     act: Act = tuple_of(Act, fields)
     return act

@@ -22,6 +22,7 @@ from deltaswarm_scenario.fault import FREEZE
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
+from deltaswarm_wire.controller_metrics import declared
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
 from deltaswarm_wire.session import RouterLink
@@ -114,6 +115,7 @@ class Swarm:
             "--checkpoint": self.checkpoint_steps,
             "--resume": self.resumed.step if self.resumed else None,
             "--station": self.station is not None,
+            "--metric": [one.name for one in declared(self.scenario.control.mode)],
             "--truth": record,
             "--time-phases": time_phases,
             "--wire": record and self.scenario.record == "wire",

@@ -235,6 +235,16 @@ def of_bodies(name: str) -> Compute:
     return lambda run: run.outcome.world.get("bodies", {}).get(name, 0)
 
 
+def own_mean(name: str) -> Compute:
+    """Average a number of the controller's own over the steps in which an agent had one."""
+    return lambda run: mean_of([value for record in run.steps if (value := record.metrics.get(name)) is not None])
+
+
+def own_last(name: str) -> Compute:
+    """Return a number of the controller's own in the last step."""
+    return lambda run: run.steps[-1].metrics.get(name) if run.steps else None
+
+
 def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
     """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
 

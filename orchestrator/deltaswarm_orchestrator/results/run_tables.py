@@ -18,6 +18,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Recorded, ScoredTable
 from deltaswarm_scenario.techniques import SCORED
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
+from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import CONTROLLERS
@@ -116,7 +117,8 @@ def _table(file: Path) -> list[dict[str, str]]:
 def _step_record(row: dict[str, str]) -> StepRecord:
     hints = StepRecord.__annotations__
     own = [name for name in row if name not in OPERATOR_COLUMNS.values()]
-    return StepRecord.of({name: _cell(row[name], hints.get(name, int)) for name in own})
+    kinds = {name: float if name.startswith(PREFIX) else hints.get(name, int) for name in own}
+    return StepRecord.of({name: _cell(row[name], kind) for name, kind in kinds.items()})
 
 
 def _row(kind: type[Row], row: dict[str, str]) -> Row:

@@ -5,12 +5,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from deltaswarm_orchestrator.results.metrics import METRICS, Metric
-from deltaswarm_orchestrator.results.outcome import Compute, Outcome, RunData
+from deltaswarm_orchestrator.results.metrics import METRICS, Metric, OverTime
+from deltaswarm_orchestrator.results.outcome import Compute, Outcome, RunData, own_last, own_mean
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Measure
 from deltaswarm_scenario.techniques import measures
 from deltaswarm_scenario.truth import NOBODY_LEFT
+from deltaswarm_wire.controller_metrics import STEP, declared
 from deltaswarm_wire.keys import WORLD
 
 MAX_NAMED = 5
@@ -328,7 +329,24 @@ def summarise(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """Return the content of `summary.json`: the metrics, and how the run went."""
     run = RunData(outcome, scenario)
     by_operator = {name: told for name in ("person", "inbox", "autonomy") if (told := outcome.operator.get(name))}
-    return computed(run, (*ORIGIN, *METRICS, *ACCOUNT)) | by_operator | computed(run, VALIDITY)
+    own = controllers_own(scenario.control.mode)
+    return computed(run, (*ORIGIN, *METRICS, *own, *ACCOUNT)) | by_operator | computed(run, VALIDITY)
+
+
+def controllers_own(mode: str) -> tuple[Metric, ...]:
+    """Return the metrics that the controller of `control.mode` declares."""
+    return tuple(
+        Metric(
+            one.key,
+            one.meaning,
+            one.unit,
+            own_mean(one.name) if one.per == STEP else own_last(one.name),
+            title=one.meaning,
+            study=one.key,
+            over=OverTime(one.column),
+        )
+        for one in declared(mode)
+    )
 
 
 def computed(run: RunData, metrics: tuple[Metric, ...] = METRICS) -> dict[str, Any]:
@@ -355,6 +373,7 @@ def main_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
     A mean as large as the horizon is shown as no less than that.
     """
     horizon_s = summary.get("horizon_s")
+    yield from ((name.replace("_", " "), value, "") for name, value in summary.get("controller", {}).items())
     for metric in EVERY_KEY:
         if metric.label:
             value = value_at(summary, metric.key)

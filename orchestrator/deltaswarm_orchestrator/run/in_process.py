@@ -28,6 +28,7 @@ from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.commands import forms_of
+from deltaswarm_wire.controller_metrics import declared
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
@@ -93,7 +94,8 @@ class InProcess:
         self.scenario = scenario
         self.failed = {} if failed is None else failed
         cores = begun.cores if begun else None
-        self.world = cores.world if cores else WorldCore(scenario)
+        names = [one.name for one in declared(scenario.control.mode)]
+        self.world = cores.world if cores else WorldCore(scenario, metrics=names)
         self._restarts: Counter[int] = cores.restarts if cores else Counter()
         self._make_controller: Callable[[int, AgentSettings, int], Controller] = make_controller
         if scenario.run.bound != "none":

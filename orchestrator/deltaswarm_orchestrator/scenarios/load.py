@@ -20,6 +20,7 @@ from deltaswarm_scenario.scenario import Scenario, WorldSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
+from deltaswarm_wire.controller_metrics import declared
 from deltaswarm_wire.plugins import DYNAMICS, RADIO_MODELS, controller_settings, find, find_controller, own_settings
 from deltaswarm_wire.reading import parsed_toml
 from deltaswarm_wire.reading import read_toml as read_toml_file
@@ -141,6 +142,7 @@ def _control_options(table: dict[str, Any], scenario: Scenario | None) -> tuple[
         return {}, []  # reported with the other keys
     shared = scenario.for_agent(0) if scenario else AgentSettings(range_m=(radio or RadioSettings()).range_m)
     try:
+        declared(control.mode)
         return checked.plain(controller_settings(control.mode, control.options, shared)), []
     except SettingsError as error:
         return {}, error.problems

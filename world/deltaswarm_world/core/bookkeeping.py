@@ -7,8 +7,9 @@ import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DEAD, UPLINK_REASONS, AgentState, EventState, Sample, StepRecord, Truth
+from deltaswarm_wire.controller_metrics import mean_of
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
-from deltaswarm_wire.messages import NOBODY, Act, TreeStatus
+from deltaswarm_wire.messages import NOBODY, Act, TreeStatus, encode_act
 from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.reception import Reception
 from deltaswarm_world.core.arrays import Floats
@@ -59,13 +60,15 @@ class ClosedStep(NamedTuple):
 class Bookkeeping(Saved):
     """Keeps the digest of a run, and makes the record of each closed step, in order."""
 
-    def __init__(self, scenario: Scenario, density: Places, reasons: Sequence[str]) -> None:
+    def __init__(self, scenario: Scenario, density: Places, reasons: Sequence[str], metrics: Sequence[str]) -> None:
         self.digest = Digest()
         self.agents_in_trees = 0
         """In the newest record."""
         self._agents = scenario.agents.count
         self._density = density
         self._coverage = Coverage(scenario)
+        self._metrics = metrics
+        """Names of the controller's own numbers."""
         self._no_drops = dict.fromkeys(reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
 
     def enter(self, closed: ClosedStep, uplink: Uplink | None) -> StepRecord:
@@ -103,6 +106,7 @@ class Bookkeeping(Saved):
             reports_arrived=closed.arrived if uplink else sent,
             reports_in_flight=uplink.under_way + sent - len(dict(closed.sent)) if uplink else 0,
             reports_dropped=no_reports | uplink.dropped if uplink else no_reports,
+            metrics=mean_of(self._metrics, [act.metrics for _, act in closed.acts.values()]),
         )
 
     def _hash(self, closed: ClosedStep, with_reports: bool) -> None:
@@ -112,7 +116,8 @@ class Bookkeeping(Saved):
         for agent in sorted(closed.acts):
             if agent in transmitted:
                 add(step, agent, RADIO, transmitted[agent])
-            add(step, agent, ACT, closed.acts[agent][0])
+            data, act = closed.acts[agent]
+            add(step, agent, ACT, encode_act(act._replace(metrics=())) if act.metrics else data)
         for agent, data in closed.sent if with_reports else ():
             add(step, agent, REPORT, data)
         self.digest.end_step()
