@@ -24,7 +24,7 @@ from deltaswarm_wire.codec import (
 )
 from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.digest import REPORT
-from deltaswarm_wire.messages import MAX_DELTA, MAX_METRIC, MAX_TIME_S, NOBODY, role_name
+from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, METRIC_LIMIT, NOBODY, role_name
 from deltaswarm_wire.plugins import RADIO_MODELS
 
 DEAD = "dead"
@@ -281,7 +281,9 @@ def _step_record(row: Any) -> StepRecord:
         values[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
     for name in [name for name in named if name.startswith(PREFIX)]:
         value = named.pop(name)
-        values[name] = None if value is None else number(value, -MAX_METRIC, MAX_METRIC, f"truth.step_record.{name}")
+        values[name] = (
+            None if value is None else number(value, -METRIC_LIMIT, METRIC_LIMIT, f"truth.step_record.{name}")
+        )
     for name, value in named.items():
         values[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
     return StepRecord.of(values)

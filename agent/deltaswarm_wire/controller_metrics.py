@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.messages import MAX_METRIC, MAX_METRIC_NAME, MAX_METRICS
+from deltaswarm_wire.messages import MAX_METRIC_NAME, MAX_METRICS, METRIC_LIMIT
 from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 
 STEP, RUN = "step", "run"
@@ -95,7 +95,7 @@ def values_of(metrics: Sequence[ControllerMetric], values: Any) -> Own:
         if value is None:
             continue
         number = float(value)
-        if not abs(number) <= MAX_METRIC:
+        if not abs(number) <= METRIC_LIMIT:
             raise ValueError(f"metrics must be finite (got {one.name} = {number})")
         found.append((one.name, number))
     return tuple(found)

@@ -38,7 +38,7 @@ MAX_ROLE = 16
 MAX_METRICS = 16
 MAX_METRIC_NAME = 32
 """Characters of the name of a controller's own number, which becomes part of the names of columns."""
-MAX_METRIC = 1e300
+METRIC_LIMIT = 1e300
 ACT_ITEMS = 11
 """Items of an act without a controller's own numbers."""
 MAX_POSES = 64
@@ -238,7 +238,7 @@ def _metrics(raw: Any) -> tuple[tuple[str, float], ...]:
         raise WireError("act.metrics", f"be a map of 1 to {MAX_METRICS} numbers", type(raw).__name__)
     return tuple(
         [
-            (text(name, "act.metrics", MAX_METRIC_NAME), number(value, -MAX_METRIC, MAX_METRIC, "act.metrics"))
+            (text(name, "act.metrics", MAX_METRIC_NAME), number(value, -METRIC_LIMIT, METRIC_LIMIT, "act.metrics"))
             for name, value in raw.items()
         ]
     )

@@ -264,17 +264,15 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
 
 
 def _columns(study: Study) -> Iterator[Problem]:
-    """Report metrics that some variant's runs do not have; of a controller's own, if the variant is compared by them."""
+    """Report metrics that some variant's runs do not have; of a controller's own, those compared by it."""
     compared = {(name, variant) for _, name, variants in _compared(study) for variant in variants}
     for name in used_metrics(study):
         metric = study.metrics[name]
         for variant in study.sweep.variants:
             is_optional = name in controllers_own(study.sweep) and (name, variant.label) not in compared
-            if (
-                metric.kind == COLUMN
-                and not is_optional
-                and not _has_column(metric, variant.scenario, study.sweep.swept)
-            ):
+            if is_optional or metric.kind != COLUMN:
+                continue
+            if not _has_column(metric, variant.scenario, study.sweep.swept):
                 allowed = f"must be a column of the sweep's table; {variant.label!r} has none"
                 yield Problem(f"metric {name!r}", repr(metric.column), allowed)
                 break

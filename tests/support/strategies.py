@@ -139,6 +139,7 @@ event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.no
 step_records = st.builds(
     truth.StepRecord,
     **{name: ids for name, hint in truth.StepRecord.__annotations__.items() if hint is int},
+    metrics=st.dictionaries(st.text(max_size=8), st.none() | st.floats(-1e300, 1e300), max_size=3),
     frames_dropped=st.tuples(*[ids] * 12).map(lambda drops: dict(zip(truth.DROP_REASONS, drops, strict=True))),
     reports_dropped=st.tuples(*[ids] * 9).map(lambda drops: dict(zip(truth.UPLINK_REASONS, drops, strict=True))),
     time_s=times_s,
