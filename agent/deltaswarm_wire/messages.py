@@ -231,6 +231,8 @@ def decode_act(data: bytes) -> Act:
         integer(until, step + 1, MAX_STEP + 1, "act.until"),
         () if metrics == () else _metrics(metrics),
     )
+    act: Act = tuple_of(Act, fields)
+    return act
 
 
 def _metrics(raw: Any) -> tuple[tuple[str, float], ...]:
@@ -242,8 +244,6 @@ def _metrics(raw: Any) -> tuple[tuple[str, float], ...]:
             for name, value in raw.items()
         ]
     )
-    act: Act = tuple_of(Act, fields)
-    return act
 
 
 def role_name(value: Any, field: str) -> str:
