@@ -150,13 +150,14 @@ class StepRecord(NamedTuple):
 
     def values(self) -> list[Any]:
         """Return the values of `columns`, in a tenth of the time."""
-        frames, reports = _DROPS_AT
+        frames, reports, metrics = _DROPS_AT
         return [
             *self[:frames],
             *self.frames_dropped.values(),
             *self[frames + 1 : reports],
             *self.reports_dropped.values(),
-            *self[reports + 1 :],
+            *self[reports + 1 : metrics],
+            *self.metrics.values(),
         ]
 
     @classmethod
