@@ -104,12 +104,9 @@ class Console:
         """When the last step was closed; None before."""
         self._workload: Workload | None = None
         self._messages = 0
+        self._thresholds = [briefing.operator.threshold_hz, *briefing.operator.more_thresholds_hz]
         self._steps_above = [0 for _ in self._thresholds]
         self.history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
-
-    @property
-    def _thresholds(self) -> list[float]:
-        return [self.briefing.operator.threshold_hz, *self.briefing.operator.more_thresholds_hz]
 
     def attend(self, *, has_station: bool = True) -> None:
         """Note whether there is a station, at which somebody may sit."""
