@@ -127,7 +127,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
             RuntimeError: there is no episode, or it is over.
         """
         episode = self._episode
-        if episode is None or not self.agents:
+        if episode is None or episode.is_over or not self.agents:
             raise RuntimeError("step must follow reset, and end with the episode: call reset for another episode")
         if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
             raise ValueError(_wrong_agents(actions, self.agents))
@@ -138,7 +138,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
             }
         )
         rewards = {name: by_name[name] for name in self.agents}
-        truncations = dict.fromkeys(self.agents, episode.is_over)
+        truncations: dict[str, bool] = dict.fromkeys(self.agents, episode.is_over)
         present = episode.present
         terminations = {
             name: self._leaving and self._numbers[name] not in present and not episode.is_over for name in self.agents
@@ -261,12 +261,12 @@ class _Episode:
         self._outcome.step_records.append(record)
         self._outcome.workloads.append(workload)
         numbers = self._tally.count(swarm, record, workload)
-        rewards = self._reward(StepOutcome(record, workload, swarm.operator.reports_of_closed_step, numbers))
+        outcome = StepOutcome(record, workload, swarm.operator.reports_of_closed_step, numbers)
         if self.is_over:
             swarm.finish(self._outcome, time.monotonic() - self._began)
         self._step += 1
         self._begin()
-        return rewards
+        return self._reward(outcome)  # last, since a function of a user's may raise
 
     def losses(self) -> tuple[list[tuple[int, int, str]], list[tuple[int, str]]]:
         """Return why frames and reports of the last actions were lost, as `WorldCore.losses`."""
@@ -314,8 +314,10 @@ def _scenario_of(given: str | Path | Scenario, keys: Mapping[str, Any], sizes: M
 
 
 def _checked_cycles(max_cycles: Any, steps: int) -> int | None:
-    if max_cycles is None or (type(max_cycles) is int and 1 <= max_cycles <= steps):
-        return max_cycles
+    if max_cycles is None:
+        return None
+    if isinstance(max_cycles, int | np.integer) and not isinstance(max_cycles, bool) and 1 <= max_cycles <= steps:
+        return int(max_cycles)
     must = f"must be a whole number from 1 to {steps}, the scenario's steps; run.duration_s allows more"
     raise SettingsError([Problem("max_cycles", repr(max_cycles), must)])
 

@@ -34,6 +34,31 @@ def test_a_function_rewards_all_or_each() -> None:
             reward_function(lambda _, value=value: value, AGENTS)(outcome())
 
 
+def test_a_function_that_raises_spoils_no_episode() -> None:
+    """The step is done, and the next one follows."""
+    wrong = [True]
+
+    def reward(_: StepOutcome) -> float:
+        return float("nan") if wrong.pop() else 0.0
+
+    digests = []
+    for failing in (True, False):
+        wrong[:] = [False, failing]
+        env = SwarmEnv("smoke", {"run.duration_s": 2.0}, reward=reward)
+        env.reset(seed=1)
+        still = {agent: np.zeros(9, np.float32) for agent in env.agents}
+        if failing:
+            with pytest.raises(ValueError, match="finite numbers"):
+                env.step(still)
+        else:
+            env.step(still)
+        env.step(still)
+        digests.append(env.summary()["digest"])
+        with pytest.raises(RuntimeError, match="call reset"):
+            env.step({})
+    assert digests[0] == digests[1]
+
+
 @pytest.mark.parametrize("step_s", [0.5, 2.0])
 def test_each_number_is_what_the_records_say(step_s: float) -> None:
     """Over an episode, counted anew from reports and records; with a horizon that is not reached."""
