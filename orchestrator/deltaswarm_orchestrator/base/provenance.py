@@ -28,8 +28,14 @@ CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "wor
 EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster", "learn"))
 PACKAGES = ("deltaswarm", *CORE, *EXTENSIONS)
 
-INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
-"""Folders whose modules a version identifies, and not their content."""
+INSTALLED = tuple(
+    Path(folder).resolve()
+    for folder in (
+        *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+        *(entry for entry in sys.path if Path(entry).name in ("site-packages", "dist-packages")),
+    )
+)
+"""Folders whose modules a version identifies, and not their content; a virtual environment may use another's, too."""
 
 GIT_WITHIN_S = 5.0
 """Maximum wait for git [s], which may hang, for example on a lost network drive."""
