@@ -4,7 +4,8 @@ import csv
 import json
 import subprocess
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -69,6 +70,15 @@ class Participant:
     def __init__(self, driver: webdriver.Chrome) -> None:
         self.driver = driver
         self.isa: list[tuple[float, float]] = []
+        self.log: list[tuple[str, str, float, float]] = []
+        """What was done: its kind and content, and the wall time before and after it."""
+
+    @contextmanager
+    def doing(self, kind: str, what: str = "") -> Iterator[None]:
+        """Log what is done, once the page says that it is noted."""
+        before = time.time()
+        yield
+        self.log.append((kind, what, before, time.time()))
 
     def at(self, name: str) -> WebElement:
         """An element by its id."""
@@ -86,14 +96,16 @@ class Participant:
         if self.at("sheet").is_displayed():
             if (agree := self.at("sheet-agree")).is_displayed() and not agree.is_selected():
                 agree.click()
-            self.at("sheet-begin").click()
-            wait_until(lambda: not self.at("sheet").is_displayed(), "the sheet is taken")
+            with self.doing("sheet"):
+                self.at("sheet-begin").click()
+                wait_until(lambda: not self.at("sheet").is_displayed(), "the sheet is taken")
         elif self.at("form").is_displayed():
             self.fill()
         elif self.at("tlx").is_displayed():
             self.driver.execute_script(TLX)
-            self.at("tlx-send").click()
-            wait_until(lambda: not self.at("tlx").is_displayed(), "NASA-TLX is taken")
+            with self.doing("tlx"):
+                self.at("tlx-send").click()
+                wait_until(lambda: not self.at("tlx").is_displayed(), "NASA-TLX is taken")
         elif self.at("isa").is_displayed():
             self.answer_isa()
 
@@ -113,8 +125,9 @@ class Participant:
             field.send_keys(str(ANSWERS["age" if title == "you" else "trees"]))
         else:
             field.click()
-        self.at("form-send").click()
-        wait_until(lambda: not self.at("form").is_displayed() or self.at("form-title").text != title, "it is taken")
+        with self.doing("form"):
+            self.at("form-send").click()
+            wait_until(lambda: not self.at("form").is_displayed() or self.at("form-title").text != title, "it is taken")
 
 
 def test_a_whole_session(tmp_path: Path) -> None:
