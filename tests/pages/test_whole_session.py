@@ -110,7 +110,8 @@ class Participant:
             self.answer_isa()
 
     def answer_isa(self) -> None:
-        """Click on an answer."""
+        """Give an order, and click on an answer."""
+        self.driver.execute_script("document.getElementById('command-send').click()")
         before = time.time()
         self.driver.execute_script("document.querySelector('#isa [data-answer=\"3\"]').click()")
         wait_until(lambda: not self.at("isa").is_displayed(), "ISA is taken")
@@ -133,12 +134,13 @@ class Participant:
 def test_a_whole_session(tmp_path: Path) -> None:
     """Consent, forms, training, two conditions with ISA, SAGAT and NASA-TLX; read by pandas in three lines.
 
-    The participant reads German, and the tables are those of any language.
+    The participant reads German; the tables are those of any language. Each run repeats to its digest, with its orders.
     """
     (tmp_path / "study.toml").write_text(FILE + CONDITION.format("A", 2) + CONDITION.format("B", 3))
     (tmp_path / "consent.txt").write_text("You may stop at any time.")
     command = [*COMMAND, "session", "study.toml", "--quiet"]
     folder = tmp_path / "sessions" / "study" / "participant-001"
+    subprocess.run([*command, "--freeze"], cwd=tmp_path, check=True)
     with subprocess.Popen(
         [*command, "--participant", "1", "--language", "de"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     ) as session:
@@ -170,5 +172,8 @@ def test_a_whole_session(tmp_path: Path) -> None:
         assert before - 0.1 <= datetime.fromisoformat(utc).timestamp() <= after + 0.1
     actions = pd.read_csv(tmp_path / "data" / "actions.tsv", sep="\t")
     assert set(actions[actions.kind == "sheet"].position) == {0, 1, 2}
+    assert len(actions[(actions.kind == "command") & (actions.by == "person")]) == 2
+    against = json.loads((folder.parent / "commitment.json").read_text())["hash"]
+    subprocess.run([*COMMAND, "verify", "sessions/study", "--against", against], cwd=tmp_path, check=True)
     with (folder / "0-training" / "actions.csv").open(newline="") as stream:
         assert any("consent_sha256=" in row["text"] for row in csv.DictReader(stream))

@@ -38,5 +38,6 @@ def act_of(row: OperatorAction) -> dict[str, Any]:
 
 def answers_of(rows: Sequence[ProbeRow]) -> dict[str, Any]:
     """Return the answers to one question or form in the page's format."""
-    given = [f"{row.item}: {'no answer' if row.value is None else row.value}" for row in rows]
+    values = [(row.item, "no answer" if row.value is None else row.value) for row in rows]
+    given = [f"{item}: {value}" if item != rows[0].probe else str(value) for item, value in values]
     return {"time_s": rows[0].asked_s, "kind": "answer", "name": rows[0].probe, "text": "; ".join(given)}

@@ -212,3 +212,12 @@ def test_an_input_is_noted_once_it_is_on_disk(tmp_path: Path) -> None:
         server.on_intent(b'{"type": "note", "text": "y", "id": "p-2", "from": 3}')
         server.finish()
         assert "noted" in told()
+
+
+def test_nobody_is_away_before_the_run_listens() -> None:
+    """A page that is shown before the parts of the run are up is no absence since the machine was started."""
+    beats = PageBeats()
+    assert beats.check(43_000.0) is None
+    beats.start(43_001.0)
+    assert beats.check(43_002.0) is None
+    assert beats.check(43_005.0) == 43_001.0

@@ -103,10 +103,12 @@ export class ConductPanel {
   }
 
   update() {
-    const next = this.app.model.picture?.next;
-    setText(element("next-question"), next ? `Next question: ${next.what} at ${clock(next.at_s)}` : "No more questions while the run goes on");
-    element("conduct").hidden = this.app.model.hello?.kind !== "conductor";
-    const isReplay = this.app.model.hello?.kind === "replay";
+    const { model } = this.app;
+    const next = model.picture?.next;
+    const when = next && (next.at_s < model.now_s ? `due since ${clock(next.at_s)}` : `at ${clock(next.at_s)}`);
+    setText(element("next-question"), next ? `Next question: ${next.what} ${when}` : "No more questions while the run goes on");
+    element("conduct").hidden = model.hello?.kind !== "conductor";
+    const isReplay = model.hello?.kind === "replay";
     const create = () => make("li", {}, isReplay ? make("button", { type: "button", class: "link" }) : make("time"), make("b"), make("span", { class: "what" }));
     keepRows(
       element("acts-list"),

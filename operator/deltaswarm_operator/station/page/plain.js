@@ -20,5 +20,5 @@ export function showPlain({ hello, picture }, hasEnded) {
   const run = number ? t("Run {number} of {count}", { number, count }) : t("Training");
   const text = t(hello?.end_text ?? "");
   setText(element("plain-title"), isLast ? text : run);
-  setText(element("plain-text"), isLast ? t("You may close this page.") : hasEnded ? text : isOver ? t("This run is over.") : t("It begins soon."));
+  setText(element("plain-text"), isLast ? "" : hasEnded ? text : isOver ? t("This run is over.") : t("It begins soon."));
 }

@@ -95,7 +95,9 @@ export class TaskPanel {
       button(`judge-${answer}`).disabled = event === undefined || !isOn;
       button(`judge-${answer}`).setAttribute("aria-pressed", String(given === answer));
     }
-    setText(element("judge-count"), open.length ? t("{count} to judge", { count: open.length }) : t("All are judged."));
+    const isNone = !app.model.picture?.events.length;
+    const none = isNone ? t("None is reported yet.") : t("All are judged.");
+    setText(element("judge-count"), open.length ? t("{count} to judge", { count: open.length }) : none);
     button("judge-next").disabled = !isOn || open.length === 0;
     button("judge-next").classList.toggle("first", given !== undefined && open.length > 0);
     this.place();
