@@ -1,10 +1,11 @@
 /** Marks on the time bar of a replay: what the participant judged, answered, selected and noted. */
 
 import { element, make } from "./dom.js";
+import { later, t } from "./language.js";
 import { clock } from "./words.js";
 
 /** What each row of marks shows, from above. */
-const ROWS = { judge: "judgements", answer: "answers", selected: "selections", note: "notes and other acts" };
+const ROWS = { judge: later("judgements"), answer: later("answers"), selected: later("selections"), note: later("notes and other acts") };
 
 /**
  * @param {import("./model.js").Model} model
@@ -20,7 +21,7 @@ export function showMarks({ picture }, acts) {
       mark.style.left = `${(100 * (time_s - from_s)) / Math.max(to_s - from_s, 1)}%`;
       return mark;
     });
-    return [make("span", {}, `${words}: ${own.length}`), make("div", { class: "marks", "data-kind": kind }, ...marks)];
+    return [make("span", {}, `${t(words)}: ${own.length}`), make("div", { class: "marks", "data-kind": kind }, ...marks)];
   });
   element("marks").hidden = acts.length === 0;
   element("marks").replaceChildren(...rows.flat());
