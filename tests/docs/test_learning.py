@@ -87,6 +87,7 @@ def test_the_trained_policy_runs_as_processes(example: Path, monkeypatch: pytest
     assert env.summary()["digest"] == summaries[0]["digest"]
 
 
+@pytest.mark.slow
 def test_other_weights_are_another_run(example: Path) -> None:
     """The identity of a run covers the file of the weights."""
     code = (
@@ -103,6 +104,7 @@ def test_other_weights_are_another_run(example: Path) -> None:
     assert "weights.npy" in found.pop()
 
 
+@pytest.mark.slow
 def test_training_repeats(example: Path) -> None:
     """By any number of processes: the weights follow from the seed."""
     code = "from train import trained; print(trained(1, {jobs}, 1).tolist())"

@@ -52,9 +52,7 @@ def idle(env: SwarmEnv) -> dict[str, Any]:
 @in_one_test(
     "named",
     [
-        {"keys": SHORT},
-        {"keys": SHORT, "observation": "dict"},
-        {"keys": {**SHORT, "fault": FAULTS}},
+        {"keys": {**SHORT, "fault": FAULTS}, "observation": "dict"},
         {"keys": {**SHORT, "fault": FAULTS}, "leaving": True},
         {"keys": {**SHORT, "fault": [{"kind": "kill", "at_s": 5.0, "fraction": 1.0}]}, "leaving": True},
         {"keys": {**SHORT, "agents.count": 1}, "frame_slots": 0, "event_slots": 0, "message_size": 0},
@@ -62,7 +60,7 @@ def idle(env: SwarmEnv) -> dict[str, Any]:
 )
 def test_it_has_the_parallel_api(named: dict[str, Any]) -> None:
     """With agents that stay or leave, die at once or return, and with no slots at all."""
-    parallel_api_test(SwarmEnv(**named), 30)
+    parallel_api_test(SwarmEnv(**named), 21)
 
 
 def test_it_passes_the_other_tests_of_pettingzoo() -> None:
@@ -124,9 +122,9 @@ def test_episodes_without_a_seed_differ_and_repeat() -> None:
     places = []
     for _ in range(2):
         env = SwarmEnv("smoke", {**SHORT, "seed": 5})
-        places.append([env.reset(seed=seed)[0]["agent_0"].tolist() for seed in (None, None, 7, None, None)])
+        places.append([env.reset(seed=seed)[0]["agent_0"].tolist() for seed in (None, None, 7, None)])
     assert places[0] == places[1]
-    assert len({tuple(place) for place in places[0]}) == 5
+    assert len({tuple(place) for place in places[0]}) == 4
     assert places[0][0] == env.reset(seed=5)[0]["agent_0"].tolist()
 
 
@@ -153,14 +151,14 @@ sizes = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(scenarios, sizes, st.integers(0, 2**40))
 def test_observations_are_in_their_space(changes: dict[str, Any], sizes: dict[str, Any], seed: int) -> None:
     """In every step; so is the state, and each loss that the books count has its reason in an info."""
     outcomes: list[StepOutcome] = []
     if changes.pop("everything", False):
         changes = {**table_of(), **changes}
-    changes["run.duration_s"] = 18 * changes["run.step_s"]
+    changes["run.duration_s"] = 12 * changes["run.step_s"]
     changes["fault"] = [
         fault | {"at_s": fault["at_s"] / 6 * changes["run.step_s"]} for fault in changes.get("fault", ())
     ]
