@@ -230,6 +230,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "place": Field("number[]", ()),
             "asks": Field("boolean", False),
             "end_text": Field("string", ""),
+            "worth": Field("Record<string, string>", LEFT_OUT),
             "language": Field("Language | null", None),
             "session": Field("Session | null", None),
         },

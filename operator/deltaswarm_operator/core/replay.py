@@ -4,7 +4,7 @@ Pure: the steps of a run in, the station's datagrams out. A replay shows nothing
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from deltaswarm_operator.core.console import Console
@@ -43,11 +43,15 @@ class Replay:
     Args:
         briefing: the operator's briefing; its `command` has the commands that were given.
         steps: all steps in order, at least one.
+        worth: a line about what an order was worth, by the order's place among all, for those that have one.
     """
 
-    def __init__(self, briefing: Briefing, steps: Sequence[RecordedStep]) -> None:
+    def __init__(
+        self, briefing: Briefing, steps: Sequence[RecordedStep], worth: Mapping[str, str] | None = None
+    ) -> None:
         self.speed, self.is_paused = briefing.speed or 1.0, False
         self._steps = steps
+        self._worth = dict(worth or {})
         self._acts = [act for step in steps for act in step.acts]
         self._step_s = briefing.step_s
         self._console = Console(briefing)
@@ -99,7 +103,7 @@ class Replay:
 
     def hello(self, run: str) -> Message:
         """Return the message that describes the run to the page."""
-        return self._console.hello(run, "replay", SPEEDS)
+        return self._console.hello(run, "replay", SPEEDS) | ({"worth": self._worth} if self._worth else {})
 
     def newly_read(self) -> list[Message]:
         """Return what the page must not miss: the items that were read since."""

@@ -6,6 +6,7 @@ acts.
 
 import argparse
 import contextlib
+import json
 import queue
 import socket
 import sys
@@ -28,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     """Make the argument parser of a replay."""
     made = Parser(prog="python -m deltaswarm_operator.io.replaying", description="Feed the page of a finished run.")
     made.add_argument("--steps", type=Path, required=True, metavar="FILE", help="as `deltaswarm replay` makes them")
+    made.add_argument("--worth", type=Path, metavar="FILE", help="what orders were worth, as `deltaswarm value` says")
     made.add_argument("--run", default="run", help="the run's name on the page")
     made.add_argument("--channel-fd", type=int, required=True, metavar="N", help="its end of the station's channel")
     return made
@@ -76,7 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Feed the page of a replay until its station has gone."""
     arguments = parser().parse_args(argv)
     briefing, steps = read(arguments.steps)
-    feed(arguments.run, Replay(briefing, steps), socket.socket(fileno=arguments.channel_fd))
+    worth = json.loads(arguments.worth.read_text(encoding="utf-8"))["texts"] if arguments.worth else {}
+    feed(arguments.run, Replay(briefing, steps, worth), socket.socket(fileno=arguments.channel_fd))
     return 0
 
 

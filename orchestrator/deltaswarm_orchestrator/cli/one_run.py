@@ -98,7 +98,7 @@ def replay(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.processes.starter import REPLAY, LaunchError, StoppedError
     from deltaswarm_orchestrator.processes.station import StationChannel
     from deltaswarm_orchestrator.recording.reader import RecordingError
-    from deltaswarm_orchestrator.recording.replay import write_steps
+    from deltaswarm_orchestrator.recording.replay import worth_of, write_steps
 
     def show_url(url: str) -> None:
         print_result(url)
@@ -112,7 +112,7 @@ def replay(arguments: argparse.Namespace) -> int:
         except (RecordingError, OSError) as error:
             raise CommandError(f"{arguments.run}: {error}") from None
         page = StationChannel(listen=arguments.listen)
-        options = {"--steps": steps, "--run": arguments.run.name}
+        options = {"--steps": steps, "--run": arguments.run.name, "--worth": worth_of(arguments.run)}
         with stoppable() as stop, suppress(StoppedError):
             try:
                 serve_page(REPLAY, options, Path(folder) / "logs", page, show_url, was_stopped=lambda: stop.by)

@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS
+from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS, VALUES
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import AutonomySettings
@@ -27,6 +27,18 @@ ACT_TEXTS = ("kind", "by", "name", "target", "value", "text")
 """Columns of an act that the page shows."""
 SHOWN_ACTS = ("command", "veto", "judge", "pace", "note", "help", "end")
 SHOWN_PAGE_EVENTS = ("selected", "away", "back")
+
+
+def worth_of(run: Path) -> Path | None:
+    """Return the file that says what the orders of a run were worth; None if `deltaswarm value` has made none.
+
+    Raises:
+        SealError: it was changed.
+    """
+    file = run / VALUES / seal.RECORD
+    digest = seal.read_sealed(run / seal.MANIFEST).get("digest")
+    worth = seal.checked(file)
+    return file if worth.get("texts") and worth["run"]["digest"] == digest else None
 
 
 def write_steps(run: Path, file: Path) -> None:

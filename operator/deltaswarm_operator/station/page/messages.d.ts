@@ -41,6 +41,7 @@ export type Hello = {
   place: number[];
   asks: boolean;
   end_text: string;
+  worth?: Record<string, string>;
   language: Language | null;
   session: Session | null
 };
