@@ -2,14 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from deltaswarm_branches.pairs import BY_KEY, MEASURES
-from deltaswarm_branches.worth import UNDECIDED
+from deltaswarm_branches.worth import UNDECIDED, OrderWorth
 from deltaswarm_studies.style import MODES, drawing, laid_out, new_figure, save
-
-if TYPE_CHECKING:
-    from deltaswarm_branches.value import OrderWorth
 
 COLOUR = MODES["hybrid"].colour
 WIDTH_IN, LINE_IN, FRAME_IN = 4.8, 0.16, 0.9
@@ -17,9 +13,9 @@ MAX_LINES = 60
 """Orders beyond these are in the table only."""
 
 
-def draw(rows: Sequence["OrderWorth"], path: Path) -> list[Path]:
+def draw(rows: Sequence[OrderWorth], path: Path) -> list[Path]:
     """Draw the orders from the first down, filled where a difference is decided; write the files of the figure."""
-    orders = list(dict.fromkeys(row.order for row in rows))[:MAX_LINES]
+    orders = list({row.order.number: row.order for row in rows}.values())[:MAX_LINES]
     with drawing():
         figure = new_figure(WIDTH_IN, FRAME_IN + LINE_IN * max(3, len(orders)))
         panels = figure.subplots(1, len(MEASURES), sharey=True)

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+from deltaswarm_branches.figure import draw
 from deltaswarm_branches.pairs import MEASURES, Comparison, Pair, Work, pairs
 from deltaswarm_branches.parent import Order, Parent
 from deltaswarm_branches.plan import DROPPED, KEPT, Difference, plan
 from deltaswarm_branches.trunk import repeat
-from deltaswarm_branches.worth import Worth, worths
+from deltaswarm_branches.worth import OrderWorth, Worth, worths
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.recording import VALUES
@@ -19,13 +20,6 @@ from deltaswarm_wire.commands import Target
 TABLE, DIFFERENCE, REPLICATES, FIGURE = "commands_value.csv", "difference.csv", "replicates.csv", "commands_value"
 
 ORDER_COLUMNS = ("order", "at_s", "name", "target", "by")
-
-
-class OrderWorth(NamedTuple):
-    """What an order was worth in one measure."""
-
-    order: Order
-    worth: Worth
 
 
 def value_of_command(
@@ -82,8 +76,6 @@ def write(
     Raises:
         OSError: they cannot be written.
     """
-    from deltaswarm_branches.figure import draw
-
     folder = parent.folder / VALUES
     folder.mkdir(exist_ok=True)
     write_csv(folder / TABLE, (*ORDER_COLUMNS, *Worth._fields[1:]), (_cells(row, parent.step_s) for row in rows))

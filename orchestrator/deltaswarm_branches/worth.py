@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from deltaswarm_branches.pairs import BY_KEY, MEASURES, Pair
+from deltaswarm_branches.parent import Order
 from deltaswarm_studies.stats import DIFFERENCE, contrast, holm, pairs_needed
 
 MORE, LESS, NOTHING, UNDECIDED = "more", "less", "nothing", "undecided"
@@ -31,6 +32,13 @@ class Worth(NamedTuple):
     p_adjusted: float | None
     verdict: str
     """more, less, undecided, or nothing: no difference in any pair, to the last bit."""
+
+
+class OrderWorth(NamedTuple):
+    """What an order was worth in one measure."""
+
+    order: Order
+    worth: Worth
 
 
 def worths(pairs: Sequence[Pair]) -> list[Worth]:
