@@ -23,6 +23,7 @@ RULES = (
     KeyRule("operator.person", True, "the simulated person goes on with these, or comes or leaves"),
     KeyRule("operator.autonomy", True, "the rule starts anew, with the delta that was ordered last"),
     KeyRule("operator.budget", True, "the rule starts anew, with the structure that was ordered last"),
+    KeyRule("operator.inbox", True, "the policy gets what is held back; severities hold for what arrives"),
     KeyRule("operator.more_thresholds_hz", False, PAGE),
     KeyRule("operator.page", False, PAGE),
     KeyRule("operator.probes", False, "the times of all questions are drawn before the first step"),
@@ -31,7 +32,7 @@ RULES = (
     KeyRule("seed", False, "a branch has the chance of its parent; --replicates draws another"),
     KeyRule("run", False, "a branch has the steps and the pace of its parent"),
     KeyRule("metrics", False, "a branch is measured as its parent is"),
-    *(KeyRule(prefix, False, WORLD) for prefix in ("arena", "events", "agents", "fault")),
+    *(KeyRule(prefix, False, WORLD) for prefix in ("arena", "world", "events", "agents", "fault")),
     *(
         KeyRule(prefix, False, "frames are under way, and links have drawn their chance")
         for prefix in ("radio", "uplink", "downlink")

@@ -137,6 +137,9 @@ def plan(parent: Parent, step: int, difference: Difference) -> Plan:
     given = [*_accepted(past, table), *(scripted.command for scripted in commands if not scripted.is_dropped)]
     table["command"] = [plain(command) for command in given]
     scenario, wrong = check_table(table)
+    if scenario is not None:
+        others = _differing(plain(parent.scenario) | {"command": table["command"]}, plain(scenario))
+        problems += [problem for key in others if (problem := problem_of(key))]
     if scenario is None or problems + wrong:
         raise SettingsError([*problems, *_in_words(wrong, given, difference.add)])
     is_other = (scenario.operator, bool(difference.drop or difference.add), restarts, later == DROPPED)
@@ -157,6 +160,16 @@ def _set(table: dict[str, Any], text: str) -> list[Problem]:
         options = {field.name for field in dataclasses.fields(find_controller(mode, "--mode").Settings)}
         table["control"] = {name: value for name, value in control.items() if name == "mode" or name in options}
     return apply(table, text)
+
+
+def _differing(one: dict[str, Any], other: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted keys that differ between two scenarios' tables."""
+    for name in one.keys() | other.keys():
+        first, second = one.get(name), other.get(name)
+        if isinstance(first, dict) and isinstance(second, dict):
+            yield from _differing(first, second, f"{prefix}{name}.")
+        elif first != second:
+            yield f"{prefix}{name}"
 
 
 def _accepted(commands: Sequence[CommandSettings], table: dict[str, Any]) -> list[CommandSettings]:

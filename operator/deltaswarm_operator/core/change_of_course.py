@@ -7,6 +7,7 @@ from deltaswarm_operator.core.budget import Structure, budget_of
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.script import Script, Scripted
 from deltaswarm_operator.core.simulated_operator import person_of
+from deltaswarm_operator.inbox.policy import RANKED
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
 from deltaswarm_wire.commands import ALL
 
@@ -29,14 +30,17 @@ def go_on_with(console: Console, briefing: Briefing, commands: Iterable[Scripted
     given = console.command_log.next
     waiting = (scripted for scripted in commands if scripted.number is None or scripted.number >= given)
     console.script, console.rule_drops = Script(waiting, briefing.step_s), rule_drops
+    if now.inbox != before.inbox:
+        console.picture.go_on_with(now.inbox)
+        console.ledger.go_on_with(now.inbox, now.person.patience_s)
     structure = _ordered(console)
     person = console.person
     if person is None or not now.person.is_on:
-        console.person = person_of(briefing)
+        console.person = person_of(briefing, is_ranked=console.ledger.order == RANKED)
         if console.person is not None and structure is not None:
             console.person.delta = round(structure.delta)
     else:
-        person.go_on_with(now.person, now.threshold_hz)
+        person.go_on_with(now.person, now.threshold_hz, is_ranked=console.ledger.order == RANKED)
     if now.autonomy != before.autonomy:
         console.autonomy = autonomy_of(briefing)
         if console.autonomy is not None and structure is not None:

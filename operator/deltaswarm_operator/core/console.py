@@ -95,8 +95,7 @@ class Console:
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
         self.script = Script(map(Scripted, briefing.command), briefing.step_s)
-        self.rule_drops = 0
-        """So many of the next commands of a simulated person or of the system are not given."""
+        self.rule_drops = 0  # so many of the next commands of a simulated person or of the system are not given
         self.step = -1
         """The newest closed step."""
         self._is_over = False

@@ -70,8 +70,7 @@ class Picture:
     """What the operator knows. Times are simulated [s]."""
 
     def __init__(self, step_s: float, inbox: InboxSettings | None = None) -> None:
-        self._rules = inbox or InboxSettings()
-        self._severities = self._rules.severities
+        self.go_on_with(inbox or InboxSettings())
         self._unheard: set[int] = set()
         """Agents of which an item says that they are unheard."""
         self.beyond = 0
@@ -93,6 +92,10 @@ class Picture:
         """Time of each sender's newest report [s]."""
         self._members: dict[int, set[int]] = {}
         """By root, the agents last known as members of its tree; newer reports may have moved some since."""
+
+    def go_on_with(self, inbox: InboxSettings) -> None:
+        """Judge what arrives from now on by these rules."""
+        self._rules, self._severities = inbox, inbox.severities
 
     def update(self, reports: Iterable[Report], now_s: float) -> list[Item]:
         """Take in the reports of a closed step; return the new items, even if the inbox is full."""

@@ -131,9 +131,9 @@ class SimulatedOperator:
         """Return the metrics of the run so far, for JSON; `isa` is the mean answer to ISA."""
         return self.measures.totals(self.unread, isa)
 
-    def go_on_with(self, settings: PersonSettings, threshold_hz: float) -> None:
+    def go_on_with(self, settings: PersonSettings, threshold_hz: float, *, is_ranked: bool) -> None:
         """Go on with other parameters; a command that is being given is given up if the person commands no more."""
-        self.settings, self.threshold_hz = settings, threshold_hz
+        self.settings, self.threshold_hz, self.is_ranked = settings, threshold_hz, is_ranked
         if not settings.commands and self._job is not None and self._job.entry is None:
             self._job = None
 

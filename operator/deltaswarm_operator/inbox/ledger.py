@@ -59,10 +59,18 @@ class Ledger:
         """Numbers of the items that ask to be read."""
         self._asking_of: Counter[int] = Counter()
         """By line, how many of them it has."""
+        self._policy: Policy
+        self._offered: list[Item] = []
+        """Items held back by an earlier policy, which the present one has not seen."""
+        self.go_on_with(settings, patience_s)
+
+    def go_on_with(self, settings: InboxSettings, patience_s: float) -> None:
+        """Go on by another policy, which gets what is held back with the next step's items."""
         self._name, self._patience_s = settings.policy, patience_s
         cls = find(INBOX_POLICIES, settings.policy, "operator.inbox.policy")
         own = settings.own
-        self._policy: Policy = self._guarded(lambda: cls(own))
+        self._policy = self._guarded(lambda: cls(own))
+        self._offered = self.held_items
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
         try:
@@ -110,7 +118,8 @@ class Ledger:
         self.items += kept
         self._held |= dict.fromkeys(item.number for item in kept)
         self._held_alerts += sum(item.severity == ALERT for item in kept)
-        puts: list[Put] = self._guarded(lambda: list(self._policy.close_step(now_s, kept)))
+        offered, self._offered = [*self._offered, *kept], []
+        puts: list[Put] = self._guarded(lambda: list(self._policy.close_step(now_s, offered)))
         for put in puts:
             self._check(put)
         return [item for put in puts for item in self._show(put, now_s)] + [*items[len(kept) :]]

@@ -120,6 +120,19 @@ def test_an_added_order_and_another_mode_act(scripted: Path, tmp_path: Path) -> 
     assert summary_of(other)["valid"]
 
 
+def test_another_inbox_shows_what_was_held_back(tmp_path: Path) -> None:
+    """From its step on by another policy, which gets what the first one held; the swarm notices nothing."""
+    sets = ("operator.person.policy=none", "operator.inbox={policy='digest', every_s=100}", "run.duration_s=150")
+    run = ran(tmp_path / "run", *sets)
+    branch = branched(run, tmp_path / "branch", "--at", "98", "--set", "operator.inbox={policy='all'}")
+    assert summary_of(branch)["digest"] == summary_of(run)["digest"]
+    mine, theirs = (read_rows(folder / "inbox.csv") for folder in (branch, run))
+    assert [row["time_s"] for row in mine] == [row["time_s"] for row in theirs]
+    held = [n for n, row in enumerate(mine) if float(row["time_s"]) < 96]
+    assert {float(mine[n]["shown_s"]) for n in held} == {96.0}
+    assert len(held) > 1
+
+
 def test_another_chance_is_common_to_both_sides(tmp_path: Path) -> None:
     """A replicate repeats, and differs from the parent only after its step; both sides have the same events."""
     parent = read_parent(ran(tmp_path / "run", SCRIPT, *AIR, "events.rate_hz=0.3", "run.duration_s=200"))

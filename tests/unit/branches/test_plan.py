@@ -52,6 +52,8 @@ def test_every_key_has_one_rule() -> None:
         (Difference(sets=("agents.count=4",)), 50.0, "--set must be a key that can change within a run: the world"),
         (Difference(sets=("radio.burst.p_good_to_bad=0.1",)), 50.0, "--set must be a key that can change within a run"),
         (Difference(sets=("events.density.kind=uniform",)), 50.0, "--set must be a key that can change within a run"),
+        (Difference(sets=("operator={task={is_on=true}}",)), 50.0, "operator.task"),
+        (Difference(sets=("operator={page={title='x'}}",)), 50.0, "--set must be a key that can change within a run"),
         (Difference(sets=("control.nonsense=1",)), 50.0, "control.nonsense: unknown key"),
         (Difference(sets=("control.delta",)), 50.0, "--set must be key=value"),
         (
