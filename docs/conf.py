@@ -21,6 +21,7 @@ include_patterns = [
     "docs/**.md",
     "agent/*.md",
     "agent/deltaswarm_agent/controllers/paper/*.md",
+    "examples/learn/result/*.md",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
 ]
