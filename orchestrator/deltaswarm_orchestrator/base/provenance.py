@@ -206,7 +206,7 @@ def _file_of(name: str) -> Path | None:
     try:
         module = sys.modules.get(name)
         spec = module.__spec__ if module is not None else importlib.util.find_spec(name)
-    except (ImportError, AttributeError, ValueError):
+    except Exception:  # a package that is imported may raise anything, such as one for another system
         return None
     origin = getattr(module, "__file__", None) or (spec.origin if spec is not None else None)
     return Path(origin) if origin and Path(origin).is_file() else None

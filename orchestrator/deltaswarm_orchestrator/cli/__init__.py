@@ -22,6 +22,7 @@ COMMANDS = {
     "run": "run a scenario with real processes",
     "sweep": "many runs that differ in some keys, in one table",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
+    "new": "make a folder for a controller of your own: its file, tests, a scenario and a study",
     "station": "open the page of a run that is under way, for the person who watches and commands",
     "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",

@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DEAD, UPLINK_REASONS, AgentState, EventState, Sample, StepRecord, Truth
-from deltaswarm_wire.controller_metrics import mean_of
+from deltaswarm_wire.controller_metrics import PREFIX, mean_of
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import NOBODY, Act, TreeStatus, encode_act
 from deltaswarm_wire.saved import Saved
@@ -67,9 +67,14 @@ class Bookkeeping(Saved):
         self._agents = scenario.agents.count
         self._density = density
         self._coverage = Coverage(scenario)
-        self._metrics = metrics
+        self._metrics = tuple(metrics)
         """Names of the controller's own numbers."""
         self._no_drops = dict.fromkeys(reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
+
+    @property
+    def own_columns(self) -> list[str]:
+        """The columns of the controller's own numbers."""
+        return [PREFIX + name for name in self._metrics]
 
     def enter(self, closed: ClosedStep, uplink: Uplink | None) -> StepRecord:
         """Add a step to the digest; return its record. The uplink's state must still be that of the step."""

@@ -15,7 +15,6 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import COLUMNS, DROP_REASONS, Sample, StepRecord, Truth
 from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.commands import BASE_ID
-from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
@@ -57,8 +56,6 @@ class WorldCore(Saved):
 
     def __init__(self, scenario: Scenario, boards: Iterable[int] = (), metrics: Sequence[str] = ()) -> None:
         self.scenario = scenario
-        self._metrics = tuple(metrics)
-        """Names of the controller's own numbers."""
         self.environment = Environment(scenario)
         self.participants = Participants(range(scenario.agents.count), boards)
         self.intake = Intake(self.participants)
@@ -78,7 +75,7 @@ class WorldCore(Saved):
         """(agent, sample) of base frames received in this step."""
         self._sent: list[tuple[int, bytes]] = []
         self._forwarded_ever = 0
-        self._books = Bookkeeping(scenario, self.environment.density, self.air.reasons, self._metrics)
+        self._books = Bookkeeping(scenario, self.environment.density, self.air.reasons, metrics)
         self._closed: ClosedStep | None = None
         self._faults = Faults(scenario) if scenario.fault else None
         count = scenario.agents.count
@@ -343,10 +340,9 @@ class WorldCore(Saved):
     @property
     def columns(self) -> list[str]:
         """The columns of a step's record: with one for each reason of a drop and each own number."""
-        foreign = [reason for reason in self.air.reasons if reason not in DROP_REASONS]
+        dropped = [f"dropped_{reason}" for reason in self.air.reasons if reason not in DROP_REASONS]
         end = COLUMNS.index("reports_sent")
-        own = [PREFIX + name for name in self._metrics]
-        return [*COLUMNS[:end], *(f"dropped_{reason}" for reason in foreign), *COLUMNS[end:], *own]
+        return [*COLUMNS[:end], *dropped, *COLUMNS[end:], *self._books.own_columns]
 
     def truth(self, row: StepRecord) -> Truth:
         """Return the full state of the closed step for the recorder; its events are those of `close`, or of now."""
