@@ -1,5 +1,6 @@
 """The page on Python: its snippets run in order, as a reader types them."""
 
+import os
 import re
 import subprocess
 import sys
@@ -15,9 +16,16 @@ PAGE = (ROOT / "docs" / "PYTHON.md").read_text()
 @pytest.mark.processes
 def test_the_snippets_work(tmp_path: Path) -> None:
     """In one script, in which a class is as in a notebook; without any warning of deltaswarm."""
-    code = "import matplotlib\nmatplotlib.use('agg')\n" + "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+    code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
     (tmp_path / "page.py").write_text(code.replace("600.0", "60.0"))
-    done = subprocess.run([sys.executable, "page.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "page.py"],
+        env={**os.environ, "MPLBACKEND": "agg"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert "radio.loss must be a number from 0 to 1 (got 2.0)" in done.stdout
     assert "Warning" not in done.stderr

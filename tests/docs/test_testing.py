@@ -13,6 +13,15 @@ from tests.support.pages import ROOT, shell
 PAGE = (ROOT / "docs" / "TESTING.md").read_text()
 
 
+CALM = """
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("calm", deadline=None, suppress_health_check=list(HealthCheck), max_examples=20)
+settings.load_profile("calm")
+"""
+"""What a machine that does much else needs."""
+
+
 def in_folder(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -24,6 +33,7 @@ def test_the_template_and_the_pages_tests_pass(tmp_path: Path) -> None:
     folder = tmp_path / "my_walk"
     assert main(["new", "controller", "my_walk", "--out", str(folder)]) == 0
     snippets = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    (folder / "conftest.py").write_text(CALM)
     (folder / "test_page.py").write_text("\n".join(snippets))
     done = in_folder(folder, "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist")
     assert done.returncode == 0, done.stdout
