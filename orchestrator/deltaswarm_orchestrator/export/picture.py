@@ -1,10 +1,12 @@
 """Draw one view of a run from above: agents by role, trees and open events."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -26,6 +28,12 @@ class Shown(Figure):
         return data.getvalue()
 
 
+def _discs(radius_m: float, axes: Axes, look: Mapping[str, Any]) -> EllipseCollection:
+    """Make discs of their true size, without positions as yet."""
+    size_m = [2.0 * radius_m]
+    return EllipseCollection(size_m, size_m, [0.0], units="xy", offsets=[], offset_transform=axes.transData, **look)
+
+
 class Picture:
     """One figure, whose contents are replaced for each frame."""
 
@@ -38,7 +46,14 @@ class Picture:
         self._trees = LineCollection([], colors=role_colour("member"), linewidths=1.2)
         self._axes.add_collection(self._trees)
         self._events = self._axes.scatter([], [], s=30, c="black", marker="s")
-        self._agents = self._axes.scatter([], [], s=36, edgecolors="black", linewidths=0.4, zorder=3)
+        edge: dict[str, Any] = {"edgecolors": "black", "linewidths": 0.4, "zorder": 3}
+        self._radius_m = film.radius_m
+        self._headings = LineCollection([], colors="black", linewidths=0.8, zorder=4)
+        if film.radius_m:
+            self._agents: Collection = self._axes.add_collection(_discs(film.radius_m, self._axes, edge))
+            self._axes.add_collection(self._headings)
+        else:
+            self._agents = self._axes.scatter([], [], s=36, **edge)
         self._roles: list[str] = []
         self._numbers: dict[int, int] = {}
         """Events by the order of their arrival: their ids are long and mean nothing."""
@@ -50,6 +65,7 @@ class Picture:
         self._events.set_offsets(np.array([(event.x_m, event.y_m) for event in view.events]).reshape(-1, 2))
         self._name_events(view.events)
         self._agents.set_offsets(np.array([(body.x_m, body.y_m) for body in view.bodies]).reshape(-1, 2))
+        self._headings.set_segments(view.headings_m(self._radius_m))
         self._agents.set_facecolor([role_colour(body.role) for body in view.bodies])
         self._axes.set_title(f"{view.time_s:.0f} s")
         if new := {body.role for body in view.bodies} - set(self._roles):

@@ -1,5 +1,6 @@
 """Read the views and metrics that an export shows of a recording, and export them as CSV."""
 
+import math
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,6 +39,17 @@ class Snapshot(NamedTuple):
         places = {body.agent: (body.x_m, body.y_m) for body in self.bodies}
         return [[places[body.agent], places[body.parent]] for body in self.bodies if body.parent in places]
 
+    def headings_m(self, radius_m: float) -> list[Line]:
+        """A line from the centre of each body that has a heading to its edge."""
+        return [
+            [
+                (body.x_m, body.y_m),
+                (body.x_m + radius_m * math.cos(angle), body.y_m + radius_m * math.sin(angle)),
+            ]
+            for body in self.bodies
+            if (angle := body.heading_rad) is not None
+        ]
+
 
 @dataclass(frozen=True)
 class Film:
@@ -49,6 +61,8 @@ class Film:
     height_m: float
     walls_m: list[Line]
     """The edges of the arena and of the obstacles, as closed lines."""
+    radius_m: float = 0.0
+    """The radius of a body; 0: a point."""
 
     def snapshots(self) -> Iterator[Snapshot]:
         """Yield each view, as far as the file can be read.
@@ -95,13 +109,15 @@ def read_film(path: Path) -> Film:
     if not recording.scenario:
         raise RecordingError(f"{path} must hold a scenario; it is damaged or was cut off before that")
     try:
-        arena = tomllib.loads(recording.scenario)["arena"]
+        scenario = tomllib.loads(recording.scenario)
+        arena = scenario["arena"]
     except (tomllib.TOMLDecodeError, KeyError) as error:
         raise RecordingError(f"{path} must hold a valid scenario: {error}") from None
     width_m, height_m = arena["width_m"], arena["height_m"]
     obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
     loops = [[(0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m)], *obstacles]
-    return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops])
+    radius_m = float(scenario.get("world", {}).get("radius_m", 0.0))
+    return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops], radius_m)
 
 
 def _with_statuses(view: Snapshot, statuses: list[dict[str, Any]]) -> Snapshot:
