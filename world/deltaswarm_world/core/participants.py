@@ -14,7 +14,7 @@ answered if the agent's act for that step is there when the step is closed, be i
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Set
+from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -100,6 +100,14 @@ class Missed(Saved):
         self._newest = step
         self.steps += 1
         self.longest = max(self.longest, self._in_a_row)
+
+
+def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
+    """Return what agents missed, by agent, for JSON."""
+    return [
+        {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
+        for agent, about in sorted(missed.items())
+    ]
 
 
 class Participants(Saved):

@@ -5,7 +5,7 @@ Inputs are processed in agent order, never in arrival order; `intake.py` takes a
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import accumulate
 from operator import itemgetter
@@ -28,18 +28,10 @@ from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.intake import Intake
-from deltaswarm_world.core.participants import Missed, Participants
+from deltaswarm_world.core.participants import Participants, as_rows
 from deltaswarm_world.core.sleep_schedule import SleepSchedule
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 from deltaswarm_world.core.uplink.uplink import Uplink
-
-
-def _rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
-    return [
-        {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
-        for agent, about in sorted(missed.items())
-    ]
-
 
 HEARD_BYTES = 6
 """Overhead of a heard frame in an agent's frame: its sender and length."""
@@ -385,8 +377,8 @@ class WorldCore(Saved):
             "agents_lost": list(self.participants.lost),
             "lost_in_step": list(self.participants.lost_in_step),
             "agent_steps": {"due": self.participants.due, "answered": self.participants.answered},
-            "agents_failed": _rows(self.participants.failed),
-            "agents_late": _rows(self.participants.late),
+            "agents_failed": as_rows(self.participants.failed),
+            "agents_late": as_rows(self.participants.late),
             "deserted": self.participants.is_deserted,
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.participants.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
