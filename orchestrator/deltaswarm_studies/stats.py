@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,9 +146,9 @@ def _median_ranks(n: int, alpha: float) -> tuple[int | None, int | None]:
     """Return the places in a sorted sample of the ends of its median's interval; they depend on its size alone."""
     from scipy import stats
 
-    test: Any = stats.quantile_test(np.arange(n), q=0.0, p=0.5).confidence_interval(1 - alpha)
-    low, high = (None if math.isnan(end) else int(end) for end in (test.low, test.high))
-    return low, high
+    tail = (1 - (1 - alpha)) / 2  # rounded as SciPy does
+    low, high = int(stats.binom.ppf(tail, n, 0.5)) - 1, int(stats.binom.isf(tail, n, 0.5))
+    return low if low >= 0 else None, high if high < n else None
 
 
 def with_error(median: float, interval: Interval, error: float, alpha: float) -> Interval:
