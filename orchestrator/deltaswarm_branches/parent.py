@@ -143,9 +143,10 @@ def _orders(folder: Path, scenario: Scenario) -> tuple[Order, ...]:
     """
     if (folder / COMMANDS).exists():
         given = load_scenario(str(folder / SCENARIO), commands=folder / COMMANDS).command
+        by = [row["by"] for row in read_rows(folder / "commands.csv")] or [SCRIPT] * len(given)
     else:
         given = tuple(sorted(scenario.command, key=lambda command: command.at_s))
-    by = [row["by"] for row in read_rows(folder / "commands.csv")] or [SCRIPT] * len(given)
+        by = [SCRIPT] * len(given)
     steps = [max(FIRST_STEP, round(command.at_s / scenario.run.step_s)) for command in given]
     rows = enumerate(zip(steps, by, given, strict=False))
     return tuple(Order(number, *row) for number, row in rows if row[0] < scenario.run.steps)

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_branches.parent import Parent
+from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError, Reporter
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run import checkpoints
 from deltaswarm_orchestrator.run.in_process import Begun, InProcess, run_in_process
+from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_wire.plugin_errors import described, is_interrupt
 
 
@@ -82,8 +84,12 @@ def _from_checkpoint(parent: Parent, before_step: int, needs_console: bool) -> B
         if begun.cores.console is not None or not needs_console:
             return begun
     if parent.digest is None:
-        must = "RUN must have ended, since nothing tells whether it repeats to a step before its checkpoint"
-        raise CommandError(f"{must}, or without a console (got {parent.folder}, which was killed)")
+        first_s = (parent.checkpoint.step + 1 + FIRST_STEP) * parent.step_s if parent.checkpoint else 0.0
+        go_on = command_line("run", "--resume", parent.folder)
+        raise CommandError(
+            f"--at must be at least {first_s:g} s in a killed run, which has nothing but its checkpoint, and what is "
+            f"different must need no operator that the run lacks; or let the run end before: {go_on}"
+        )
     return None
 
 

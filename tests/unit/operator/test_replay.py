@@ -188,3 +188,10 @@ def test_a_replay_tells_what_the_person_did_and_judges_no_earlier() -> None:
         replay.seek(time_s)
         replay.show()
         assert replay._console.judgements.get(1) == answer
+
+
+def test_a_replay_tells_what_orders_were_worth() -> None:
+    """A line for each order that has one; without any, the page is told nothing of the kind."""
+    briefing, steps = recorded()
+    assert Replay(briefing, steps, {"0": "worth: completed +1"}).hello("run")["worth"] == {"0": "worth: completed +1"}
+    assert "worth" not in a_replay().hello("run")
