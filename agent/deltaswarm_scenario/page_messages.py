@@ -147,12 +147,6 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         is_input=True,
     ),
     "held": MessageForm("asks for the items of the inbox that are held back", (PARTICIPANT, CONDUCTOR), {}),
-    "open": MessageForm(
-        "shows items of the inbox that were held back",
-        (PARTICIPANT,),
-        {"items": INTEGERS},
-        is_input=True,
-    ),
     "isa": MessageForm(
         "an answer to ISA",
         (PARTICIPANT,),
@@ -220,6 +214,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "range_m": Field("number | null"),
             "agents": INTEGER,
             "thresholds_hz": Field("number[]"),
+            "inbox": Field("{ policy: string; order: string; held: string }", LEFT_OUT),
             "event_numbers": Field("[number, number][]", ()),
             "commands": Field("Form[]", ()),
             "goal": Field("string", ""),
@@ -246,6 +241,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "agents": Field("AgentRow[]", ()),
             "events": Field("EventRow[]", ()),
             "inbox": Field("InboxRow[]", ()),
+            "counts": Field("[number, number][]", ()),
             "judged": Field("[number, string][]", ()),
             "held": Field("[number, number, number | null]", LEFT_OUT),
             "unread": Field("integer", 0),
@@ -267,6 +263,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
         EVERYBODY,
         {
             "inbox": Field("InboxRow[]", ()),
+            "counts": Field("[number, number][]", ()),
             "read": Field("integer[]", ()),
             "history": Field("HistoryRow[]", ()),
             "acts": Field("Act[]", LEFT_OUT),

@@ -11,7 +11,7 @@ from deltaswarm_scenario.operator_settings import CHANGE, INFO, NEWS
 from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
 _ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
-_KINDS = ("command", "proposal", "veto", "read", "open", "pace", "note", "help", "end", "ready", *_ANSWERS)
+_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "help", "end", "ready", *_ANSWERS)
 
 PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
@@ -45,7 +45,7 @@ class OperatorAction(NamedTuple):
     value: Annotated[
         float | None, Column("", "a command's first argument, delta, the speed, the steps or the answer")
     ] = None
-    items: Annotated[str, Column("", "numbers of the items that were read or opened, separated by spaces")] = ""
+    items: Annotated[str, Column("", "numbers of the items that were read, separated by spaces")] = ""
     event: Annotated[int | None, Column("", "number of the event that was judged, as on the page")] = None
     text: Annotated[str, Column("", "a note, the participant and condition of a sheet, or details of the page")] = ""
     page: Annotated[int | None, Column("", "number of the page that acted, in the order in which pages opened")] = None

@@ -37,7 +37,7 @@ from deltaswarm_wire.operator_messages import Clock, Report, Workload
 LIVE, CONDUCTOR_KIND = "live", "conductor"
 NUMBERS_SHOWN = 1000
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)
-INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
+INBOX_SHOWN, INBOX_COUNTS, INBOX_CAUGHT_UP = 20, 100, 1000
 HISTORY_ROWS = 600
 SHEET_FIELDS = ("consent", "participant", "condition")
 HELP_ASKED, HELP_SEEN, HELP_OVER = "asked", "seen", "over"
@@ -340,6 +340,7 @@ class Console:
             range_m=briefing.range_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
+            inbox=self.ledger.about,
             commands=[  # the page need not know the control mode
                 {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)} for form in briefing.offered
             ],
@@ -367,6 +368,7 @@ class Console:
             over=self._is_over,
             **picture.rows(),
             inbox=ledger.new_rows(INBOX_SHOWN, INBOX_CAUGHT_UP),
+            counts=ledger.counts(INBOX_COUNTS),
             held=list(ledger.held),
             judged=[[event, self.judgements[event]] for event in picture.events if event in self.judgements],
             unread=ledger.unread,

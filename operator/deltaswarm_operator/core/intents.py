@@ -132,8 +132,8 @@ def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
     ledger, items = console.ledger, raw.get("items", ())
     if raw.get("all"):
-        items = ledger.shown[: raw.get("up_to", len(ledger.shown)) + 1]
-    fresh = ledger.read(items, console.picture.now_s)
+        items = ledger.asking[: raw.get("up_to", len(ledger.asking)) + 1]
+    fresh = ledger.read(ledger.on_lines(items), console.picture.now_s)
     if fresh:
         if console.attention is not None:
             console.attention.read(fresh, console.picture.now_s, at["monotonic_s"])
@@ -144,13 +144,6 @@ def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _held(console: Console, raw: Raw, at: Raw) -> list[Message]:
     rows = [item_row(item, -1) for item in console.ledger.held_items[-INBOX_CAUGHT_UP:]]
     return [made("held", to=at["page"], inbox=rows)]
-
-
-def _open(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    opened = console.ledger.open(raw["items"], console.picture.now_s)
-    if opened:
-        console.note(kind="open", items=" ".join(map(str, opened)), **at)
-    return []
 
 
 def _answer(console: Console, raw: Raw, at: Raw) -> list[Message]:
@@ -216,8 +209,8 @@ def _catch_up(console: Console, raw: Raw, at: Raw) -> list[Message]:
     newest = ledger.rows(INBOX_CAUGHT_UP)
     read = [row[0] for row in newest if row[0] in ledger.read_s]
     acts = {"acts": list(console.recent_acts.acts)} if at["by"] == CONDUCTOR else {}
-    history = list(console.history)
-    return [made("catch_up", to=at["page"], inbox=newest, read=read, history=history, **acts)]
+    more = {"counts": ledger.counts(INBOX_CAUGHT_UP), "history": list(console.history), **acts}
+    return [made("catch_up", to=at["page"], inbox=newest, read=read, **more)]
 
 
 INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
@@ -227,7 +220,6 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "judge": _judge,
     "read": _read,
     "held": _held,
-    "open": _open,
     "isa": _answer,
     "tlx": _answer,
     "form": _answer,

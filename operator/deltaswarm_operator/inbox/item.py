@@ -42,4 +42,4 @@ class Item(NamedTuple):
 def item_row(item: Item, place: int) -> list[Any]:
     """Return an item in the page's format, with its place in the order in which items were shown; -1: it is not."""
     line = item.number if item.line == NOBODY else item.line
-    return [*item[:5], list(item.events), int(item.is_new), item.severity, line, place, int(item.is_quiet)]
+    return [*item[:5], list(item.events), int(item.is_new), item.severity, line, place]

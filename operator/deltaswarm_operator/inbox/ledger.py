@@ -6,6 +6,7 @@ Times are simulated [s].
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
 from statistics import fmean
 from typing import Any, NamedTuple
 
@@ -51,7 +52,9 @@ class Ledger:
         self.opened: set[int] = set()
         """Items that the person opened while they were held back."""
         self._sent = 0
-        """Number of shown items that were sent to the page."""
+        """Number of items in `asking` that were sent to the page."""
+        self._counted: dict[int, list[int]] = {}
+        """By line, the items that it only counts; the line that changed last is last."""
         self._held: dict[int, None] = {}
         """Numbers of the items held back, oldest first."""
         self._held_alerts = 0
@@ -84,6 +87,11 @@ class Ledger:
     def order(self) -> str:
         """How lines are listed."""
         return self._policy.ORDER
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What the page is told of the policy."""
+        return {"policy": self._name, "order": self._policy.ORDER, "held": self._policy.HELD}
 
     @property
     def held(self) -> Held:
@@ -140,7 +148,11 @@ class Ledger:
                 self._held_alerts -= item.severity == ALERT
                 self.shown_s[number] = now_s
                 self.shown.append(number)
-                if not put.is_quiet:
+                if put.is_quiet:
+                    counted = self._counted.pop(put.line, [])
+                    self._counted[put.line] = counted
+                    counted.append(number)
+                else:
                     self.asking.append(number)
                     self._unread.add(number)
                     self._asking_of[put.line] += 1
@@ -169,14 +181,24 @@ class Ledger:
         return fresh
 
     def rows(self, most: int) -> list[list[Any]]:
-        """Return the newest of the shown items, in the page's format."""
-        first = max(0, len(self.shown) - most)
-        return [item_row(self.items[number], place) for place, number in enumerate(self.shown[first:], first)]
+        """Return the newest of the items that asked to be read, in the page's format."""
+        first = max(0, len(self.asking) - most)
+        return [item_row(self.items[number], place) for place, number in enumerate(self.asking[first:], first)]
 
     def new_rows(self, least: int, most: int) -> list[list[Any]]:
-        """Return the items shown since the last call, in the page's format; of each call's at least the newest few."""
-        new, self._sent = len(self.shown) - self._sent, len(self.shown)
+        """Return those since the last call, in the page's format; of each call's at least the newest few."""
+        new, self._sent = len(self.asking) - self._sent, len(self.asking)
         return self.rows(min(max(new, least), most))
+
+    def counts(self, most: int) -> list[list[int]]:
+        """Return lines and how many items each only counts: those that changed last."""
+        return [[line, len(self._counted[line])] for line in islice(reversed(self._counted), most)]
+
+    def on_lines(self, numbers: Iterable[int]) -> list[int]:
+        """Return items with those that their lines count: who reads a line at the page reads them too."""
+        found = [number for number in numbers if 0 <= number < len(self.items)]
+        lines = {self.items[number].line for number in found}
+        return [*found, *(number for line in lines for number in self._counted.get(line, ()))]
 
     def waiting(self, before_s: float) -> int:
         """Return how many items that ask to be read arrived before a time [s]."""

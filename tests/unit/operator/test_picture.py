@@ -190,4 +190,4 @@ def test_the_inbox_has_what_is_new_of_each_sender() -> None:
     assert picture.update([root(0, 2, events=[5])], 2.0) == []
     assert [item.events for item in picture.update([root(0, 3, events=[5, 6])], 70.0)] == [(1, 2)]
     assert item_row(first[0], 7)[:3] == [0, 1.0, 0]
-    assert item_row(first[0], 7)[7:] == ["alert", 0, 7, 0]
+    assert item_row(first[0], 7)[7:] == ["alert", 0, 7]

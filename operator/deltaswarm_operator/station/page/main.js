@@ -266,6 +266,9 @@ function take(message) {
   } else if (message.type === "read") {
     for (const item of message.items) app.model.read.add(item);
     inbox.update();
+  } else if (message.type === "held") {
+    app.model.held = message.inbox;
+    inbox.update();
   } else if (message.type === "accepted") commands.accepted(message.number);
   else if (message.type === "noted") noted(outbox.settle(message.id));
   else if (message.type === "refused" && !message.again) refused(outbox.settle(message.id)?.type ?? message.id, message.why);

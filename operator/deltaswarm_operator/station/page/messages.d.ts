@@ -31,6 +31,7 @@ export type Hello = {
   range_m: number | null;
   agents: number;
   thresholds_hz: number[];
+  inbox?: { policy: string; order: string; held: string };
   event_numbers: [number, number][];
   commands: Form[];
   goal: string;
@@ -55,6 +56,7 @@ export type Picture = {
   agents: AgentRow[];
   events: EventRow[];
   inbox: InboxRow[];
+  counts: [number, number][];
   judged: [number, string][];
   held?: [number, number, number | null];
   unread: number;
@@ -75,6 +77,7 @@ export type Picture = {
 export type CatchUp = {
   type: "catch_up";
   inbox: InboxRow[];
+  counts: [number, number][];
   read: number[];
   history: HistoryRow[];
   acts?: Act[]
@@ -103,7 +106,6 @@ export type Intent =
   | { type: "pace"; speed?: number | null; steps?: number | null; paused?: boolean | null }
   | { type: "read"; items?: number[] | null; all?: boolean | null; up_to?: number | null }
   | { type: "held" }
-  | { type: "open"; items: number[] }
   | { type: "isa"; number: number; answer: number; shown_s?: number | null }
   | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null; shown_s?: number | null }
   | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
