@@ -77,7 +77,7 @@ def _joined(text: str) -> str:
 
 
 def _built_in() -> Iterator[str]:
-    """Questions about the situation, why items are held back, states of an order, the end of a session's run, a role."""
+    """Questions about the situation, why items are held back, states of an order, the end of a run, a role."""
     for technique in TECHNIQUES:
         yield from technique.texts
     yield from (find(INBOX_POLICIES, name, "").HELD for name in INBOX_POLICIES.shipped)
