@@ -159,8 +159,8 @@ METRICS = (
         column="told_time_s",
         session="told_s",
     ),
-    *until(SHOWN, "shown_s.mean", "shown_s.median", study="shown_s", session="shown_s"),
-    *until(READ, "read_s.mean", "read_s.median", study="read_s", session="read_s"),
+    *until(SHOWN, "shown_s.mean", "shown_s.median", study="shown_s", session=""),
+    *until(READ, "read_s.mean", "read_s.median", study="read_s", session=""),
     Metric(
         "read_s.too_late_share",
         "share of the followed events that were complete before the operator had read of them, of those that were "

@@ -231,7 +231,7 @@ _INBOX: tuple[tuple[str, str, dict[str, Any]], ...] = (
     (
         "alerts_missed",
         "alerts that were not read within `operator.person.patience_s` of their arrival",
-        {"title": "Alerts missed", "study": "alerts_missed", "session": "alerts_missed"},
+        {"title": "Alerts missed", "study": "alerts_missed"},
     ),
     (
         "alerts_missed_share",
