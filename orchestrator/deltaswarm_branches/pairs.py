@@ -16,7 +16,8 @@ from deltaswarm_branches.sides import go_on
 from deltaswarm_branches.trunk import Trunk
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.signals import starting_processes
-from deltaswarm_orchestrator.results.metrics import METRICS, Metric
+from deltaswarm_orchestrator.results.metric import Metric
+from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import Outcome, RunData
 from deltaswarm_scenario.scenario import Scenario
 

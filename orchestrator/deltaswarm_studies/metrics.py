@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.results.metrics import COUNT, RATE, Metric
-from deltaswarm_orchestrator.results.metrics import PER_EVENT as BY_EVENT
+from deltaswarm_orchestrator.results.metric import COUNT, RATE, Metric
+from deltaswarm_orchestrator.results.metric import PER_EVENT as BY_EVENT
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_orchestrator.results.summary import controllers_own as own_metrics
 from deltaswarm_wire.checked import Problem, SettingsError, key

@@ -5,7 +5,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from deltaswarm_orchestrator.results.metrics import METRICS, Metric, OverTime
+from deltaswarm_orchestrator.results.metric import Metric, OverTime
+from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import Compute, Outcome, RunData, own_last, own_mean
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Measure

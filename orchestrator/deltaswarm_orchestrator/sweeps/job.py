@@ -23,7 +23,8 @@ import orjson
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.metrics import COUNT, METRICS, PER_EVENT
+from deltaswarm_orchestrator.results.metric import COUNT, PER_EVENT
+from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome, RunData, time_until
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.results.summary import summarise
