@@ -15,7 +15,7 @@ from selenium.webdriver.common.by import By
 from tests.pages.test_whole_session import CONDITION, FILE, Participant
 from tests.support.cable import Cable, cable
 from tests.support.station_page import NEEDS_BROWSER, browser
-from tests.support.swarms import COMMAND, wait_until
+from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
 
 pytestmark = [*NEEDS_BROWSER, pytest.mark.slow]
 
@@ -99,9 +99,8 @@ def take_part(folder: Path, number: int, fate: str) -> list[tuple[str, str, floa
             with cable(port) as link, ExitStack() as stack:
                 near = url.replace(f":{port}/", f":{link.port}/")
                 participant = Unlucky(stack, link, near, fate)
-                # Who is asked again after the thanks answers again; the log would tell.
-                wait_until(lambda: participant.work() and session.poll() is not None, "the end", MAX_SESSION_S)
-                assert session.returncode == 0
+                wait_until(participant.work, "the thanks", MAX_SESSION_S)
+                assert session.wait(PATIENCE_S) == 0
                 return participant.log
         finally:
             session.kill()

@@ -1,8 +1,10 @@
 """The places of everything on the participant's page: nothing covers anything, and the map stays as it is."""
 
+from urllib.parse import urlsplit
+
 import pytest
 
-from tests.support.station_feed import TLX
+from tests.support.station_feed import TLX, Feed
 from tests.support.station_page import NEEDS_BROWSER, Page
 from tests.support.tiers import first_of
 
@@ -65,6 +67,22 @@ def test_between_the_runs_of_a_session_the_page_is_plain(page: Page) -> None:
     page.until(lambda: page.text("plain-title") == "That was all.")
     page.press("p")
     assert not page.at("said").is_displayed()
+
+
+def test_nobody_is_thanked_before_the_last_run(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The station of the next run says what run it is before it has a picture of it."""
+    swarm, url = page.player.swarm, urlsplit(page.feed.url)
+    page.feed.send(swarm.hello(run="first", place=[1, 2], end_text="Please wait."))
+    page.player.show(101.0, over=True)
+    page.feed.hang_up()
+    page.until(lambda: page.text("plain-text") == "Please wait.")
+    page.feed.close()
+    monkeypatch.setenv("DELTASWARM_PASSWORD", url.path.strip("/"))
+    with Feed("--listen", url.netloc) as second:
+        second.send(swarm.hello(run="second", place=[2, 2], end_text="That was all."))
+        page.until(lambda: page.text("plain-title") != "Run 1 of 2")
+        assert page.text("plain-title") == "Run 2 of 2"
+        assert page.text("plain-text") == "It begins soon."
 
 
 def test_a_run_chooses_which_panels_the_participant_sees(page: Page) -> None:
