@@ -34,7 +34,7 @@ myst_fence_as_directive = ["mermaid"]
 
 # Notebooks are kept without outputs and run when the site is built; `-D nb_execution_mode=off` leaves that out.
 nb_execution_mode = "force"
-nb_execution_raise_on_error = True
+nb_execution_show_tb = True
 nb_execution_timeout = 300
 nb_output_stderr = "remove-warn"
 
