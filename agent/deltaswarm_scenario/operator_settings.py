@@ -301,6 +301,7 @@ class Briefing:
     base_m: Place | None = key(None, "where the operator's base is [m]", length=2)
     range_m: float | None = key(None, "reports are heard up to here from the base [m]")
     agents: int = key(1, "number of agents")
+    radius_m: float = key(0.0, "radius of an agent's body; 0: a point [m]")
     operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
     forms: tuple[CommandForm, ...] = key((), "the commands that the controller accepts")
     command: tuple[CommandSettings, ...] = key((), "what a scripted operator commands")

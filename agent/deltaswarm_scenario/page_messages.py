@@ -212,6 +212,7 @@ TO_PAGE: Mapping[str, MessageForm] = {
             "obstacles": Field("Point[][]"),
             "base_m": Field("Point | null"),
             "range_m": Field("number | null"),
+            "radius_m": Field("number", 0.0),
             "agents": INTEGER,
             "thresholds_hz": Field("number[]"),
             "inbox": Field("{ policy: string; order: string; held: string }", LEFT_OUT),

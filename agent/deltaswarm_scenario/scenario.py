@@ -234,6 +234,7 @@ class Scenario:
             base_m=self.uplink.base_m,
             range_m=self.uplink.range_m,
             agents=self.agents.count,
+            radius_m=self.world.radius_m,
             operator=self.operator,
             forms=begun_with(forms, self.control.options),
             command=self.command,

@@ -14,6 +14,13 @@ from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
 
+MIDDLE_ROW = """
+const map = document.querySelector("#map");
+const row = new OffscreenCanvas(map.width, 1).getContext("2d");
+row.drawImage(map, 0, -Math.round(map.height / 2));
+return [...row.getImageData(0, 0, map.width, 1).data];
+"""
+
 
 def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     """Agent 9 was never heard of: it is in no list and in no byte, and its place on the map stays empty."""
@@ -40,6 +47,17 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     page.player.swarm.silent = (2, 9)
     page.player.show(101.0)
     page.until(lambda: not page.all('#agents-list [data-agent="2"]'))
+    rows = []
+    for radius_m, words in ((0.0, False), (8.0, True)):
+        page.feed.send(page.player.swarm.hello(radius_m=radius_m))
+        page.player.show(101.0, agents=[[1, 50.0, 50.0, "free", -1, -1, 101, 1, 0]], events=[])
+        page.until(
+            lambda words=words: ("body" in page.text("map-legend")) == words and page.text("agents-count")[0] == "1"
+        )
+        page.drawn()
+        rows.append(page.driver.execute_script(MIDDLE_ROW))
+    changed = [place // 4 for place, (before, after) in enumerate(zip(*rows, strict=True)) if before != after]
+    assert changed[-1] - changed[0] == pytest.approx(16.0 * page.scale, abs=3.0), "a body is drawn to scale"
 
 
 def test_names_are_text(open_page: Callable[..., Page]) -> None:

@@ -338,6 +338,7 @@ class Console:
             obstacles=[[list(corner) for corner in obstacle.corners_m] for obstacle in briefing.obstacles],
             base_m=briefing.base_m,
             range_m=briefing.range_m,
+            radius_m=briefing.radius_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
             inbox=self.ledger.about,

@@ -1,7 +1,10 @@
 """Wrong options of `world.dynamics = "physics"` are told before a run, one line each."""
 
+import orjson
 import pytest
 
+from deltaswarm_operator.core.console import Console
+from deltaswarm_orchestrator.live.views import hello
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.support.tiers import in_one_test
@@ -63,10 +66,10 @@ def test_a_mistake_is_one_line(overrides: list[str], line: str) -> None:
     assert len(str(caught.value).splitlines()) == 1, str(caught.value)
 
 
-def test_an_agent_is_told_the_radius_of_its_body() -> None:
+def test_agents_operator_and_pages_are_told_the_radius_of_a_body() -> None:
     """Given or by default; a point has none."""
-    radii = [
-        load_scenario("paper-25", overrides).for_agent(0).radius_m
-        for overrides in ([], [PHYSICS], [PHYSICS, "world.radius_m=1"])
-    ]
-    assert radii == [0.0, 0.25, 1.0]
+    for overrides, radius_m in (([], 0.0), ([PHYSICS], 0.25), ([PHYSICS, "world.radius_m=1"], 1.0)):
+        scenario = load_scenario("paper-25", overrides)
+        assert scenario.for_agent(0).radius_m == radius_m
+        assert Console(scenario.for_operator((), 1.0)).hello("run")["radius_m"] == radius_m
+        assert orjson.loads(hello("run", scenario))["radius_m"] == radius_m

@@ -2,7 +2,7 @@
 
 import { Labels } from "./labels.js";
 import { t } from "./language.js";
-import { activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { activity, heat as heatColour, inks, mark, markBase, markBody, markEvent, markNew, strength } from "./looks.js";
 import { cross, ordered, ring, roundLength, ruler, trail } from "./overlays.js";
 import { spread } from "./spread.js";
 import { age, eventName } from "./words.js";
@@ -36,10 +36,11 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   if (layers.heat) shade(on, view, heat, (cell) => heatColour(app.model.now_s - (heat.heard_s[cell] ?? NaN)));
   if (layers.activity) shade(on, view, heat, (cell) => activity(heat.active[cell] ?? 0));
   fixed(on, view, hello);
+  const places = spread(app.model.agents, view);
+  if (hello.radius_m) bodies(on, view, app, places, hello.radius_m * view.scale);
   if (layers.trees) trees(on, view, app);
   const labels = layers.labels ? new Labels() : null;
   for (const event of app.model.events) drawEvent(on, view, event, app, labels);
-  const places = spread(app.model.agents, view);
   for (const agent of app.model.agents) drawAgent(on, view, agent, places, app, labels);
   on.globalAlpha = 1;
   ordered(on, view, app);
@@ -133,6 +134,22 @@ function fixed(on, view, hello) {
     on.setLineDash([]);
   }
   markBase(on, x, y, 8);
+}
+
+/**
+ * Draw the agents' bodies below all markers, so that none hides another agent's.
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ * @param {Places} places
+ * @param {number} radius [px]
+ */
+function bodies(on, view, { model }, places, radius) {
+  for (const [id, x_m, y_m, role, , , said_s] of model.agents) {
+    on.globalAlpha = strength(model.now_s - said_s);
+    markBody(on, role, ...(places.get(id) ?? view.toScreen(x_m, y_m)), radius, view.marker_px);
+  }
+  on.globalAlpha = 1;
 }
 
 /**

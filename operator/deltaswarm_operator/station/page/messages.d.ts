@@ -29,6 +29,7 @@ export type Hello = {
   obstacles: Point[][];
   base_m: Point | null;
   range_m: number | null;
+  radius_m: number;
   agents: number;
   thresholds_hz: number[];
   inbox?: { policy: string; order: string; held: string };
