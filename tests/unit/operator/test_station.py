@@ -300,6 +300,20 @@ def test_a_browser_that_stops_reading_costs_the_others_nothing(feed: Feed) -> No
         assert len(seen) < 400
 
 
+def test_a_browser_that_stops_reading_does_not_keep_the_station(feed: Feed) -> None:
+    """The library alone would wait until its pings are not answered, 20 s after the browser came."""
+    host, port = str(urlsplit(feed.url).hostname), urlsplit(feed.url).port
+    with socket.socket() as stuck:
+        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        stuck.connect((host, port))
+        with browser(feed) as quick, browser(feed, sock=stuck, compression=None, max_queue=1):
+            for _ in range(12):
+                say(feed, {"type": "read", "items": ["x" * 60_000]})
+                told(quick, "read")
+            feed.process.send_signal(signal.SIGTERM)
+            assert feed.process.wait(15) == 0
+
+
 def memory_kb(feed: Feed) -> int:
     text = Path(f"/proc/{feed.process.pid}/status").read_text()
     return int(re.findall(r"VmRSS:\s+(\d+)", text)[0])
