@@ -18,7 +18,7 @@ from tests.support.sessions import a_file
 from tests.support.swarms import COMMAND
 from tests.support.tiers import in_one_test
 
-WITHOUT_JSON = {"completion", "replay"}
+WITHOUT_JSON = {"compile", "completion", "replay"}
 """Commands without a result, as the page of commands says."""
 
 
