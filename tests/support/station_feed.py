@@ -314,24 +314,24 @@ class Player:
             return intent
 
     def _run(self) -> None:
-        while True:
-            try:
+        with contextlib.suppress(OSError, ValueError):  # the feed is closed
+            while True:
                 select.select([self._feed.socket], [], [])
-                intent: Message = json.loads(self._feed.socket.recv(1 << 20))
-            except (OSError, ValueError):
-                return  # the feed is closed
-            with self._news:
-                if intent["type"] == "seek":
-                    self.time_s = intent["time_s"]
-                    self.swarm.told = -1
-                self._feed.send(*self.swarm.answer(intent, self.time_s))
-                if intent["type"] not in ("catch_up", "page", "beat"):
-                    self._shown = self.swarm.picture(self.time_s)
-                if intent["type"] not in ("catch_up", "page"):
-                    self._feed.send(self._shown)
-                if intent["type"] not in ("catch_up", "beat"):
-                    self.intents.append(intent)
-                self._news.notify_all()
+                self._take(json.loads(self._feed.socket.recv(1 << 20)))
+
+    def _take(self, intent: Message) -> None:
+        with self._news:
+            if intent["type"] == "seek":
+                self.time_s = intent["time_s"]
+                self.swarm.told = -1
+            self._feed.send(*self.swarm.answer(intent, self.time_s))
+            if intent["type"] not in ("catch_up", "page", "beat"):
+                self._shown = self.swarm.picture(self.time_s)
+            if intent["type"] not in ("catch_up", "page"):
+                self._feed.send(self._shown)
+            if intent["type"] not in ("catch_up", "beat"):
+                self.intents.append(intent)
+            self._news.notify_all()
 
 
 def main() -> None:
