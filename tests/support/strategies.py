@@ -139,7 +139,7 @@ event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.no
 step_records = st.builds(
     truth.StepRecord,
     **{name: ids for name, hint in truth.StepRecord.__annotations__.items() if hint is int},
-    metrics=st.dictionaries(st.text(max_size=8), st.none() | st.floats(-1e300, 1e300), max_size=3),
+    metrics=st.just({}),
     frames_dropped=st.tuples(*[ids] * 12).map(lambda drops: dict(zip(truth.DROP_REASONS, drops, strict=True))),
     reports_dropped=st.tuples(*[ids] * 9).map(lambda drops: dict(zip(truth.UPLINK_REASONS, drops, strict=True))),
     time_s=times_s,
@@ -149,9 +149,14 @@ step_records = st.builds(
 )
 _links = tuples_of(st.tuples(agents, agents), 4)
 _foreign_drops = st.sampled_from([{}, {"fog": 3}, {"smoke": 0, "fog": 7}])
+_own_numbers = st.dictionaries(st.text(max_size=8), st.none() | st.floats(-1e300, 1e300), max_size=3)
 _any_step_records = st.builds(
-    lambda record, more: record._replace(frames_dropped=record.frames_dropped | more), step_records, _foreign_drops
+    lambda record, more, own: record._replace(frames_dropped=record.frames_dropped | more, metrics=own),
+    step_records,
+    _foreign_drops,
+    _own_numbers,
 )
+"""With what plug-ins add: causes of drops, and a controller's own numbers."""
 truths = st.builds(
     truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, _any_step_records
 )
