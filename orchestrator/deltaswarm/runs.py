@@ -8,7 +8,7 @@ import tomllib
 import warnings
 import weakref
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,10 +127,16 @@ def conduct(scenario: Scenario, options: "RunOptions", *, quiet: bool) -> "RunRe
         SettingsError, CommandError: as `lifecycle.run`.
     """
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
+
+    with display_of(scenario, quiet=quiet) as display:
+        return run_scenario(scenario, options, display)
+
+
+def display_of(scenario: Scenario, *, quiet: bool) -> AbstractContextManager[Reporter]:
+    """Return what shows the progress of a run."""
     from deltaswarm_orchestrator.run.progress import Display
 
-    with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
-        return run_scenario(scenario, options, display)
+    return nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count)
 
 
 class _Temporary:

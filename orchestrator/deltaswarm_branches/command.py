@@ -2,22 +2,19 @@
 
 import argparse
 import tomllib
-from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.base.exits import OK, Reporter, aligned, notice
+from deltaswarm_branches.keys import LATER
+from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder
-from deltaswarm_orchestrator.cli.arguments import Group, add_json, add_quiet, number, show, whole
+from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, number, show, whole
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
     from deltaswarm_branches.pairs import Work
-
-LATER = ("kept", "dropped", "decided")
-"""Those of `plan.LATER`, which is slow to import."""
 
 ADDED = "--add-command"
 
@@ -29,7 +26,7 @@ def add_branch(command: argparse.ArgumentParser) -> None:
         "without an order, with another, or with other settings. Events and chance are the same, as far as they are "
         "common to both. See docs/BRANCHES.md."
     )
-    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, whoever gave orders in it")
+    command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
     group = command.add_argument_group("what is different")
     group.add_argument(
         "--at",
@@ -80,7 +77,7 @@ def add_value(command: argparse.ArgumentParser) -> None:
         "drawn anew from that step on, and write what each order was worth into RUN/value: waiting, told, completed "
         "and messages. `deltaswarm replay` shows it beside the order. See docs/BRANCHES.md."
     )
-    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, whoever gave orders in it")
+    command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
     command.add_argument(
         "--command",
         type=int,
@@ -175,7 +172,7 @@ def branch(arguments: argparse.Namespace) -> int:
     options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)
     runs.check(planned.scenario, options)
     notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
-    with _display(arguments, parent.step_s, parent.scenario.agents.count) as display:
+    with runs.display_of(parent.scenario, quiet=arguments.quiet) as display:
         trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
     engine = "processes" if arguments.processes else "in-process"
     _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=arguments.force)
@@ -199,12 +196,6 @@ def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
     notice(aligned((row.measure, in_words(row)) for row in rows))
     notice(str(files[0]))
     _say_if_too_few(arguments.replicates, len(rows))
-
-
-def _display(arguments: argparse.Namespace, step_s: float, agents: int) -> Any:
-    from deltaswarm_orchestrator.run.progress import Display
-
-    return nullcontext(Reporter()) if arguments.quiet else Display(step_s, agents)
 
 
 def _added(text: str, at_s: float) -> CommandSettings:

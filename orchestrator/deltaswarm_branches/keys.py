@@ -1,8 +1,12 @@
-"""Which keys of a scenario may differ in a branch, what becomes of them, and why the others may not. Pure."""
+"""What may differ in a branch: keys of the scenario, what becomes of them, and what of later orders. Pure."""
 
 from typing import NamedTuple
 
 from deltaswarm_wire.checked import Problem
+
+KEPT, DROPPED, DECIDED = "kept", "dropped", "decided"
+LATER = (KEPT, DROPPED, DECIDED)
+"""What becomes of the orders after the branching point: given in the same steps, not given, or decided anew."""
 
 
 class KeyRule(NamedTuple):
@@ -14,7 +18,7 @@ class KeyRule(NamedTuple):
     """What becomes of another value; or why there can be none."""
 
 
-WORLD = "the world of a branch is that of its parent, which it has seen for so many steps"
+WORLD = "the world of a branch is that of its parent"
 PAGE = "nobody is at the page of a branch"
 
 RULES = (

@@ -52,7 +52,6 @@ class Parent:
     manifest: dict[str, Any]
     checkpoint: Resumed | None
     """Its newest checkpoint, if it was interrupted and has one."""
-    has_recording: bool
 
     @property
     def step_s(self) -> float:
@@ -105,8 +104,7 @@ def read_parent(folder: Path) -> Parent:
             raise CommandError(f"RUN must have done at least one step (got {folder})")
         run = dataclasses.replace(scenario.run, duration_s=steps * scenario.run.step_s)
         scenario = dataclasses.replace(scenario, run=run)
-    has_recording = any((folder / f"recording.mcap{end}").exists() for end in ("", ".part"))
-    return Parent(folder, scenario, digest, _orders(folder, scenario), manifest, checkpoint, has_recording)
+    return Parent(folder, scenario, digest, _orders(folder, scenario), manifest, checkpoint)
 
 
 def _checkpoint(folder: Path, scenario: Scenario) -> Resumed | None:

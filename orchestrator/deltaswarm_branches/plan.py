@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deltaswarm_branches.keys import problem_of
+from deltaswarm_branches.keys import DECIDED, DROPPED, KEPT, problem_of
 from deltaswarm_branches.parent import Order, Parent
 from deltaswarm_orchestrator.run.in_process import InProcess, Scripted
 from deltaswarm_orchestrator.scenarios.load import apply, check_table
@@ -16,10 +16,6 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, check, plain
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import find_controller
-
-KEPT, DROPPED, DECIDED = "kept", "dropped", "decided"
-LATER = (KEPT, DROPPED, DECIDED)
-"""What becomes of the orders after the branching point: given in the same steps, not given, or decided anew."""
 
 RULES = ("operator.person", "operator.autonomy", "operator.budget")
 """Keys of what gives orders by a rule."""

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_branches.figure import draw
+from deltaswarm_branches.keys import DROPPED, KEPT
 from deltaswarm_branches.pairs import MEASURES, Comparison, Pair, Work, pairs
 from deltaswarm_branches.parent import Order, Parent
-from deltaswarm_branches.plan import DROPPED, KEPT, Difference, plan
+from deltaswarm_branches.plan import Difference, plan
 from deltaswarm_branches.trunk import repeat
 from deltaswarm_branches.worth import OrderWorth, Worth, worths
 from deltaswarm_orchestrator.base import seal

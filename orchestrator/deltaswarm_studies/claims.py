@@ -207,13 +207,11 @@ def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFra
     `results` has the table of each kind of result: claims, contrasts, fits and estimates.
     """
     rows = []
-    medians = [float(median) for table in [results.get("estimates")] if table is not None for median in table["median"]]
+    medians = list(results["estimates"]["median"]) if "estimates" in results else []
     for finding in study.file.finding:
         rested = [_rows_of(result, results) for result in finding.because]
-        reasons = [
-            reason for result, rows_ in zip(finding.because, rested, strict=True) if (reason := _broken(result, rows_))
-        ]
-        estimates = [float(number) for table in rested if "estimate" in table for number in table["estimate"].dropna()]
+        reasons = [reason for reason in map(_broken, finding.because, rested) if reason]
+        estimates = [number for table in rested if "estimate" in table for number in table["estimate"].dropna()]
         wrong = list(stated.unsupported(finding.text, estimates, medians))
         reasons += [f"no result that it rests on is {', '.join(map(repr, wrong))}"] if wrong and not reasons else []
         rows.append({"text": finding.text, "broken": "; ".join(reasons)})

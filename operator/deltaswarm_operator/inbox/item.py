@@ -17,7 +17,7 @@ class Item(NamedTuple):
         is_new: whether the report names an event that the picture lacks, or its sender has become a root.
         fresh: the events that the picture lacked.
         news: what the item tells (`operator_settings.NEWS`).
-        severity: how much it matters, by `operator.inbox` or by the controller.
+        severity: how much it matters, by `operator.inbox`.
         line: the line of the inbox that it is shown on, by the number of the first item on it; NOBODY: one of its own.
         is_quiet: whether its line only counts it, and does not ask to be read for it.
     """
