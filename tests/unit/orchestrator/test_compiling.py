@@ -148,7 +148,7 @@ def test_what_compiled_cores_would_save_is_said_of_long_plans(monkeypatch: pytes
     assert hint(599.0, "pure Python") is None
     assert hint(6000.0, "compiled") is None
     assert hint(6000.0, "pure Python") == (
-        "compiled cores would save about 35 min of it, with equal results: `deltaswarm compile`"
+        "compiled cores would save about 25 min of it, with equal results: `deltaswarm compile`"
     )
     monkeypatch.undo()
     monkeypatch.setattr(metadata, "distribution", lambda _: Installed(HERE, {"dir_info": {"editable": True}}))
