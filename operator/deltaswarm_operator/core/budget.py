@@ -61,7 +61,7 @@ class Budget:
             return None
         self._ordered_s = now_s
         level, aim_hz = self.structure.level, settings.aim * self.budget_hz
-        room = min(1.0, max(-2.0, (aim_hz - rate_hz) / aim_hz))
+        room = max(-2.0, (aim_hz - rate_hz) / aim_hz)
         highest = max(settings.highest_delta - 1, level)  # one above it is not raised, but need not fall at once
         self.structure = structure_at(
             max(LEAST_DELTA - settings.highest_rho, min(highest, level + settings.gain * room))

@@ -66,6 +66,11 @@ def test_a_delta_above_the_highest_falls_step_by_step() -> None:
     assert orders(rule(delta=10.0), [0.0] * 11) == {10.0: Structure(10.0, 1.0)}
 
 
+def test_a_delta_of_1_counts_as_2() -> None:
+    """A swarm with it is no less centralised than one whose agents found trees at 2."""
+    assert orders(rule(delta=1.0), [2.0] * 11) == {10.0: Structure(2.0, 1.0)}
+
+
 @pytest.mark.parametrize("step_s", [0.5, 0.1, 3.0])
 def test_orders_follow_the_time_and_not_the_steps(step_s: float) -> None:
     """Each interval has one, at most a step late."""
@@ -87,16 +92,37 @@ def test_a_structure_is_that_of_its_level(level: float) -> None:
     assert structure_at(level).level == pytest.approx(level, abs=0.006)
 
 
+def console_with_budget() -> tuple[Console, Budget]:
+    """With an aim of 4.5 messages per s, and a delta of 2."""
+    keys = ["control.mode=adaptive", "control.delta=2", "operator.autonomy.sets_delta=budget"]
+    console = Console(InProcess(load_scenario("smoke", keys)).briefing)
+    assert console.budget is not None
+    return console, console.budget
+
+
+def close(console: Console, step: int, rate_1s_hz: float, rate_60s_hz: float) -> None:
+    console.close_step(
+        Clock(step, float(step), False), Workload(step, step, 0, 0, rate_1s_hz, rate_60s_hz, *[0] * 4), [], step
+    )
+
+
+def test_the_rule_follows_the_rate_over_a_minute_and_changes_are_counted() -> None:
+    """Three orders, of which the first and the last say something new."""
+    console, _ = console_with_budget()
+    for step, rate_hz in ((30, 4.5), (60, 4.5), (90, 9.0)):
+        close(console, step, 0.0, rate_hz)
+    working = [sent.command.arguments["working"] for sent in console.command_log.sent]
+    assert (working, console.totals["autonomy"]["changes"]) == ([1.0, 1.0, 0.8], 2)
+
+
 def test_an_order_waits_for_room() -> None:
     """The rule does not count as given what could not be sent."""
-    scenario = load_scenario("smoke", ["control.mode=adaptive", "operator.autonomy.sets_delta=budget"])
-    console = Console(InProcess(scenario).briefing)
-    assert console.budget is not None
+    console, budget = console_with_budget()
     for _ in range(MAX_QUEUE):
         console.command("person", "resume", Target(), {})
-    before = console.budget.structure
-    console.close_step(Clock(60, 60.0, False), Workload(60, 60.0, *[0] * 8), [], 60.0)
-    assert (console.budget.structure, len(console.command_log.sent)) == (before, MAX_QUEUE)
+    before = budget.structure
+    close(console, 60, 9.0, 9.0)
+    assert (budget.structure, len(console.command_log.sent)) == (before, MAX_QUEUE)
 
 
 def test_a_swarm_keeps_its_budget_better_than_without_the_rule() -> None:

@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.task import TaskSettings
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_world.core.arrivals import Arrival, Arrivals, EventClasses
+from deltaswarm_world.core.arrivals import Arrival, Arrivals, EventClasses, Expected
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.obstacles import Obstacles
@@ -200,6 +200,24 @@ def test_a_rate_that_changes_stretches_the_times_from_then_on(seed: int) -> None
     expected = [time_s if time_s <= 50 else 80 + (time_s - 50) / 2 for time_s in alone]
     assert [arrival.time_s for arrival in changing] == pytest.approx([time_s for time_s in expected if time_s <= 125])
     assert any(arrival.time_s > 80 for arrival in changing)
+
+
+def test_a_number_is_reached_when_its_rate_ends() -> None:
+    """Ten events are expected by 50 s, and as many until 80 s."""
+    expected = Expected(scenario(1, events={"rates_hz": [0.0, 0.4], "rates_s": [50.0, 80.0]}).events)
+    assert [expected.by(time_s) for time_s in (50.0, 65.0, 80.0, 90.0)] == pytest.approx([10, 10, 10, 14])
+    assert [expected.time_s(number) for number in (10.0, 14.0)] == pytest.approx([50, 90])
+
+
+def test_arrivals_drawn_anew_follow_the_rate_of_their_time() -> None:
+    """After 100 s, at once and as many as the later rate says."""
+    of = scenario(5, events={"rates_hz": [1.0], "rates_s": [90.0]})
+    found = Arrivals(of, Places(of.events.density, of.arena, Obstacles(of.arena.obstacles)))
+    list(found.until(100.0))
+    found.redraw(6, 100.0)
+    times_s = [arrival.time_s for arrival in found.until(1100.0)]
+    assert 100 < times_s[0] < 115
+    assert abs(len(times_s) - 1000) < 5 * 1000**0.5
 
 
 def test_as_many_events_arrive_as_the_rates_say() -> None:

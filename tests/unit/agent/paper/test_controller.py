@@ -99,6 +99,7 @@ def test_an_agent_at_an_event_reports_another_beside_it_once() -> None:
     """Its own event goes on in each step."""
     lone, own, other = at_event(mode="decentralised", report_finds=True), event(1, 50, 50), event(2, 51, 50)
     assert [reported(one) for one in lone.steps(3, events=[own, other])] == [[1, 2], [1], [1]]
+    assert reported(Lone(mode="decentralised", report_finds=True).step(events=[own])) == [1]
 
 
 def test_a_member_leaves_reports_to_its_root() -> None:
