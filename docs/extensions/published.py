@@ -16,7 +16,7 @@ from pathlib import Path
 import pandas as pd
 
 DOCS = Path(__file__).parents[1]
-PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md")
+PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md", DOCS / "READINGS.md")
 STUDIES = DOCS / "studies"
 
 OURS = "Our readings"
