@@ -65,7 +65,7 @@ def verdicts(given: str) -> Iterator[str]:
     yield ""
     yield f"Of {counts.sum()} claims of the paper {held} hold, {refuted} are refuted and {undecided} undecided"
     yield f"([each claim]({PLACE}/{name}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
-    yield f"our readings were chosen, so that they agree is no evidence.{ours}"
+    yield f"our readings were chosen: what agrees there is no evidence.{ours}"
     yield ""
 
 
