@@ -6,6 +6,7 @@ A part begins with a comment and ends with `<!-- end -->`; what stands between t
 - `<!-- verdicts: NAME -->` counts the verdicts of its claims; for the README, by its path.
 - `<!-- medians`, TOML, `-->` makes a table: `study`, `heading`, `[rows]` (name and variant), `[columns]` (metric and
   title), and, if you like, `[says.METRIC]` (a row's name and what is put beside it).
+- `<!-- shares: NAME -->` tables where the claims of a sensitivity study hold, and the keys that turn them.
 """
 
 import re
@@ -24,7 +25,7 @@ OURS = "Our readings"
 
 PLACE = "docs/studies"
 
-PART = re.compile(r"(<!-- (findings|medians|verdicts)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
+PART = re.compile(r"(<!-- (findings|medians|verdicts|shares)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
 
 
 def findings(given: str) -> Iterator[str]:
@@ -69,7 +70,24 @@ def verdicts(given: str) -> Iterator[str]:
     yield ""
 
 
-MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts}
+def shares(given: str) -> Iterator[str]:
+    """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
+    folder = STUDIES / given.strip()
+    keys = pd.read_csv(folder / "keys.csv").sort_values("rho_holds", key=abs, ascending=False).to_dict("records")
+    yield from ("", "| claim | points where it holds [%] | turned by (share where it is low, and high) |")
+    yield "| --- | ---: | --- |"
+    for row in pd.read_csv(folder / "shares.csv").to_dict("records"):
+        turning = [
+            f"{key['title']} ({100 * key['share_low']:.0f}, {100 * key['share_high']:.0f})"
+            for key in keys
+            if key["claim"] == row["claim"] and key["verdict"] == "turns it"
+        ]
+        share, low, high = (f"{100 * row[name]:.0f}" for name in ("share", "low", "high"))
+        yield f"| {row['text']} | {share} [{low}, {high}] | {'; '.join(turning) or 'nothing that is shown'} |"
+    yield ""
+
+
+MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts, "shares": shares}
 
 
 def with_published(text: str) -> str:
