@@ -76,8 +76,8 @@ class BudgetSettings:
         0.2,
         "change of the level per order, times (aim - rate) / aim, which counts as -2 at the least",
         source=OURS,
-        high=5,
         low=0,
+        high=5,
     )
     highest_delta: float = key(3.0, "value above which delta is not raised", source=OURS, low=2, high=1000)
     highest_rho: float = key(

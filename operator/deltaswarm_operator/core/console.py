@@ -8,7 +8,6 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from random import Random
 from typing import Any
 
@@ -260,9 +259,8 @@ class Console:
     @property
     def totals(self) -> dict[str, Any]:
         """The metrics of the person and of the system that sets delta, for JSON; empty without both."""
-        orders = [dict(sent.command.arguments) for sent in self.command_log.sent if sent.by == SYSTEM]
-        by_system = sum(order != before for before, order in pairwise(({}, *orders)))
         vetoes = self.autonomy.vetoes if self.autonomy else 0
+        by_system = self.command_log.changes_by(SYSTEM)
         changes = {"autonomy": {"changes": by_system, "vetoes": vetoes}} if self.autonomy or self.budget else {}
         return changes | self._person_totals
 
