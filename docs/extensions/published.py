@@ -6,6 +6,8 @@ A part begins with a comment and ends with `<!-- end -->`; what stands between t
 - `<!-- verdicts: NAME -->` counts the verdicts of its claims; for the README, by its path.
 - `<!-- medians`, TOML, `-->` makes a table: `study`, `heading`, `[rows]` (name and variant), `[columns]` (metric and
   title), and, if you like, `[says.METRIC]` (a row's name and what is put beside it).
+- `<!-- best`, TOML, `-->` puts each rule beside the best of the `fixed` variants whose median `rate` is within a
+  bound: `study`, `cells`, `[rules]` (name and bound), `fixed`, `rate`, `by`, `columns` (metric and title).
 - `<!-- shares: NAME -->` tables where the claims of a sensitivity study hold, and the keys that turn them.
 """
 
@@ -25,7 +27,7 @@ OURS = "Our readings"
 
 PLACE = "docs/studies"
 
-PART = re.compile(r"(<!-- (findings|medians|verdicts|shares)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
+PART = re.compile(r"(<!-- (findings|medians|verdicts|best|shares)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
 
 
 def findings(given: str) -> Iterator[str]:
@@ -70,6 +72,24 @@ def verdicts(given: str) -> Iterator[str]:
     yield ""
 
 
+def best(given: str) -> Iterator[str]:
+    """Make a table of rules beside the fixed variant that would have been best within the same bound: medians."""
+    wanted = tomllib.loads(given)
+    table = pd.read_csv(STUDIES / wanted["study"] / "estimates.csv").pivot(index="variant", columns="metric")["median"]
+    columns, titles = list(wanted["columns"]), " | ".join(wanted["columns"].values())
+    numbers = " ---: |" * len(columns)
+    yield from ("", f"| rule | {titles} | best fixed one within it | {titles} |", f"| --- |{numbers} --- |{numbers}")
+    for cell in wanted["cells"]:
+        fixed = table.loc[[f"{cell}, {name}" for name in wanted["fixed"]]]
+        for rule, bound in wanted["rules"].items():
+            kept = fixed[fixed[wanted["rate"]] <= bound].sort_values(wanted["by"])
+            found = [f"{cell}, {rule}", *kept.index[:1]]
+            cells = [text for name in found for text in (name, *(f"{table.loc[name, one]:.3g}" for one in columns))]
+            cells += [] if len(kept) else ["none", *("" for _ in columns)]
+            yield f"| {' | '.join(cells)} |"
+    yield ""
+
+
 def shares(given: str) -> Iterator[str]:
     """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
     folder = STUDIES / given.strip()
@@ -87,7 +107,7 @@ def shares(given: str) -> Iterator[str]:
     yield ""
 
 
-MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts, "shares": shares}
+MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts, "best": best, "shares": shares}
 
 
 def with_published(text: str) -> str:
