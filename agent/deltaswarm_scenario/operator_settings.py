@@ -74,7 +74,7 @@ class BudgetSettings:
     every_s: float = key(30.0, "time between two orders [s]", source=OURS, above=0, high=3600)
     gain: float = key(
         0.2,
-        "change of the level per order, times (aim - rate) / aim, which counts as -2 at the least",
+        "change of the level per order, times (aimed - measured rate) / aimed rate, which is never taken below -2",
         source=OURS,
         low=0,
         high=5,
