@@ -15,6 +15,9 @@ from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.plugins import INBOX_POLICIES, own_settings
 
+LEAST_BUDGET_HZ = 0.01
+"""A message in 100 s."""
+
 OPERATOR, SWARM, SYSTEM, BUDGET = "operator", "swarm", "system", "budget"
 RATE, ISA_ANSWER = "rate", "isa"
 
@@ -277,8 +280,9 @@ class OperatorSettings:
 
     def problems(self) -> list[Problem]:
         """A budget must leave room for a message."""
-        if self.autonomy.keeps_budget and not self.threshold_hz:
-            return [Problem("threshold_hz", "0", "must be above 0 with autonomy.sets_delta = 'budget'")]
+        if self.autonomy.keeps_budget and self.threshold_hz < LEAST_BUDGET_HZ:
+            allowed = f"must be at least {LEAST_BUDGET_HZ:g} with autonomy.sets_delta = 'budget'"
+            return [Problem("threshold_hz", f"{self.threshold_hz:g}", allowed)]
         return []
 
 

@@ -98,7 +98,10 @@ def shares(given: str) -> Iterator[str]:
     """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
     folder = STUDIES / given.strip()
     keys = pd.read_csv(folder / "keys.csv").sort_values("rho_holds", key=abs, ascending=False).to_dict("records")
-    yield from ("", "| claim | points where it holds [%] | keys that turn it (share in the lowest and the highest third) |")
+    yield from (
+        "",
+        "| claim | points where it holds [%] | keys that turn it (share in the lowest and the highest third) |",
+    )
     yield "| --- | ---: | --- |"
     for row in pd.read_csv(folder / "shares.csv").to_dict("records"):
         turning = [

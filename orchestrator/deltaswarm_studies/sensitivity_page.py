@@ -63,7 +63,13 @@ def _tables(study: Study, result: Sensitivity) -> Iterator[Table]:
     shares = result.shares.copy()
     shares["interval"] = [_interval(row) for _, row in shares.iterrows()]
     shares["turned"] = [_turned(result, claim) for claim in shares["claim"]]
-    headings = {"text": "Claim", "n": "Points with runs", "missing": "Points without", "holds": "Holds at", "ties": "Ties"}
+    headings = {
+        "text": "Claim",
+        "n": "Points with runs",
+        "missing": "Points without",
+        "holds": "Holds at",
+        "ties": "Ties",
+    }
     yield table(shares, {**headings, "interval": "Share [%]", "turned": "Turned by"}, "Where each claim holds")
     shown = result.keys[result.keys["verdict"] != NEITHER]
     if len(shown):
