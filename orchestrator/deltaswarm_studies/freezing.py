@@ -27,8 +27,6 @@ def freeze(study: Study, folder: Path, file: Path | None) -> Path:
         raise ProtocolError(
             f"{folder / FILE} must not be there yet: it was frozen on {known.entries[0]['date']}; to change it: {amend}"
         )
-    if known.history:
-        raise ProtocolError(f"{study.name} was run before it could be frozen; freeze a copy with another sweep.seed")
     if runs := _runs(study, folder):
         raise ProtocolError(f"{study.name} must be frozen before its first run ({len(runs)} are there, as {runs[0]})")
     return _write(folder, study, [], _entry(known, "", file))

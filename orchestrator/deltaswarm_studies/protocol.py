@@ -2,8 +2,7 @@
 
 `protocol.json` in the study's folder has an entry for the frozen protocol and one for each amendment. The hash of an
 entry covers its content, date, commits and reason, and the hash of the entry before it, so an entry that was edited or
-taken out by hand shows. Built-in studies that were run before they could be frozen have `NAME.protocol.json` beside
-their file instead: the changes of what they ask, from the history of the repository.
+taken out by hand shows.
 """
 
 import hashlib
@@ -13,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -25,7 +23,6 @@ from deltaswarm_orchestrator.scenarios.load import check_table
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.operator_settings import BUDGET
 from deltaswarm_scenario.scenario import content_of
-from deltaswarm_studies import FOLDERS
 from deltaswarm_studies.settings import EXPLORATORY, StudyFile, expected_of
 from deltaswarm_studies.stats import ALPHA
 from deltaswarm_studies.study import Study
@@ -205,8 +202,6 @@ class Protocol:
     now: Content
     entries: Sequence[Mapping[str, Any]] = ()
     """The frozen protocol, and each amendment: `ENTRY`."""
-    history: Sequence[Mapping[str, Any]] = ()
-    """Changes of a study that was run before it could be frozen: date, commit, reason, and changes of keys."""
     begun: str = ""
     """When the runs began; empty if there are none, or it is not known."""
 
@@ -286,15 +281,13 @@ class Protocol:
     @property
     def amendments(self) -> list[tuple[str, list[Difference]]]:
         """Every amendment: its date, commit and reason in a line, and the keys that changed."""
-        changed = [(entry, [Difference(*change) for change in entry["changes"]]) for entry in self.history]
-        changed += [
-            (entry, differences(before["protocol"], entry["protocol"]))
-            for before, entry in itertools.pairwise(self.entries)
-        ]
         when = {True: "after the runs began", False: "before the runs"} if self.begun else {False: "runs not known"}
         return [
-            (f"{entry['date']} ({_commit(entry)}), {when[self._is_late(entry)]}: {entry['reason']}", changes)
-            for entry, changes in changed
+            (
+                f"{entry['date']} ({_commit(entry)}), {when[self._is_late(entry)]}: {entry['reason']}",
+                differences(before["protocol"], entry["protocol"]),
+            )
+            for before, entry in itertools.pairwise(self.entries)
         ]
 
     def lead(self, claims: pd.DataFrame) -> str:
@@ -312,7 +305,7 @@ class Protocol:
             rows |= {"not in the commit": "; ".join(map(str, entry["uncommitted"]))} if entry["uncommitted"] else {}
             rows |= {"amendments": len(self.entries) - 1}
         else:
-            rows |= {"frozen": "no", **({"amendments": len(self.history)} if self.history else {})}
+            rows["frozen"] = "no"
         if len(judged):
             rows["surprises"] = _share(judged)
         if new := len(claims) - len(judged):
@@ -344,7 +337,7 @@ def _commit(entry: Mapping[str, Any]) -> str:
 
 
 def protocol_of(study: Study, folder: Path, begun: str = "") -> Protocol:
-    """Return what is known of a study's protocol, from the folder of its page, or from the package.
+    """Return what is known of a study's protocol, from the folder of its page.
 
     Raises:
         ProtocolError: `protocol.json` cannot be read, or is that of another study.
@@ -353,9 +346,7 @@ def protocol_of(study: Study, folder: Path, begun: str = "") -> Protocol:
     record = _read(file) if file.exists() else {}
     if record and record.get("study") != study.name:
         raise ProtocolError(f"{file} must be the protocol of the study {study.name!r} (got {record.get('study')!r})")
-    entries = record.get("entries", [])
-    history = [] if record else _history(study)
-    return Protocol(study.name, study.file.study.kind, content(study), entries, history, begun)
+    return Protocol(study.name, study.file.study.kind, content(study), record.get("entries", []), begun)
 
 
 def _read(file: Path) -> Content:
@@ -374,14 +365,3 @@ def _read(file: Path) -> Content:
             f"{file} must be as `deltaswarm study --freeze` writes it ({error!r}); restore it"
         ) from None
     return dict(record)
-
-
-def _history(study: Study) -> list[Mapping[str, Any]]:
-    """Return the changes of a built-in study from before it could be frozen."""
-    if not study.is_built_in:
-        return []
-    for folder in FOLDERS:
-        file = resources.files("deltaswarm_studies").joinpath(folder, f"{study.name}.{FILE}")
-        if file.is_file():
-            return list(json.loads(file.read_text(encoding="utf-8"))["amendments"])
-    return []

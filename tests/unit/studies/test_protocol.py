@@ -12,7 +12,6 @@ import pytest
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.freezing import amend, freeze
-from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, hash_of, protocol_of
 from deltaswarm_studies.study import Study
@@ -282,7 +281,7 @@ def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_p
 
 
 def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -> None:
-    """Runs in its own folder, the same run in another study's, tables alone; exploratory; frozen already; built in."""
+    """Runs in its own folder, the same run in another study's, tables alone; exploratory; frozen already."""
     study = made(ASKED)
 
     def refused(study: Study, where: Path, told: str) -> None:
@@ -297,7 +296,6 @@ def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -
         (tmp_path / name).touch()
         refused(study, tmp_path / name.partition("/")[0], "before its first run")
     refused(made(ASKED.replace("[study]", '[study]\nkind = "exploratory"')), tmp_path / "c", "'confirmatory'")
-    refused(load_study("network-loss"), tmp_path / "d", "another sweep.seed")
     (tmp_path / f"a/sweep/runs/{study.sweep.jobs()[7].key}.processes.json").touch()
     refused(study, tmp_path / "e", "before its first run")
     freeze(made(ASKED, SWEEP.replace("repeats = 10", "repeats = 10\nseed = 9")), tmp_path / "e", None)
@@ -342,17 +340,3 @@ def test_the_first_line_of_a_page_says_what_was_frozen(folder: Path, tmp_path: P
         write(study, Evidence.of_sweep(study, table(), series(lambda *_: 20.0)), begun, where)
         assert (where / "page.md").read_text().splitlines()[2].startswith(first)
         assert f'</h1>\n<p class="lead">{first}' in (where / "page.html").read_text()
-
-
-def test_the_expectations_of_built_in_studies_are_those_before_the_runs_were_seen() -> None:
-    """What the history calls set to what came out is restored in the study file: eleven, ten of the paper's."""
-    restored = []
-    for name in COLLECTIONS["all"]:
-        study = load_study(name)
-        claims = content(study)["claim"]
-        for title, changes in protocol_of(study, Path("nowhere")).amendments:
-            for change in changes:
-                if "has the first expectation again" in title:
-                    assert claims[change.key.split(".")[1]]["expect"] == change.old
-                    restored.append(name)
-    assert (len(restored), restored.count("paper")) == (11, 10)
