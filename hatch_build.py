@@ -5,6 +5,7 @@ tracebacks and for Pythons that cannot load them. An editable installation is ne
 must have an effect.
 """
 
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -23,17 +24,28 @@ COMMIT_FILE = "orchestrator/deltaswarm_orchestrator/commit.txt"
 ARCHIVED = ".git_archival.txt"
 """Where `git archive` writes the commit."""
 
-COMPILER = ("mypy>=1.14", "setuptools>=70")
+ROOTS = ("agent", "world", "operator", "orchestrator")
+
+
+def _compiling() -> Any:
+    """Load the module that compiles, without its package."""
+    file = Path(__file__).parent / "orchestrator" / "deltaswarm_orchestrator" / "compiling.py"
+    spec = importlib.util.spec_from_file_location("compiling", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 class Build(BuildHookInterface[Any]):
-    """Adds the commit and compiled modules. `modules` in pyproject.toml are paths; a folder stands for its modules."""
+    """Adds the commit and compiled modules."""
 
     _scratch: Path | None = None
 
     def dependencies(self) -> list[str]:
         """Return what the build needs besides hatchling."""
-        return list(COMPILER) if self.target_name == "wheel" and _level() else []
+        return list(_compiling().COMPILER) if self.target_name == "wheel" and _level() else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Note the commit, and compile if that is asked for.
@@ -50,7 +62,8 @@ class Build(BuildHookInterface[Any]):
             build_data["force_include"][str(file)] = target
         if self.target_name == "wheel" and (level := _level()):
             build_data["pure_python"], build_data["infer_tag"] = False, True
-            for library in compile_modules(Path(self.root), self.config, self._scratch, level):
+            roots = [Path(self.root) / name for name in ROOTS]
+            for library in _compiling().compile_modules(roots, self._scratch, level):
                 build_data["force_include"][str(library)] = str(library.relative_to(self._scratch / "lib"))
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
@@ -77,34 +90,3 @@ def _level() -> str:
     if level not in ("", "0", "1", "2", "3"):
         raise ValueError(f"{REQUEST} must be the optimisation level, 1 to 3, or 0 for pure Python (got {level!r})")
     return level if level != "0" else ""
-
-
-def compile_modules(root: Path, config: dict[str, Any], out: Path, level: str) -> list[Path]:
-    """Compile the listed modules; return the libraries, below `out/lib`."""
-    from mypyc.build import mypycify
-    from setuptools import Distribution
-    from setuptools.command.build_ext import build_ext
-
-    os.chdir(root)
-    os.environ["MYPYPATH"] = os.pathsep.join(config["roots"])
-    kept_out = {Path(name) for name in config["interpreted"]}
-    found = [file for name in config["modules"] for file in _modules(Path(name)) if file not in kept_out]
-    flags = [
-        "--config-file=",
-        "--no-site-packages",
-        "--cache-dir=/dev/null",
-        "--explicit-package-bases",
-        "--ignore-missing-imports",
-    ]
-    extensions = mypycify(
-        [*flags, *map(str, found)], opt_level=level, target_dir=str(out / "c"), group_name="deltaswarm"
-    )
-    command = build_ext(Distribution({"name": "deltaswarm", "ext_modules": extensions}))
-    command.build_lib, command.build_temp, command.inplace = str(out / "lib"), str(out / "tmp"), False
-    command.ensure_finalized()
-    command.run()
-    return [file for file in (out / "lib").rglob("*") if file.is_file()]
-
-
-def _modules(path: Path) -> list[Path]:
-    return sorted(file for file in path.rglob("*.py") if file.name != "__init__.py") if path.is_dir() else [path]

@@ -13,14 +13,16 @@ copyright = "the deltaswarm authors, Apache-2.0"
 release = __version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinxcontrib.mermaid",
 ]
 root_doc = "docs/index"
 include_patterns = [
     "docs/**.md",
+    "docs/notebooks/*.ipynb",
     "agent/*.md",
     "agent/deltaswarm_agent/controllers/paper/*.md",
+    "examples/learn/result/*.md",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
 ]
@@ -29,6 +31,12 @@ exclude_patterns = [".*", "**/.*", "**/__pycache__", "build", "runs", "sweeps", 
 # MyST: headings are link targets, as on a forge; a fence named mermaid is a diagram.
 myst_heading_anchors = 3
 myst_fence_as_directive = ["mermaid"]
+
+# Notebooks are kept without outputs and run when the site is built; `-D nb_execution_mode=off` leaves that out.
+nb_execution_mode = "force"
+nb_execution_show_tb = True
+nb_execution_timeout = 300
+nb_output_stderr = "remove-warn"
 
 html_theme = "furo"
 html_title = f"deltaswarm {release}"

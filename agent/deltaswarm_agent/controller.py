@@ -67,6 +67,8 @@ class Percept(NamedTuple):
         heard: (sender, payload) of received radio frames in sender order, the newest of each sender.
         commands: operator commands that are new to the agent, meant for it, and declared by its controller. `life_s` is
             what remains of a command's life; the same command comes again if it turns out to live longer.
+        bumped: whether its body touched another one, an obstacle or the arena's edge in the last step; never a point.
+        blocked: whether something kept its body from moving as it had decided; never a point.
     """
 
     step: int
@@ -76,6 +78,8 @@ class Percept(NamedTuple):
     events: tuple[Event, ...]
     heard: list[tuple[int, bytes]]
     commands: tuple[Command, ...] = ()
+    bumped: bool = False
+    blocked: bool = False
 
 
 class OperatorReport(NamedTuple):
@@ -101,7 +105,7 @@ class Decision(NamedTuple):
         role: a word for figures and recordings, such as "free" or "attending".
         level, parent, root: its place in a tree, if it is in one (see `TreeStatus`).
         until: the step of the next percept, later than this one; None: the next step. The percept comes earlier if the
-            agent senses an event, receives a frame or a command, or has a fault.
+            agent senses an event, receives a frame or a command, has a fault, or is bumped or blocked.
         done, refused, superseded: numbers of the operator commands that it has carried out, cannot carry out, or no
             longer carries out because of a later one.
         delta: the number of events sensed at once that would make it a root now, if it has one (see `TreeStatus`).
@@ -125,8 +129,10 @@ class Decision(NamedTuple):
 class Controller(Protocol):
     """One agent's decisions. Made once per agent and start; `step` is called in order of the steps.
 
-    A mapping `counts` of names to numbers, if there is one, goes into the agent's log at the end. `Commands` of the
-    class, a tuple of `CommandForm`, are the operator commands that it accepts; without it there are none.
+    `Metrics` of the class, a tuple of `ControllerMetric` (`deltaswarm_wire.controller_metrics`), declare numbers of
+    its own, which the mapping `metrics` of the object holds after each step. A mapping `counts` of names to numbers, if
+    there is one, goes into the agent's log at the end. `Commands` of the class, a tuple of `CommandForm`, are the
+    operator commands that it accepts; without it there are none.
     """
 
     Settings: ClassVar[type[Any]]

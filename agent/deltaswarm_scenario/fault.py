@@ -89,11 +89,16 @@ class FaultSettings:
         return max(self.begins(step_s) + 1, math.ceil(((self.at_s or 0.0) + self.duration_s) / step_s - 1e-9))
 
 
-def fault_problems(faults: Sequence[FaultSettings], agents: int, steps: int, step_s: float) -> list[Problem]:
-    """Check the timeline against the scenario: unknown agents, times beyond the run."""
+def fault_problems(
+    faults: Sequence[FaultSettings], agents: int, steps: int, step_s: float, dynamics: str
+) -> list[Problem]:
+    """Check the timeline against the scenario: unknown agents, times beyond the run, bodies of other dynamics."""
     problems = []
     for index, fault in enumerate(faults):
         path = f"fault[{index}]"
+        needed = getattr(find(FAULTS, fault.kind, f"{path}.kind"), "dynamics", dynamics)
+        if needed != dynamics:
+            problems.append(Problem(f"{path}.kind", repr(fault.kind), f"must go with world.dynamics = {needed!r}"))
         strangers = [agent for agent in fault.agents if agent >= agents]
         if strangers:
             shown = ", ".join(map(str, strangers[:8])) + (", ..." if len(strangers) > 8 else "")

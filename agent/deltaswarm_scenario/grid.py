@@ -3,13 +3,13 @@
 import io
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from deltaswarm_wire.reading import read_text
 
-Floats = np.ndarray[Any, np.dtype[np.float64]]
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 ARRAY = ".npy"
 

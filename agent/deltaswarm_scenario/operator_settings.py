@@ -8,10 +8,12 @@ from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import Place
 from deltaswarm_scenario.task import TaskSettings
+from deltaswarm_scenario.technique import DURING
 from deltaswarm_scenario.techniques import ProbeSettings
-from deltaswarm_wire.checked import OURS, Problem, key
+from deltaswarm_wire.checked import OURS, Problem, SettingsError, key, rest
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
+from deltaswarm_wire.plugins import INBOX_POLICIES, own_settings
 
 OPERATOR, SWARM, SYSTEM, BUDGET = "operator", "swarm", "system", "budget"
 RATE, ISA_ANSWER = "rate", "isa"
@@ -92,6 +94,9 @@ NO_ORDERS = ("none",)
 LAYERS = ("heat", "activity", "labels", "trees")
 """Layers of the page's map that can be switched on and off."""
 
+PANELS = ("workload", "inbox", "orders", "agents", "events", "notes", "help")
+"""What the participant's page shows beside the map; help: a button that calls the conductor of the experiment."""
+
 
 @dataclass(frozen=True)
 class PageSettings:
@@ -104,12 +109,80 @@ class PageSettings:
         (), 'orders that the page offers; an empty list: all that the controller accepts; ["none"]: no order'
     )
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
+    panels: tuple[str, ...] = key(
+        PANELS,
+        "what the participant's page shows beside the map; help: a button that calls the conductor, if there is one",
+        choices=PANELS,
+    )
+    place: tuple[int, ...] = key(
+        (), "number of the run in its session, 0: training, and of all runs; the page shows it between runs", low=0
+    )
     hold_while_away: bool = key(False, "whether the run is held while no page of the participant answers")
     language: LanguageSettings = key(LanguageSettings, "language of the page")
 
 
+INFO, NOTICE, ALERT = SEVERITIES = ("info", "notice", "alert")
+
+NEWS = ("new_event", "new_root", "root_lost", "unheard", "change", "repeat")
+NEW_EVENT, NEW_ROOT, ROOT_LOST, UNHEARD, CHANGE, REPEAT = NEWS
+"""What an item of the inbox tells; the first that applies."""
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class InboxSettings:
+    """Which messages the person is shown, when and on which lines, and how much each matters."""
+
+    policy: str = key(
+        ALL,
+        "all, new, grouped, ranked, limited or digest (docs/OPERATOR.md), an entry point, or module:Class",
+    )
+    new_event: str = key(
+        ALERT, "severity of a report that names an event that was not known", source=OURS, choices=SEVERITIES
+    )
+    new_root: str = key(NOTICE, "severity of the first report of an agent as a root", source=OURS, choices=SEVERITIES)
+    root_lost: str = key(
+        ALERT,
+        "severity of the report of an agent that was a root, and of the silence of a root",
+        source=OURS,
+        choices=SEVERITIES,
+    )
+    unheard: str = key(ALERT, "severity of the silence of an agent", source=OURS, choices=SEVERITIES)
+    change: str = key(
+        INFO, "severity of a report that tells something new of its sender alone", source=OURS, choices=SEVERITIES
+    )
+    repeat: str = key(INFO, "severity of a report that tells nothing new", source=OURS, choices=SEVERITIES)
+    repeats: bool = key(False, "whether a report that tells nothing new is an item of the inbox too")
+    unheard_s: float = key(
+        0.0, "silence after which an agent that has reported is unheard [s]; 0: none is", source=OURS, low=0, high=1e6
+    )
+    options: dict[str, Any] = rest("the policy's own options")
+
+    @property
+    def severities(self) -> dict[str, str]:
+        """Severity by what an item tells."""
+        return {news: getattr(self, news) for news in NEWS}
+
+    @property
+    def own(self) -> Any:
+        """The policy's own settings, from the options. Raises SettingsError."""
+        return own_settings(INBOX_POLICIES, self.policy, self.options, "", "policy")
+
+    def problems(self) -> list[Problem]:
+        """The policy must exist, and take its options."""
+        if self.policy == ALL and not self.options:
+            return []  # nobody need import it
+        try:
+            _ = self.own
+        except SettingsError as error:
+            return error.problems
+        return []
+
+
 OFF, NONE, THRESHOLD = "off", "none", "threshold"
 POLICIES = (OFF, NONE, THRESHOLD)
+NEW_FIRST, LISTED = "new", "listed"
 
 SET_DELTA, DELTA = "set delta", "delta"
 """The command that changes delta, and its argument; a controller may accept it."""
@@ -127,10 +200,20 @@ class PersonSettings:
         "off: nobody is simulated; none: reads and commands nothing; threshold: changes delta by the message rate",
         choices=POLICIES,
     )
+    reads: str = key(
+        NEW_FIRST,
+        "which line of the inbox is read next. new: the oldest new one, seen at a glance; listed: the oldest or, with "
+        "operator.inbox.policy ranked, the most severe",
+        source=OURS,
+        choices=(NEW_FIRST, LISTED),
+    )
     known_s: float = key(
         1.0, "median time for an item that names nothing new, at best load [s]", source=OURS, above=0, high=3600
     )
     new_s: float = key(4.0, "median time for a new event or root, at best load [s]", source=OURS, above=0, high=3600)
+    more_s: float = key(
+        0.5, "median time for each further item on a line of the inbox, at best load [s]", source=OURS, low=0, high=3600
+    )
     command_s: float = key(6.0, "median time to give a command, at best load [s]", source=OURS, above=0, high=3600)
     sigma: float = key(0.5, "spread of these times: sigma of a lognormal distribution", source=OURS, low=0, high=3)
     memory_s: float = key(
@@ -179,6 +262,7 @@ class OperatorSettings:
     more_thresholds_hz: tuple[float, ...] = key((), "further thresholds that the station shows", low=0)
     probes: ProbeSettings = key(ProbeSettings, "what a person at the station is asked")
     page: PageSettings = key(PageSettings, "what the station's page shows and offers")
+    inbox: InboxSettings = key(InboxSettings, "which messages the person is shown, and when")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")
     autonomy: AutonomySettings = key(AutonomySettings, "who sets delta during the run")
     budget: BudgetSettings = key(BudgetSettings, "how the system keeps a message budget")
@@ -188,6 +272,12 @@ class OperatorSettings:
     def commands(self) -> bool:
         """Whether a simulated person or the system may give commands, so that the operator's turns are waited for."""
         return self.person.commands or self.autonomy.commands
+
+    @property
+    def asks_in_passing(self) -> bool:
+        """Whether the person is asked anything while the run goes on."""
+        asked = any(one.when == DURING and one.wait_s is not None for one in self.probes.techniques)
+        return asked or self.autonomy.sets_delta == SYSTEM
 
     def problems(self) -> list[Problem]:
         """A budget must leave room for a message."""
@@ -211,6 +301,7 @@ class Briefing:
     base_m: Place | None = key(None, "where the operator's base is [m]", length=2)
     range_m: float | None = key(None, "reports are heard up to here from the base [m]")
     agents: int = key(1, "number of agents")
+    radius_m: float = key(0.0, "radius of an agent's body; 0: a point [m]")
     operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
     forms: tuple[CommandForm, ...] = key((), "the commands that the controller accepts")
     command: tuple[CommandSettings, ...] = key((), "what a scripted operator commands")

@@ -7,10 +7,11 @@ unless the unit says wall; `utc` is the wall clock, `monotonic_s` a clock that n
 from typing import Annotated, Any, NamedTuple
 
 from deltaswarm_scenario.columns import MONOTONIC, PAGE, Column, Utc
+from deltaswarm_scenario.operator_settings import CHANGE, INFO, NEWS
 from deltaswarm_scenario.techniques import NAMED, SCORED, TECHNIQUES
 
 _ANSWERS = dict.fromkeys(technique.kind for technique in TECHNIQUES)
-_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "ready", *_ANSWERS)
+_KINDS = ("command", "proposal", "veto", "read", "pace", "note", "help", "end", "ready", *_ANSWERS)
 
 PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
@@ -26,7 +27,12 @@ class OperatorAction(NamedTuple):
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(MONOTONIC, "time of the act")] = None
     name: Annotated[
-        str, Column("", "the command; target or decoy; pause, resume, step or speed; what happened to the page")
+        str,
+        Column(
+            "",
+            "the command; target or decoy; pause, resume, step or speed; help asked, seen or over; what happened to "
+            "the page",
+        ),
     ] = ""
     command: Annotated[int | None, Column("", "number of the command")] = None
     target: Annotated[str, Column("", "whom the command is for: all, circle, tree, agent or place")] = ""
@@ -95,6 +101,13 @@ class InboxRow(NamedTuple):
     read_s: Annotated[float | None, Column("s", "when it was read; empty: it was not")] = None
     read_utc: Utc = ""
     read_monotonic_s: Annotated[float | None, Column(MONOTONIC, "when it was read")] = None
+    news: Annotated[str, Column("", f"what it tells: {', '.join(NEWS)}")] = CHANGE
+    severity: Annotated[str, Column("", "info, notice or alert")] = INFO
+    shown_s: Annotated[float | None, Column("s", "when the inbox showed it; empty: it did not")] = None
+    line: Annotated[int | None, Column("", "its line of the inbox: the number of the first item put on it")] = None
+    is_quiet: Annotated[int | None, Column("", "1: its line only counts it, and did not ask to be read for it")] = None
+    held_because: Annotated[str, Column("", "why it was not shown when it arrived; empty: it was")] = ""
+    is_opened: Annotated[int, Column("", "1: the person opened it while it was held back")] = 0
 
 
 class CommandRow(NamedTuple):

@@ -22,7 +22,7 @@ from deltaswarm_scenario.operator_links import (
 )
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
 from deltaswarm_scenario.radio import RadioSettings, radio_problems
-from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain
+from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain, rest
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID, CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
@@ -130,6 +130,19 @@ class SwarmSettings:
 
 
 @dataclass(frozen=True)
+class WorldSettings:
+    """How bodies move; the dynamics' `Settings` class checks its options."""
+
+    dynamics: str = key("point", "how bodies move: point, an entry point, or module:Class", source=PAPER)
+    options: dict[str, Any] = rest("the dynamics' own options")
+
+    @property
+    def radius_m(self) -> float:
+        """The radius of a body [m]; 0 for points."""
+        return float(self.options.get("radius_m", 0.0))
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A whole experiment. Every key can be given in TOML and by `--set key=value`."""
 
@@ -141,6 +154,7 @@ class Scenario:
     arena: ArenaSettings = key(ArenaSettings, "the bounded environment")
     events: EventSettings = key(EventSettings, "events in the arena")
     agents: SwarmSettings = key(SwarmSettings, "the swarm")
+    world: WorldSettings = key(WorldSettings, "how bodies move")
     radio: RadioSettings = key(RadioSettings, "radio between agents")
     control: ControlSettings = key(ControlSettings, "the agents' controller")
     operator: OperatorSettings = key(OperatorSettings, "the operator and its workload")
@@ -170,11 +184,12 @@ class Scenario:
         if self.run.accept_lost > self.agents.count:
             allowed = f"must be at most the number of agents, {self.agents.count}"
             problems.append(Problem("run.accept_lost", f"{self.run.accept_lost:.15g}", allowed))
-        if self.run.bound != "none" and (self.arena.obstacles or self.fault):
-            problems.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
+        if self.run.bound != "none" and (self.arena.obstacles or self.fault or self.world.dynamics != "point"):
+            allowed = "must be none with obstacles, faults or dynamics other than point"
+            problems.append(Problem("run.bound", repr(self.run.bound), allowed))
         for technique in self.operator.probes.techniques:
             problems += technique.problems_within(self.run.duration_s)
-        problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
+        problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s, self.world.dynamics)
         size_m = (self.arena.width_m, self.arena.height_m)
         if (area_m2 := self.arena.width_m * self.arena.height_m) > MAX_AREA_M2:
             problems.append(Problem("arena", f"{area_m2:g} m2", f"must have an area of at most {MAX_AREA_M2:g} m2"))
@@ -196,6 +211,7 @@ class Scenario:
             height_m=self.arena.height_m,
             obstacles=self.arena.obstacles,
             speed_mps=self.agents.speed_mps,
+            radius_m=self.world.radius_m,
             sensing_range_m=self.agents.sensing_range_m,
             range_m=self.radio.range_m,
             latency_s=self.radio.latency_s + self.radio.jitter_s,
@@ -218,6 +234,7 @@ class Scenario:
             base_m=self.uplink.base_m,
             range_m=self.uplink.range_m,
             agents=self.agents.count,
+            radius_m=self.world.radius_m,
             operator=self.operator,
             forms=begun_with(forms, self.control.options),
             command=self.command,

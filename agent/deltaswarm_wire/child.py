@@ -39,6 +39,9 @@ LIMIT_REACHED = 71
 GAVE_UP = 75
 """The world ended the run in order, since another part kept it waiting; its last words name that part."""
 
+ENDED_BY_CONDUCTOR = 80
+"""The operator ended in order, since the conductor of the experiment ended the run."""
+
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EROFS}
 
 

@@ -23,6 +23,7 @@ from deltaswarm_wire.codec import (
     number,
     pack,
     text,
+    tuple_of,
     unpack,
     version,
 )
@@ -34,6 +35,12 @@ MAX_SPEED_MPS = 1000.0
 MAX_TIME_S = 1e9
 MAX_ROLE = 16
 """Characters."""
+MAX_METRICS = 16
+MAX_METRIC_NAME = 32
+"""Characters of the name of a controller's own number, which becomes part of the names of columns."""
+METRIC_LIMIT = 1e300
+ACT_ITEMS = 11
+"""Items of an act without a controller's own numbers."""
 MAX_POSES = 64
 """Longest interval between two frames of an agent [steps]: a frame holds every position since the last."""
 
@@ -63,6 +70,8 @@ class Frame(NamedTuple):
     """What one agent senses and hears in one step. After a frame with `last`, it acts once more and exits.
 
     `poses` are its positions in the steps since its last frame, oldest first; empty if that was in the previous step.
+    `bumped` and `blocked` are what a body feels that takes up room: whether it touched another one or a wall in the
+    last step, and whether something kept it from moving as its act said.
     """
 
     step: int
@@ -73,18 +82,30 @@ class Frame(NamedTuple):
     poses: tuple[Pose, ...]
     events: tuple[Event, ...]
     heard: tuple[Heard, ...]
+    bumped: bool = False
+    blocked: bool = False
 
 
 def encode_frame(frame: Frame) -> bytes:
-    """`[version, step, time_s, last, x_m, y_m, [x_m, y_m...], [[event, x_m, y_m]...], [sender, sample...]]`."""
-    step, time_s, last, x_m, y_m, poses, events, heard = frame
+    """`[version, step, time_s, last, x_m, y_m, [x_m, y_m...], [[event, x_m, y_m]...], [sender, sample...]]`.
+
+    With `bumped` or `blocked`, both follow.
+    """
+    step, time_s, last, x_m, y_m, poses, events, heard, bumped, blocked = frame
     flat = chain.from_iterable
-    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, tuple(flat(poses)), events, tuple(flat(heard))))
+    walked = tuple(flat(poses)) if poses else ()
+    felt = (bumped, blocked) if bumped or blocked else ()
+    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, walked, events, tuple(flat(heard)), *felt))
 
 
 def decode_frame(data: bytes) -> Frame:
     """Check and decode. Raises WireError."""
-    known, step, time_s, last, x_m, y_m, poses, events, heard = array(unpack(data), 9, "frame")
+    items = unpack(data)
+    felt = (False, False)
+    if isinstance(items, list) and len(items) == 11:
+        felt = boolean(items[9], "frame.bumped"), boolean(items[10], "frame.blocked")
+        items = items[:9]
+    known, step, time_s, last, x_m, y_m, poses, events, heard = array(items, 9, "frame")
     version(known)
     return Frame(
         integer(step, 0, MAX_STEP, "frame.step"),
@@ -95,6 +116,7 @@ def decode_frame(data: bytes) -> Frame:
         _poses(poses),
         read_events(events, MAX_SENSED, "frame.events"),
         _heard(heard),
+        *felt,
     )
 
 
@@ -176,31 +198,51 @@ class Act(NamedTuple):
     observed: tuple[int, ...]
     tree_status: TreeStatus
     until: int
+    metrics: tuple[tuple[str, float], ...] = ()
+    """The controller's own numbers, by name."""
 
 
 def encode_act(act: Act) -> bytes:
-    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, delta, until]`."""
-    step, vx_mps, vy_mps, observed, tree_status, until = act
-    return pack((PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *tree_status, until))
+    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, delta, until]`, and `metrics` if any."""
+    step, vx_mps, vy_mps, observed, tree_status, until, metrics = act
+    fields = (PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *tree_status, until)
+    return pack((*fields, dict(metrics)) if metrics else fields)
 
 
 def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
-    known, step, vx_mps, vy_mps, observed, role, level, parent, root, delta, until = array(unpack(data), 11, "act")
+    raw = unpack(data)
+    metrics: Any = raw.pop() if type(raw) is list and len(raw) == ACT_ITEMS + 1 else ()
+    known, step, vx_mps, vy_mps, observed, role, level, parent, root, delta, until = array(raw, ACT_ITEMS, "act")
     version(known)
-    return Act(
+    status = (
+        role_name(role, "act.role"),
+        integer(level, 0, MAX_AGENT_ID, "act.level"),
+        integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),
+        integer(root, NOBODY, MAX_AGENT_ID, "act.root"),
+        integer(delta, 0, MAX_DELTA, "act.delta"),
+    )
+    fields = (
         integer(step, 0, MAX_STEP, "act.step"),
         number(vx_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
         number(vy_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
         _observed(observed),
-        TreeStatus(
-            role_name(role, "act.role"),
-            integer(level, 0, MAX_AGENT_ID, "act.level"),
-            integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),
-            integer(root, NOBODY, MAX_AGENT_ID, "act.root"),
-            integer(delta, 0, MAX_DELTA, "act.delta"),
-        ),
+        tuple_of(TreeStatus, status),
         integer(until, step + 1, MAX_STEP + 1, "act.until"),
+        () if metrics == () else _metrics(metrics),
+    )
+    act: Act = tuple_of(Act, fields)
+    return act
+
+
+def _metrics(raw: Any) -> tuple[tuple[str, float], ...]:
+    if not isinstance(raw, dict) or not 0 < len(raw) <= MAX_METRICS:
+        raise WireError("act.metrics", f"be a map of 1 to {MAX_METRICS} numbers", type(raw).__name__)
+    return tuple(
+        [
+            (text(name, "act.metrics", MAX_METRIC_NAME), number(value, -METRIC_LIMIT, METRIC_LIMIT, "act.metrics"))
+            for name, value in raw.items()
+        ]
     )
 
 

@@ -11,10 +11,10 @@ from itertools import takewhile
 from types import FrameType, TracebackType
 
 PACKAGES = frozenset(
-    f"deltaswarm_{part}"
+    f"deltaswarm{part}"
     for part in (
-        *("wire", "scenario", "agent", "world", "operator", "orchestrator"),
-        *("board", "ros2", "studies", "sessions", "cluster"),
+        *("", "_wire", "_scenario", "_agent", "_world", "_operator", "_orchestrator"),
+        *("_board", "_ros2", "_studies", "_sessions", "_cluster"),
     )
 )
 """Packages whose frames are not a plug-in's."""
@@ -39,7 +39,8 @@ class PluginError(Exception):
     Attributes:
         kind: the type of `error`; "" without one.
         where: `file:line` of the plug-in's last frame; "" if it has none.
-        trace: the traceback from the plug-in's own frame on, which ends with the exception; "" without an error.
+        trace: the traceback from the plug-in's own frame on, which ends with the exception; "" without an error, and
+            if it had only deltaswarm's frame that caught what C raised, such as pickle.
     """
 
     def __init__(self, text: str, error: BaseException | None = None) -> None:
@@ -155,6 +156,8 @@ def _where(error: BaseException) -> str:
 
 def _trace(error: BaseException) -> str:
     own = own_traceback(error)
+    if own is not None and own.tb_next is None and _package(own.tb_frame) in PACKAGES and error.__context__ is None:
+        return ""
     frames = [frame.f_code for frame in _frames(own)]
     callers = {step.tb_frame.f_code for step in takewhile(lambda step: step is not own, _steps(error.__traceback__))}
     # An error that is raised once more still has the frames of the last time below those of this time.

@@ -104,6 +104,31 @@ FAULTS = ExtensionPoint(
 )
 """What `fault.kind` takes, in the order in which faults act on a body. A new kind of the core is a line here."""
 
+INBOX_POLICIES = ExtensionPoint(
+    "deltaswarm.inbox_policies",
+    "policy of the inbox",
+    "deltaswarm_operator.inbox.policy:Policy",
+    {
+        "all": "deltaswarm_operator.inbox.all:All",
+        "new": "deltaswarm_operator.inbox.new:New",
+        "grouped": "deltaswarm_operator.inbox.grouped:Grouped",
+        "ranked": "deltaswarm_operator.inbox.ranked:Ranked",
+        "limited": "deltaswarm_operator.inbox.limited:Limited",
+        "digest": "deltaswarm_operator.inbox.digest:Digest",
+    },
+    ("Settings", "ORDER", "HELD", "close_step"),
+)
+"""What `operator.inbox.policy` takes. A new policy of the core is a line here."""
+
+DYNAMICS = ExtensionPoint(
+    "deltaswarm.dynamics",
+    "kind of dynamics",
+    "deltaswarm_world.core.dynamics:Dynamics",
+    {"point": "deltaswarm_world.core.dynamics:Points"},
+    ("Settings", "misplaced", "move", "states"),
+)
+"""What `world.dynamics` takes: how bodies move. Bodies that take up room come with an extension package."""
+
 COMMANDS = ExtensionPoint("deltaswarm.commands", "command", "deltaswarm_orchestrator.cli:AddArguments", {}, ())
 """Commands of `deltaswarm`; those of the core are listed in `deltaswarm_orchestrator.cli`."""
 
@@ -135,7 +160,19 @@ SWEEPS = ExtensionPoint(
 )
 """Built-in files that `deltaswarm sweep` takes by their names: by kind, a function that returns the files by name."""
 
-POINTS = (CONTROLLERS, BODIES, RADIO_MODELS, FAULTS, COMMANDS, PARTS, ENGINES, OBSERVERS, SWEEPS)
+POINTS = (
+    CONTROLLERS,
+    BODIES,
+    RADIO_MODELS,
+    FAULTS,
+    DYNAMICS,
+    INBOX_POLICIES,
+    COMMANDS,
+    PARTS,
+    ENGINES,
+    OBSERVERS,
+    SWEEPS,
+)
 """Every extension point; docs/EXTENDING.md tells how each is used."""
 
 

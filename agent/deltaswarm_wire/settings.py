@@ -28,6 +28,7 @@ class AgentSettings:
     height_m: float = key(100.0, "arena along y [m]", low=1, high=1e5)
     obstacles: tuple[ObstacleSettings, ...] = key((), "obstacles on its map")
     speed_mps: float = key(1.0, "maximum speed [m/s]", above=0, high=100)
+    radius_m: float = key(0.0, "radius of its body; 0: a point [m]", low=0, high=100)
     sensing_range_m: float = key(5.0, "sensing range [m]", above=0)
     range_m: float = key(9.0, "nominal radio range [m]", above=0)
     latency_s: float = key(0.0, "longest delay of its radio beyond one step per hop [s]", low=0, high=7200)

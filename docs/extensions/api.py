@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "api"
-PART = re.compile(r"<!-- (deltaswarm_[\w.]+)(?:: ([\w, ]+))? -->\n.*?<!-- / -->\n", re.DOTALL)
+PART = re.compile(r"<!-- (deltaswarm[\w.]+)(?:: ([\w, ]+))? -->\n.*?<!-- / -->\n", re.DOTALL)
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 

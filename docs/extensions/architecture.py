@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2]
 CORE = {
     "deltaswarm_wire": "agent",
     "deltaswarm_scenario": "agent",
+    "deltaswarm": "orchestrator",
     "deltaswarm_orchestrator": "orchestrator",
     "deltaswarm_world": "world",
     "deltaswarm_agent": "agent",
@@ -17,17 +18,20 @@ CORE = {
 EXTENSIONS = {
     "deltaswarm_studies": "orchestrator",
     "deltaswarm_sessions": "orchestrator",
+    "deltaswarm_branches": "orchestrator",
     "deltaswarm_cluster": "orchestrator",
+    "deltaswarm_learn": "orchestrator",
     "deltaswarm_board": "agent",
     "deltaswarm_ros2": "agent",
+    "deltaswarm_physics": "world",
     "benchmarks": "orchestrator",
 }
 """Folder by package, in the order of a run: what all share, then who starts the run, then who takes part."""
 
-ORDER = ("cli", "scenarios", "run", "processes", "base", "core", "io", "station", "recording", "results")
+ORDER = ("cli", "scenarios", "run", "processes", "base", "core", "inbox", "io", "station", "recording", "results")
 """Folders of a package in the order of a run; other folders follow."""
 
-JOINS = ("deltaswarm_orchestrator/run/in_process.py", "deltaswarm_orchestrator/run/bounds.py")
+JOINS = tuple(f"deltaswarm_orchestrator/run/{name}.py" for name in ("in_process", "bounds", "checkpoints"))
 """The files that join the cores of several parts in one process."""
 
 

@@ -4,6 +4,7 @@ Each part is between marks `<!-- NAME -->` and `<!-- /NAME -->`.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
@@ -33,12 +34,12 @@ def study_metrics() -> Iterator[str]:
             yield f"| `{metric.study}` | {metric.unit} | {metric.meaning} | {over_time} | {ceiling} |"
 
 
-def person_metrics() -> Iterator[str]:
-    """Describe every metric of a person at the console."""
-    yield from ("| in `person` | unit | meaning |", "| --- | --- | --- |")
+def metrics_in(part: str) -> Iterator[str]:
+    """Describe every metric in a part of the summary."""
+    yield from (f"| in `{part}` | unit | meaning |", "| --- | --- | --- |")
     for metric in EVERY_KEY:
-        if metric.is_in_summary and metric.key.startswith("person."):
-            yield f"| `{metric.key.removeprefix('person.')}` | {metric.unit} | {metric.meaning} |"
+        if metric.is_in_summary and metric.key.startswith(f"{part}."):
+            yield f"| `{metric.key.removeprefix(f'{part}.')}` | {metric.unit} | {metric.meaning} |"
 
 
 def person_tables() -> Iterator[str]:
@@ -64,7 +65,7 @@ def drop_reasons() -> Iterator[str]:
 PARTS: dict[str, dict[str, Callable[[], Iterator[str]]]] = {
     "RESULTS.md": {"reasons": drop_reasons, "person": person_tables, "summary": summary_keys},
     "STUDIES.md": {"metrics": study_metrics},
-    "OPERATOR.md": {"metrics": person_metrics},
+    "OPERATOR.md": {"metrics": partial(metrics_in, "person"), "inbox": partial(metrics_in, "inbox")},
 }
 """What is made, by page and mark."""
 

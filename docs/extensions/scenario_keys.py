@@ -15,7 +15,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.settings import StudyFile
 from deltaswarm_studies.study import UNITS
 from deltaswarm_wire import checked
-from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, find, find_controller
+from deltaswarm_wire.plugins import CONTROLLERS, DYNAMICS, FAULTS, INBOX_POLICIES, ExtensionPoint, find, find_controller
 
 REFERENCE_HEAD = """\
 # Scenario keys
@@ -53,8 +53,12 @@ def reference() -> str:
         lines += section
         if name == "control":
             lines += _controller_tables("control.")
+        if name == "world":
+            lines += _own_tables(DYNAMICS, "world.")
         if name == "fault":
-            lines += _fault_tables("fault[].")
+            lines += _own_tables(FAULTS, "fault[].")
+        if name == "operator":
+            lines += _own_tables(INBOX_POLICIES, "operator.inbox.")
     return "\n".join(lines) + "\n"
 
 
@@ -105,10 +109,10 @@ def _controller_tables(prefix: str) -> Iterator[str]:
         yield from (*REFERENCE_TABLE, *(rows if "hybrid" in modes else differing))
 
 
-def _fault_tables(prefix: str) -> Iterator[str]:
-    """Yield a table of the keys of each shipped kind of fault that has any."""
-    for kind in FAULTS.shipped:
-        if rows := _reference_rows(find(FAULTS, kind, prefix).Settings(), prefix):
+def _own_tables(point: ExtensionPoint, prefix: str) -> Iterator[str]:
+    """Yield a table of the keys of each kind that has any, of those that come with deltaswarm or its extensions."""
+    for kind in point.names():
+        if rows := _reference_rows(find(point, kind, prefix).Settings(), prefix):
             yield from ("", f"### `{kind}`", "", *REFERENCE_TABLE, *rows.values())
 
 

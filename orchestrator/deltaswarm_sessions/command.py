@@ -10,13 +10,13 @@ from typing import Any
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.base.output import results_on
+from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
     add_dry_run,
     add_json,
     add_markers,
     add_quiet,
-    check_out,
     host_and_port,
     number,
     show,

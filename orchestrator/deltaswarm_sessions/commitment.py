@@ -33,6 +33,7 @@ OF_PARTICIPANT = (
     "operator.probes.consent",
     "operator.probes.form",
     "operator.page.end_text",
+    "operator.page.place",
     "operator.page.language.",
 )
 """Scenario keys that differ between participants or places, and follow from the session's own table."""

@@ -181,7 +181,8 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
             name = str((beside / name).resolve())
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         ends = criterion is not None and criterion.if_not_reached == END and place == 0
-        shown = {"title": label, "end_text": THANKS if place == count else WAIT if ends else MORE}
+        end_text = THANKS if place == count else WAIT if ends else MORE
+        shown = {"title": label, "place": [place, count], "end_text": end_text}
         if settings.language:
             shown["language"] = scenarios.language_at(settings.language, beside)
         overrides = [

@@ -4,15 +4,16 @@ import secrets
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from deltaswarm.runs import check as check_run
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.paths import free_folder
 from deltaswarm_orchestrator.base.signals import heed_signals_again
-from deltaswarm_orchestrator.cli.arguments import free_folder
+from deltaswarm_orchestrator.cli import report
 from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
-from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_sessions.folder import (
     RECORD,
@@ -42,6 +43,8 @@ class Runner:
     command: str = ""
     """The command that continues the session, for the experimenter."""
     _token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
+    _researcher_token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
+    _researcher_listen: str = field(default_factory=lambda: free_address(LOOPBACK), init=False)
     _opens_browser: bool = field(default=True, init=False)
 
     _lock: FolderLock = field(init=False)
@@ -57,7 +60,7 @@ class Runner:
             SettingsError, CommandError: a run would be refused.
         """
         for run in self.session.runs:
-            report.check_run(run.scenario, self._options(run))
+            check_run(run.scenario, self._options(run))
         slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
         return [*dict.fromkeys(warning for warning in [*slow, order_warning(self.session.runs)] if warning)]
 
@@ -116,7 +119,9 @@ class Runner:
 
     def _options(self, run: PlannedRun) -> RunOptions:
         station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
-        return RunOptions(out=free_folder(self.folder / run.folder), station=station, researcher=self.researcher)
+        page = StationChannel(listen=self._researcher_listen, token=self._researcher_token) if self.researcher else None
+        out = free_folder(self.folder / run.folder)
+        return RunOptions(out=out, station=station, researcher=self.researcher, researcher_page=page)
 
     def _do_run(self, run: PlannedRun) -> int:
         options = self._options(run)

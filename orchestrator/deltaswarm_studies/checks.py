@@ -14,7 +14,7 @@ from deltaswarm_studies.ceilings import ceiling_problems
 from deltaswarm_studies.event_checks import MOMENTS, asked, event_problems
 from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
-from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, StudyMetric, source_of
+from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, StudyMetric, controllers_own, source_of
 from deltaswarm_studies.possible import impossible_claims, unknown_readings
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
@@ -264,18 +264,22 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
 
 
 def _columns(study: Study) -> Iterator[Problem]:
-    """Report metrics that some variant's runs do not have."""
+    """Report metrics that some variant's runs do not have; of a controller's own, those compared by it."""
+    compared = {(name, variant) for _, name, variants in _compared(study) for variant in variants}
     for name in used_metrics(study):
         metric = study.metrics[name]
         for variant in study.sweep.variants:
-            if metric.kind == COLUMN and not _has_column(metric, variant.scenario, study.sweep.swept):
+            is_optional = name in controllers_own(study.sweep) and (name, variant.label) not in compared
+            if is_optional or metric.kind != COLUMN:
+                continue
+            if not _has_column(metric, variant.scenario, study.sweep.swept):
                 allowed = f"must be a column of the sweep's table; {variant.label!r} has none"
                 yield Problem(f"metric {name!r}", repr(metric.column), allowed)
                 break
 
 
 def _has_column(metric: StudyMetric, scenario: Scenario, swept: Sequence[str]) -> bool:
-    if metric.column.startswith("person."):
+    if metric.column.startswith(("person.", "inbox.", "shown_s.", "read_s.")):
         return scenario.operator.person.is_on
     return metric.column in swept or metric.column in dict(flattened(summarise(Outcome(), scenario)))
 
@@ -285,20 +289,22 @@ def _incomparable(study: Study) -> Iterator[Problem]:
     scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
     if len({scenario.run.step_s for scenario in scenarios.values()}) == 1:
         return
-    compared: list[tuple[str, str, Sequence[str]]] = [
-        (f"contrast[{i}].metrics", name, side)
-        for i, contrast in enumerate(study.file.contrast)
-        for row in study.comparisons(contrast)
-        for side in row.sides
-        for name in study.metrics_of(contrast)
-    ]
-    compared += [(f"claim[{i}].metric", claim.metric, claim.variants) for i, claim in enumerate(study.file.claim)]
-    for where, name, variants in compared:
+    for where, name, variants in _compared(study):
         of = study.metrics[name].of or name
         intervals_s = {_interval_s(of, scenarios[variant]) for variant in variants}
         if len(intervals_s) > 1:
             allowed = f"must not be compared between {' and '.join(map(repr, variants))}: it depends on run.step_s"
             yield Problem(where, repr(name), allowed)
+
+
+def _compared(study: Study) -> Iterator[tuple[str, str, Sequence[str]]]:
+    """Yield the key, the metric and the variants of each comparison."""
+    for i, contrast in enumerate(study.file.contrast):
+        for row in study.comparisons(contrast):
+            yield from (
+                (f"contrast[{i}].metrics", name, side) for side in row.sides for name in study.metrics_of(contrast)
+            )
+    yield from ((f"claim[{i}].metric", claim.metric, claim.variants) for i, claim in enumerate(study.file.claim))
 
 
 def _interval_s(metric: str, scenario: Scenario) -> float:

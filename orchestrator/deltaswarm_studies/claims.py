@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltaswarm_studies import montecarlo, stats
+from deltaswarm_studies import montecarlo, stated, stats
 from deltaswarm_studies.settings import ClaimSettings, ClaimVerdict, listed
 from deltaswarm_studies.stats import DIFFERENCE, RATIO, Contrast, Interval
 from deltaswarm_studies.study import Study
@@ -202,23 +202,33 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
 
 
 def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Make a row per finding: the sentence, and the results that no longer support it (empty if all do).
+    """Make a row per finding: the sentence, and what no longer supports it (empty if all does): results, numbers.
 
-    `results` has the table of each kind of result: claims, contrasts and fits.
+    `results` has the table of each kind of result: claims, contrasts, fits and estimates.
     """
     rows = []
+    medians = list(results["estimates"]["median"]) if "estimates" in results else []
     for finding in study.file.finding:
-        reasons = [reason for result in finding.because if (reason := _broken(result, results))]
+        rested = [_rows_of(result, results) for result in finding.because]
+        reasons = [reason for reason in map(_broken, finding.because, rested) if reason]
+        estimates = [number for table in rested if "estimate" in table for number in table["estimate"].dropna()]
+        wrong = list(stated.unsupported(finding.text, estimates, medians))
+        reasons += [f"no result that it rests on is {', '.join(map(repr, wrong))}"] if wrong and not reasons else []
         rows.append({"text": finding.text, "broken": "; ".join(reasons)})
     return pd.DataFrame(rows, columns=["text", "broken"])
 
 
-def _broken(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> str:
-    """Say why a result does not support a finding; empty if it does."""
+def _rows_of(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return the rows that a finding names."""
     rows = next(table for kind, table in results.items() if kind in result)
+    for name, value in result.items():
+        rows = rows[rows[name].isin(listed(value))] if name != "is" else rows
+    return rows
+
+
+def _broken(result: Mapping[str, Any], rows: pd.DataFrame) -> str:
+    """Say why the rows that a finding names do not support it; empty if they do."""
     named = {name: value for name, value in result.items() if name != "is"}
-    for name, value in named.items():
-        rows = rows[rows[name].isin(listed(value))]
     what = ", ".join(f"{name} {value!r}" for name, value in named.items())
     if rows.empty:
         return f"there is no result with {what}"

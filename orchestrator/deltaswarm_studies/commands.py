@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, check_out, must_exist, show
-from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for, exit_code_of
+from deltaswarm_orchestrator.base.paths import check_out, must_exist
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
+from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from deltaswarm_studies.evidence import Evidence
+    from deltaswarm_orchestrator.sweeps.plan import Sweep
+    from deltaswarm_orchestrator.sweeps.runner import SweepResult
     from deltaswarm_studies.study import Study
 
 RUNS = "runs.csv"
@@ -159,49 +159,34 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     Raises:
         CommandError: a run failed, or the page could not be made.
     """
-    from deltaswarm_orchestrator.sweeps.table import read_table
-    from deltaswarm_studies.evidence import Evidence
-    from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, sealed_tables
-    from deltaswarm_studies.page import write
-    from deltaswarm_studies.protocol import protocol_of
-    from deltaswarm_studies.settings import CONFIRMATORY
+    from deltaswarm_studies.conducting import beforehand, concluded
 
-    protocol = protocol_of(study, folder)
-    if not arguments.render:  # before hours are spent
-        for line in protocol.problems:
-            complain(f"{study.name}: {line}")
-        if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
-            notice(f"{study.name}: not frozen (--freeze fixes what it asks and expects before its first run)")
+    def conduct(sweep: "Sweep", runs: Path) -> "SweepResult":
+        return conduct_for(arguments, sweep, runs, with_series=bool(sweep.file.sweep.series_every_s))
+
+    if not arguments.render:
+        problems, notes = beforehand(study, folder)
+        for line in problems:
+            complain(line)
+        for line in notes:
+            notice(line)
     try:
-        sealed = WITH_THE_RUNS
-        if arguments.render:
-            sealed = sealed_tables(folder, study).get("sealed", "")
-            evidence = Evidence.of_folder(study, folder)
-            provenance = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
-        else:
-            evidence, provenance = _conducted(arguments, study, folder)
-        files = write(study, evidence, provenance, folder, sealed)
-        protocol = protocol_of(study, folder, begun_of(provenance))
+        done = concluded(study, folder, None if arguments.render else conduct, reuse=not arguments.processes)
     except (OSError, ValueError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
+    evidence = done.evidence
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
     if not arguments.json:
         for _, row in evidence.claims.iterrows():
             print_result(f"{row['verdict']:10} {row['text']}")
-        print_result(f"{study.name}: {files[0]}")
+        print_result(f"{study.name}: {done.page}")
     is_whole = not arguments.set and arguments.repeats is None
-    if not sealed:
-        notice(f"{study.name}: the tables in {folder} are not sealed, so nobody can tell whether they were changed")
-    for line in [*protocol.problems, *evidence.warnings, *(evidence.unsupported if is_whole else [])]:
-        complain(f"{study.name}: {line}")
-    for line in evidence.surprises:
-        complain(f"{study.name}: not as expected: {line}")
-    is_missed = (
-        protocol.problems or evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
-    )
-    code = FAILED if evidence.incomplete or evidence.undrawn else MISSED if is_missed else OK
+    if done.unsealed:
+        notice(done.unsealed)
+    for line in done.complaints(is_whole):
+        complain(line)
     invalid = evidence.invalid.to_dict("records")
-    return code, {"study": study.name, "page": str(files[0]), "claims": verdicts, "invalid": invalid}
+    return done.code(is_whole), {"study": study.name, "page": str(done.page), "claims": verdicts, "invalid": invalid}
 
 
 def _repeated(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
@@ -232,35 +217,6 @@ def _why(arguments: argparse.Namespace, study: "Study", error: Exception) -> str
         make = as_given(arguments, without=("--render", "--check"))
         return f"{study.name}: {error.filename} is not there; to make it: {make}"
     return f"{study.name}: {error}"
-
-
-def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
-    """Do a study's runs; return the evidence and the runs' provenance.
-
-    Raises:
-        CommandError: the sweep could not start, or a run failed.
-    """
-    from deltaswarm_orchestrator.sweeps.folder import copy_runs
-    from deltaswarm_orchestrator.sweeps.table import invalid_line
-    from deltaswarm_studies.events import events_of
-    from deltaswarm_studies.evidence import Evidence
-    from deltaswarm_studies.origin import provenance_of
-
-    runs = folder / "sweep"
-    if not arguments.processes:
-        others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]
-        if count := copy_runs(study.sweep, runs, others):
-            notice(f"{study.name}: {count} runs are taken from other studies")
-    result = conduct_for(arguments, study.sweep, runs, with_series=bool(study.sweep.file.sweep.series_every_s))
-    if not (result.is_well or result.has_all_but_invalid):
-        example = invalid_line(result.invalid, result.runs)
-        because = f": {example}" if example else ""
-        raise CommandError(
-            f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page{because}",
-            exit_code_of(result),
-        )
-    evidence = Evidence.of_sweep(study, result.table, result.series, result.invalid, events_of(study, result.kept))
-    return evidence, provenance_of(study, result.manifest)
 
 
 def add_report(command: argparse.ArgumentParser) -> None:

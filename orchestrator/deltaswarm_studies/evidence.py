@@ -63,7 +63,8 @@ class Evidence:
         self.survival = survival_of(study, self.events, self.unjudged)
         self.rings = rings_of(study, self.events)
         self.fits, self.grids = fits_of(study, judged), grids_of(study, judged, self.unjudged)
-        self.findings = findings_of(study, {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits})
+        results = {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits, "estimates": self.estimates}
+        self.findings = findings_of(study, results)
         self.arrivals = tables.same_arrivals(study, runs)
         """Whether compared runs saw the same arrivals, a clause for each thing that was checked."""
         self.incomplete = [

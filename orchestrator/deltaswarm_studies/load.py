@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_studies import FOLDERS, files
 from deltaswarm_studies.checks import problems_of
 from deltaswarm_studies.kinds import MOST_LOOKS
-from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
+from deltaswarm_studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings, controllers_own
 from deltaswarm_studies.settings import EXPLORATORY, ContrastSettings, FigureSettings, StudyFile, StudySettings
 from deltaswarm_studies.study import Study, default_factors, numbers_of
 from deltaswarm_wire import checked
@@ -61,7 +61,8 @@ def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
         raise SettingsError(
             [Problem("study.factors", count, f"must name the {len(sweep.factors)} things that this sweep varies")]
         )
-    built_in = {name: metric.within(name, file.study.from_s, file.study.until_s) for name, metric in BUILT_IN.items()}
+    of_runs = {**BUILT_IN, **controllers_own(sweep)}
+    built_in = {name: metric.within(name, file.study.from_s, file.study.until_s) for name, metric in of_runs.items()}
     factors = dict(zip(names, sweep.factors, strict=True))
     study = Study(name, file, sweep, factors, built_in | {settings.name: settings.metric() for settings in file.metric})
     if problems := list(dict.fromkeys(problems_of(study))):

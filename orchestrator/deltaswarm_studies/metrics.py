@@ -5,15 +5,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.results.metrics import COUNT, RATE, Metric
-from deltaswarm_orchestrator.results.metrics import PER_EVENT as BY_EVENT
+from deltaswarm_orchestrator.results.metric import COUNT, RATE, Metric
+from deltaswarm_orchestrator.results.metric import PER_EVENT as BY_EVENT
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
-from deltaswarm_wire.checked import Problem, key
+from deltaswarm_orchestrator.results.summary import controllers_own as own_metrics
+from deltaswarm_wire.checked import Problem, SettingsError, key
+from deltaswarm_wire.controller_metrics import PREFIX
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from deltaswarm_orchestrator.sweeps.plan import Sweep
+
 COLUMN, WINDOW, CONVERGENCE = "column", "window", "time_to_converge"
+OWN = "controller."
+"""How the names of a controller's own metrics begin."""
+
 ID = ["variant", "replicate", "seed"]
 """The columns that identify a run."""
 
@@ -69,13 +76,13 @@ class MetricSettings:
             yield Problem("name", "missing", "a metric needs a name")
         elif self.kind == COLUMN and not self.column:
             yield Problem("column", "missing", "a metric of kind 'column' needs it")
-        elif self.kind != COLUMN and not (self.of in BUILT_IN and BUILT_IN[self.of].series):
+        elif self.kind != COLUMN and not ((source := named(self.of)) and source.series):
             over_time = ", ".join(name for name, metric in BUILT_IN.items() if metric.series)
             yield Problem("of", repr(self.of), f"must be one of {over_time}")
 
     def metric(self) -> StudyMetric:
         """Return the metric that the table describes."""
-        source = BUILT_IN.get(self.of)
+        source = named(self.of)
         unit = self.unit or (source.unit if source and self.kind == WINDOW else "s" if source else "")
         title = self.title or (source.title if source else self.column)
         until_s = math.inf if self.until_s is None else self.until_s
@@ -83,6 +90,12 @@ class MetricSettings:
             *(title, unit, self.column, source.series if source else "", self.kind, self.of),
             *(self.from_s, until_s, self.share, self.smooth_s),
         )
+
+
+def named(name: str) -> "StudyMetric | None":
+    """Return a metric of every run by its name; of a controller's own its columns, since the name alone is known."""
+    own = name.removeprefix(OWN)
+    return StudyMetric(own, column=name, series=PREFIX + own) if own != name else BUILT_IN.get(name)
 
 
 WAITING = "waiting"
@@ -98,6 +111,23 @@ BUILT_IN: Mapping[str, StudyMetric] = {
 }
 
 
+def controllers_own(sweep: "Sweep") -> dict[str, StudyMetric]:
+    """Return the metrics that the controllers of a sweep declare.
+
+    Raises:
+        SettingsError: Two declare one name with different units.
+    """
+    found: dict[str, StudyMetric] = {}
+    for mode in dict.fromkeys(scenario.control.mode for scenario in sweep.scenarios):
+        for metric in own_metrics(mode):
+            series = metric.over.column if metric.over else ""
+            one = found.setdefault(metric.key, StudyMetric(metric.title, metric.unit, metric.key, series))
+            if one.unit != metric.unit:
+                allowed = f"must declare {metric.key} in the unit {one.unit!r}, as another controller of the sweep does"
+                raise SettingsError([Problem("control.mode", f"{mode!r} in {metric.unit!r}", allowed)])
+    return found
+
+
 def _of_kind(kind: str) -> tuple[str, ...]:
     """Return the metrics whose time series is of this kind."""
     return tuple(metric.study for metric in EVERY_KEY if metric.over and metric.over.kind == kind)
@@ -108,8 +138,8 @@ _OF_EVENTS = {metric.key: metric for metric in EVERY_KEY if metric.moment}
 
 def source_of(metric: StudyMetric) -> Metric | None:
     """Return the run's metric of the time until a moment that a study's metric is, or is a window of; None: another."""
-    column = BUILT_IN[metric.of].column if metric.kind == WINDOW else metric.column if metric.kind == COLUMN else ""
-    return _OF_EVENTS.get(column)
+    source = named(metric.of) if metric.kind == WINDOW else metric if metric.kind == COLUMN else None
+    return _OF_EVENTS.get(source.column) if source else None
 
 
 PER_STEP = _of_kind(RATE)

@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from deltaswarm_studies.stats import RATIO, Floats, Scale
+
+Indices: TypeAlias = npt.NDArray[np.int_]
 
 RESAMPLES = 999
 """Bootstrap samples of the replicates, with seed 0."""
@@ -33,13 +37,16 @@ def of_resampled(estimates: Floats) -> float:
 
 def _bootstrapped(values: Floats, estimate: Callable[[Floats], Any]) -> float | None:
     """Return the standard error of an estimate of the values that are known; samples lie along the last axis."""
-    from scipy.stats import bootstrap
-
     known = values[~np.isnan(values)]
     if len(known) < 2:
         return None
-    options: dict[str, Any] = {"n_resamples": RESAMPLES, "method": "percentile", "vectorized": True, "random_state": 0}
-    return float(bootstrap((known,), lambda drawn, axis: estimate(drawn), axis=-1, **options).standard_error)
+    return float(np.std(estimate(known[_drawn(len(known))]), ddof=1))
+
+
+@lru_cache(maxsize=100)
+def _drawn(n: int) -> Indices:
+    """Return the places of the values of each bootstrap sample, as `scipy.stats.bootstrap` draws them."""
+    return np.random.RandomState(0).randint(0, n, (RESAMPLES, n))
 
 
 def _shift(differences: Floats) -> Floats:

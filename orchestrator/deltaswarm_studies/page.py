@@ -164,6 +164,9 @@ def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
         shown["sum"] = [f"{number(value, 2)} ({number(error, 2)})" for value, error in first[SUMS].to_numpy()]
         shown["closest"] = [number(100 * value, 0) for value in first["closest"]]
         headings = {name: f"{name} [IQR]" for name in wide.columns}
+        if len(order) == 1:  # there is nothing to be closer than
+            yield table(shown, headings, str(text))
+            continue
         tail = {"sum": "Sum of squares", "closest": "Closest in [% of resamples]"}
         yield table(shown, {"within": "Combination", **headings, **tail}, str(text))
         yield verdicts.leave_one_out(rows, str(text))

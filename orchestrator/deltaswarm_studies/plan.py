@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from deltaswarm_orchestrator.base.provenance import build
+from deltaswarm_orchestrator.compiling import hint
 from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.sweeps.plan import Variant
@@ -40,6 +42,7 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
         for source in dict.fromkeys(claim.source for claim in study.file.claim)
         for tested in [[claim.variants for claim in study.file.claim if claim.source == source]]
     ]
+    planned_s = wall_s(study) / workers
     return {
         "study": study.name,
         "variants": len(study.sweep.variants),
@@ -47,7 +50,8 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
         "size": study.sweep.size,
         "each": "points" if study.ranges else "replicates",
         "workers": workers,
-        "wall_s": wall_s(study) / workers,
+        "wall_s": planned_s,
+        "compiling": hint(planned_s, build()),
         "families": families,
         "note": note if study.file.contrast else None,
         "sensitivity": _sensitivity(study) if study.ranges else None,
@@ -61,6 +65,7 @@ def text(planned: dict[str, Any]) -> str:
         [
             planned["size"],
             f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
+            *([f"  {planned['compiling']}"] if planned["compiling"] else []),
             *map(_line, planned["families"]),
             *([f"  {planned['note']}"] if planned["note"] else []),
             *([f"  {planned['sensitivity']}"] if planned["sensitivity"] else []),

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from deltaswarm_orchestrator.results.metrics import Metric
+from deltaswarm_orchestrator.results.metric import Metric
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario

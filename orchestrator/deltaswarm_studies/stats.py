@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +136,19 @@ def describe(values: Values) -> Description:
 
 def median_interval(values: Floats, alpha: float) -> Interval:
     """Return the exact interval of a median with confidence 1 - alpha: order statistics (scipy's `quantile_test`)."""
+    low, high = _median_ranks(len(values), alpha)
+    ordered = np.sort(values)
+    return (-math.inf if low is None else float(ordered[low])), (math.inf if high is None else float(ordered[high]))
+
+
+@lru_cache(maxsize=1000)
+def _median_ranks(n: int, alpha: float) -> tuple[int | None, int | None]:
+    """Return the places in a sorted sample of the ends of its median's interval; they depend on its size alone."""
     from scipy import stats
 
-    test: Any = stats.quantile_test(values, q=float(np.median(values)), p=0.5).confidence_interval(1 - alpha)
-    low, high = float(test.low), float(test.high)
-    return (-math.inf if math.isnan(low) else low), (math.inf if math.isnan(high) else high)
+    tail = (1 - (1 - alpha)) / 2  # rounded as SciPy does
+    low, high = int(stats.binom.ppf(tail, n, 0.5)) - 1, int(stats.binom.isf(tail, n, 0.5))
+    return low if low >= 0 else None, high if high < n else None
 
 
 def with_error(median: float, interval: Interval, error: float, alpha: float) -> Interval:

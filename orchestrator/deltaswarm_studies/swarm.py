@@ -1,5 +1,6 @@
 """Draw a swarm at work under each kind of control: the paper's examples of early tree formations."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -8,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -45,6 +46,8 @@ class DrawnSwarm:
     phi: Floats
     obstacles: tuple[tuple[tuple[float, ...], ...], ...] = ()
     """Corners of each obstacle [m]."""
+    radius_m: float = 0.0
+    """The radius of a body; 0: a point."""
 
 
 class _Kind(NamedTuple):
@@ -72,6 +75,7 @@ _FREE = _Kind("free", "^", "#ffffff", 3.6)
 _ATTENDING = _Kind("attending", "D", "#8c8c8c", 3.2)
 _RELOCATING = _Kind("relocating", "p", "#ffffff", 4.4)
 _DEAD = _Kind("dead", "x", style.BLACK, 3.2)
+_BODY: dict[str, Any] = _Kind("body (true size)", "o", "none", 5.2).look
 IN_TREES = ("root", "member")
 """Roles of agents in trees, whose sensing range is shaded."""
 
@@ -100,6 +104,7 @@ def snapshot(scenario: Scenario, time_s: float) -> DrawnSwarm:
         events=tuple(event for event in truth.events if event.completed_s is None),
         phi=phi(scenario),
         obstacles=tuple(obstacle.corners_m for obstacle in scenario.arena.obstacles),
+        radius_m=scenario.world.radius_m,
     )
 
 
@@ -108,7 +113,8 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
 
     The shade is the event density, with a dotted line around 95 % of the events; black dots are incomplete events.
     Agents in trees are coloured by level, roots blue, with a line from each child to its parent and the sensing range
-    around each; free, attending and relocating agents have markers of their own.
+    around each; free, attending and relocating agents have markers of their own. Bodies that take up room
+    are circles of their true size, each with a line to its edge in the direction of its heading.
 
     Args:
         snapshots: snapshots by title; their names.
@@ -157,6 +163,14 @@ def edges(bodies: Sequence[AgentState]) -> Iterator[tuple[tuple[float, float], t
             yield (body.x_m, body.y_m), places[body.parent]
 
 
+def headings(bodies: Sequence[AgentState], radius_m: float) -> Iterator[tuple[tuple[float, float], ...]]:
+    """Yield a line from the centre to the edge of each body that has a heading [m]."""
+    for body in bodies:
+        if (angle := body.heading_rad) is not None:
+            ahead_m = radius_m * math.cos(angle), radius_m * math.sin(angle)
+            yield (body.x_m, body.y_m), (body.x_m + ahead_m[0], body.y_m + ahead_m[1])
+
+
 def _panel(axes: Axes, shot: DrawnSwarm, densest: float) -> None:
     extent = (0.0, shot.width_m, 0.0, shot.height_m)
     shade: dict[str, Any] = {"cmap": _SHADES, "vmin": 0.0, "vmax": densest, "interpolation": "nearest", "zorder": 0}
@@ -178,6 +192,12 @@ def _panel(axes: Axes, shot: DrawnSwarm, densest: float) -> None:
         if places:
             # A root's marker is larger and lies below, so that it stays visible behind a close member.
             axes.plot(*np.array(places).T, zorder=2.9 if kind == _ROOT else 3, clip_on=False, **kind.look)
+    if shot.radius_m:  # above the markers, which may be larger
+        look: dict[str, Any] = {"linewidths": 0.4, "zorder": 3.5}
+        circles = [Circle((body.x_m, body.y_m), shot.radius_m) for body in shot.bodies]
+        axes.add_collection(PatchCollection(circles, facecolors="none", edgecolors=style.BLACK, label="bodies", **look))
+        lines = list(headings(shot.bodies, shot.radius_m))
+        axes.add_collection(LineCollection(lines, colors=style.BLACK, label="headings", **look))
     events = [(event.x_m, event.y_m) for event in shot.events]
     axes.plot(
         *np.array(events, dtype=np.float64).reshape(-1, 2).T,
@@ -213,6 +233,7 @@ def _legend(kinds: Sequence[_Kind], shots: Sequence[DrawnSwarm]) -> list[Artist]
         *(Line2D([], [], **kind.look) for kind in kinds),
         *([Line2D([], [], **event)] if any(shot.events for shot in shots) else []),
         *([Line2D([], [], color=style.BLACK, linewidth=0.7, label="to parent")] if _any_edge(shots) else []),
+        *([Line2D([], [], **_BODY)] if any(shot.radius_m for shot in shots) else []),
         *([Patch(facecolor=(style.LEVELS[0], 0.15), label="sensing range in trees")] if in_trees else []),
         *([Patch(facecolor=style.GREY, label="obstacle")] if any(shot.obstacles for shot in shots) else []),
         *(

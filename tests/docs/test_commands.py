@@ -20,6 +20,8 @@ from tests.support.swarms import COMMAND, UNHURRIED, wait_until
 from tests.support.tiers import in_one_test
 
 RUN_ELSEWHERE = {
+    "docs/LEARNING.md": "docs/test_learning",
+    "docs/TESTING.md": "docs/test_testing",
     "README.md": "docs/test_readme",
     "agent/README.md": "boards/test_docs",
     "docs/CONTROLLERS.md": "docs/test_controllers",

@@ -7,7 +7,7 @@ from tests.support.pages import ROOT
 from tests.support.tiers import in_one_test
 
 FOLDERS = ("agent", "world", "operator", "orchestrator")
-CODE = [file for folder in (*FOLDERS, "docs", "tests", ".ci") for file in (ROOT / folder).rglob("*")]
+CODE = [file for folder in (*FOLDERS, "docs", "examples", "tests", ".ci") for file in (ROOT / folder).rglob("*")]
 FILES = {f"/{file.relative_to(ROOT)}" for file in (*CODE, *ROOT.iterdir()) if "__pycache__" not in file.parts}
 PAGES = sorted(
     file for pattern in ("*.md", "docs/*.md", "docs/api/*.md", "agent/**/*.md") for file in ROOT.glob(pattern)
@@ -19,7 +19,7 @@ PATH = re.compile(
 MODULE = re.compile(r"(deltaswarm_[a-z0-9_]+(?:\.[a-z0-9_]+)*)(?:\.[A-Z]\w*|:\w+)*")
 HISTORY = "CHANGELOG.md"
 """Names what there was at the time."""
-THE_READERS = {"fog.py", "wind.py"}
+THE_READERS = {"fog.py", "wind.py", "patient.py"}
 """Files that a page asks its reader to write."""
 
 

@@ -92,7 +92,7 @@ EXAMPLES = {
         messages.decode_frame,
         message(
             "frame",
-            ("version", *Frame._fields),
+            ("version", *(name for name in Frame._fields if name not in ("bumped", "blocked"))),
             poses=Shape("poses", ("x_m", "y_m"), "flat"),
             events=_EVENTS,
             heard=Shape("heard", ("sender", "sample"), "flat"),
@@ -102,7 +102,7 @@ EXAMPLES = {
         Act(12, 0.0, -1.0, (3,), TreeStatus("attending"), 13),
         messages.encode_act,
         messages.decode_act,
-        message("act", ("version", *Act._fields[:-2], *TreeStatus._fields, "until"), observed=Shape("observed")),
+        message("act", ("version", *Act._fields[:4], *TreeStatus._fields, "until"), observed=Shape("observed")),
     ),
     "radio": Example(
         _SAMPLE, envelope.encode_sample, envelope.decode_sample, message("radio", ("version", "counter", "payload"))

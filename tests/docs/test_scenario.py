@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from docs.extensions import api, architecture, page_messages
+from docs.extensions import api, architecture, branch_keys, page_messages, published
 from docs.extensions.command_line import reference as commands
 from docs.extensions.results import PARTS, with_parts
 from docs.extensions.scenario_keys import reference
@@ -22,6 +22,13 @@ def test_the_lists_of_metrics_and_columns_are_up_to_date() -> None:
     for name in PARTS:
         page = (DOCS / name).read_text()
         assert page == with_parts(name, page)
+
+
+def test_what_pages_tell_of_studies_is_what_was_published() -> None:
+    """Findings that still hold, and medians as the tables have them."""
+    for page in published.PAGES:
+        text = page.read_text()
+        assert text == published.with_published(text)
 
 
 def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:
@@ -44,6 +51,12 @@ def test_the_lists_of_packages_and_files_are_up_to_date() -> None:
     files = {file.name for name, folder in rooms.items() for file in (DOCS.parent / folder / name).rglob("*.py")}
     assert len(files) > 100
     assert not {name for name in files - {"__init__.py"} if f"| `{name}` | " not in page}
+
+
+def test_the_table_of_keys_that_may_differ_in_a_branch_is_up_to_date() -> None:
+    """docs/BRANCHES.md has every rule."""
+    page = (DOCS / "BRANCHES.md").read_text()
+    assert page == branch_keys.with_keys(page)
 
 
 @in_one_test("page", sorted((DOCS / "api").glob("*.md")))

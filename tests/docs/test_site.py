@@ -1,6 +1,7 @@
 """The documentation site: it builds without a warning, and its reference pages hold what the code has."""
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,21 +12,40 @@ from deltaswarm_wire import __version__
 from tests.support.pages import ROOT, commands, shell
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, built by the command that CONTRIBUTING.md gives."""
+def build(out: Path, options: str = "") -> subprocess.CompletedProcess[str]:
+    """Build the site by the command that CONTRIBUTING.md gives, with more options."""
     [command] = [line for line in commands((ROOT / "CONTRIBUTING.md").read_text()) if line.startswith("sphinx-build")]
     assert {"-n", "-W", "--keep-going"} <= set(command.split()), "broken links and other warnings are errors"
-    out = tmp_path_factory.mktemp("docs") / "site"
-    done = shell(command.replace("build/site", str(out)), ROOT)
+    done = shell(command.replace("build/site", f"{out} {options}"), ROOT)
     assert done.returncode == 0, done.stderr
-    assert not done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, with the notebooks as they are kept: without outputs."""
+    out = tmp_path_factory.mktemp("docs") / "site"
+    assert not build(out, "-D nb_execution_mode=off").stderr
     return out
 
 
+@pytest.mark.slow
+def test_the_notebooks_are_run_into_the_site(tmp_path: Path) -> None:
+    """The pages show figures and tables."""
+    build(tmp_path / "site")
+    pages = sorted((tmp_path / "site" / "docs" / "notebooks").iterdir())
+    assert len(pages) == 3
+    for page in pages:
+        text = page.read_text()
+        assert 'class="cell_output' in text, page
+        assert "../../_images/" in text, page
+        assert '<table border="1" class="dataframe' in text or "<table id=" in text, page
+
+
 def test_every_page_is_in_the_site(site: Path) -> None:
-    """Every page of docs/ and every page about the agent."""
-    sources = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "agent").rglob("*.md")]
+    """Every page and notebook of docs/, and every page about the agent."""
+    sources = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "notebooks").glob("*.ipynb")]
+    sources += (ROOT / "agent").rglob("*.md")
     assert len(sources) > 20
     for source in sources:
         assert (site / source.relative_to(ROOT)).with_suffix(".html").exists(), source

@@ -14,6 +14,13 @@ from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
 
+MIDDLE_ROW = """
+const map = document.querySelector("#map");
+const row = new OffscreenCanvas(map.width, 1).getContext("2d");
+row.drawImage(map, 0, -Math.round(map.height / 2));
+return [...row.getImageData(0, 0, map.width, 1).data];
+"""
+
 
 def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     """Agent 9 was never heard of: it is in no list and in no byte, and its place on the map stays empty."""
@@ -31,15 +38,26 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert page.texts("#agents-list > li")[3] == f"agent 3{told}"
     assert page.text("time") == "1:40"
     assert page.text("title") == "paper-25, hybrid"
-    assert (page.text("rate-long"), page.text("senders"), page.text("unread")) == ("2.9 /s", "4", "50")
-    assert page.text("events-closed") == "7 in 61.5 s"
+    assert (page.text("rate-long"), page.text("senders"), page.text("unread")) == ("2.9", "4", "50")
+    assert page.text("events-closed") == "7, after 62 s each"
     assert page.text("events-open") == str(len(page.texts("#events-list > li")))
-    assert page.text("above") == "above 5 /s for 0:12 · above 2 /s for 1:20"
+    assert page.text("above") == "above 5 for 0:12 · above 2 for 1:20"
     assert "event 0" in page.texts("#events-list > li")[0]
     assert page.texts("#events-list > li")[1].endswith("by agent 6, attended by agent 6")
     page.player.swarm.silent = (2, 9)
     page.player.show(101.0)
     page.until(lambda: not page.all('#agents-list [data-agent="2"]'))
+    rows = []
+    for radius_m, words in ((0.0, False), (8.0, True)):
+        page.feed.send(page.player.swarm.hello(radius_m=radius_m))
+        page.player.show(101.0, agents=[[1, 50.0, 50.0, "free", -1, -1, 101, 1, 0]], events=[])
+        page.until(
+            lambda words=words: ("body" in page.text("map-legend")) == words and page.text("agents-count")[0] == "1"
+        )
+        page.drawn()
+        rows.append(page.driver.execute_script(MIDDLE_ROW))
+    changed = [place // 4 for place, (before, after) in enumerate(zip(*rows, strict=True)) if before != after]
+    assert changed[-1] - changed[0] == pytest.approx(16.0 * page.scale, abs=3.0), "a body is drawn to scale"
 
 
 def test_names_are_text(open_page: Callable[..., Page]) -> None:
@@ -237,6 +255,28 @@ def test_replay_seeks_forwards_and_back(open_page: Callable[..., Page]) -> None:
     assert not page.at("command-form").is_displayed()
 
 
+def test_a_replay_shows_on_its_time_bar_what_the_participant_did(open_page: Callable[..., Page]) -> None:
+    """Judgements, answers, selections and notes; the list leads to each, and the map rings what was selected."""
+    page = open_page(Swarm("replay"))
+    acts = [
+        {"time_s": 60.0, "kind": "page", "name": "selected", "text": "event 2"},
+        {"time_s": 70.0, "kind": "judge", "name": "decoy", "event": 2},
+        {"time_s": 300.0, "kind": "answer", "name": "sagat", "text": "trees: 2"},
+        {"time_s": 450.0, "kind": "note", "text": "too fast"},
+    ]
+    page.feed.send({"type": "acts", "acts": acts, "is_first": True})
+    page.until(lambda: page.at("marks").is_displayed())
+    rows = page.texts("#marks > span")
+    assert rows == ["judgements: 1", "answers: 1", "selections: 1", "notes and other acts: 1"]
+    assert page.all("#marks i")[0].get_attribute("title") == "1:10 decoy event 2"
+    page.at("tab-acts").click()
+    page.until(lambda: len(page.all("#acts-list li")) == 3)
+    before = page.drawn()
+    page.all("#acts-list button")[1].click()
+    assert page.asked("seek") == {"type": "seek", "time_s": 300}
+    page.until(lambda: page.text("time") == "5:00" and page.drawn() != before)
+
+
 CHART = "#workload-chart canvas"
 SEEK = "const bar = document.getElementById('seek'); bar.value = arguments[0]; bar.dispatchEvent(new Event('change'))"
 
@@ -296,7 +336,7 @@ def test_every_panel_fits_on_the_screens_it_is_made_for(page: Page) -> None:
         screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
         page.until(lambda width=width: page.driver.execute_script("return innerWidth") == width)
-        boxes = [section.rect for section in page.all("main > section")]
+        boxes = [section.rect for section in page.all("main > section:not(.asks)")]
         assert all(box["x"] + box["width"] <= width and box["y"] + box["height"] <= height for box in boxes)
         assert all(box["width"] >= 300 and box["height"] >= 200 for box in boxes)
         assert page.at("map").size["height"] >= 280

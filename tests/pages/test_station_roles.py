@@ -102,3 +102,36 @@ def test_the_conductor_sees_what_the_participant_does(conductor: Page) -> None:
     page.press("looks tired", Keys.TAB, Keys.ENTER)
     assert page.asked("note")["text"] == "looks tired"
     assert {intent["type"] for intent in page.player.intents} <= {"page"}
+
+
+def test_the_conductor_knows_who_sits_there_what_comes_next_and_who_calls(conductor: Page) -> None:
+    """Participant, run and condition in the heading; a call for help is answered; two presses end the run."""
+    page = conductor
+    session = {"sheet": None, "participant": "P007", "condition": "2 B"}
+    page.feed.send(page.player.swarm.hello(place=[2, 4], session=session))
+    page.until(lambda: page.text("title") == "P007 · run 2 of 4 · condition B · paper-25-test")
+    page.until(lambda: page.text("title") in page.driver.title)
+    page.player.show(101.0, help="asked", next={"what": "isa", "at_s": 180.0})
+    page.until(lambda: page.text("role") == "The participant calls for help.")
+    assert page.text("next-question") == "Next question: isa at 3:00"
+    page.at("help-seen").click()
+    assert page.asked("help")["state"] == "seen"
+    page.at("run-end").click()
+    assert not [intent for intent in page.player.intents if intent["type"] == "end"]
+    page.at("run-end").click()
+    page.asked("end")
+
+
+def test_the_participant_calls_for_help(open_page: Callable[..., Page]) -> None:
+    """If there is a conductor; the button says what is noted of it, and a second press ends the call."""
+    page = open_page()
+    page.until(lambda: not page.at("help-me").is_displayed())
+    page.feed.send(page.player.swarm.hello(panels=["help"]))
+    page.player.show(101.0)
+    page.until(lambda: page.at("help-me").is_displayed())
+    page.at("help-me").click()
+    assert page.asked("help")["state"] == "asked"
+    page.player.show(102.0, help="seen")
+    page.until(lambda: page.text("help-me") == "Help is on its way")
+    page.at("help-me").click()
+    assert page.asked("help")["state"] == "over"

@@ -47,26 +47,6 @@ def test_every_answer_to_isa_is_within_the_window(page: Page, size: tuple[int, i
     assert shown <= width
 
 
-def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
-    """The selected one, while there is a task; the list says how it was judged."""
-    page.press("x")
-    hello(page, goal="Find the targets.")
-    page.until(lambda: page.text("goal") == "Find the targets." and page.at("task").is_displayed())
-    assert not page.at("judge-target").is_enabled()
-    page.at("tab-events").click()
-    page.until(lambda: page.texts("#events-list > li"))
-    page.all('#events-list [data-key="2"] button')[0].click()
-    page.at("judge-decoy").click()
-    assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "decoy"}
-    page.press("x")
-    assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "target"}
-    page.until(lambda: page.at("judge-target").get_attribute("aria-pressed") == "true")
-    assert page.at("judge-decoy").get_attribute("aria-pressed") == "false"
-    page.until(lambda: "Judged: target" in page.texts('#events-list [data-key="2"] .what')[0])
-    hello(page, goal="")
-    page.until(lambda: not page.at("task").is_displayed())
-
-
 def test_no_draft_reaches_the_next_participant(page: Page) -> None:
     """A note and sliders that were moved and not sent stay with their run; there they are after a reload."""
     questions = {"sheet": None}
@@ -331,21 +311,6 @@ def test_a_scale_has_no_mark_before_the_first_click(page: Page) -> None:
     assert slider.get_attribute("aria-valuetext") is None
     page.press(Keys.TAB)
     assert slider.screenshot_as_png != looks[0]
-
-
-def test_an_event_is_not_judged_after_the_end(page: Page) -> None:
-    """Neither by a button nor by a key."""
-    hello(page, goal="Find the targets.")
-    page.at("tab-events").click()
-    page.until(lambda: page.texts("#events-list > li"))
-    page.all('#events-list [data-key="2"] button')[0].click()
-    page.until(lambda: page.at("judge-target").is_enabled())
-    page.player.swarm.over = True
-    page.player.show(101.0)
-    page.until(lambda: not page.at("judge-target").is_enabled())
-    page.press("x", "n")
-    page.player.heard(lambda intent: intent["type"] == "page" and intent.get("text") == "tab-notes")
-    assert not any(intent["type"] == "judge" for intent in page.player.intents)
 
 
 ACTIVITY = """

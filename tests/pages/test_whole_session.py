@@ -4,7 +4,8 @@ import csv
 import json
 import subprocess
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -69,6 +70,15 @@ class Participant:
     def __init__(self, driver: webdriver.Chrome) -> None:
         self.driver = driver
         self.isa: list[tuple[float, float]] = []
+        self.log: list[tuple[str, str, float, float]] = []
+        """What was done: its kind and content, and the wall time before and after it."""
+
+    @contextmanager
+    def doing(self, kind: str, what: str = "") -> Iterator[None]:
+        """Log what is done, once the page says that it is noted."""
+        before = time.time()
+        yield
+        self.log.append((kind, what, before, time.time()))
 
     def at(self, name: str) -> WebElement:
         """An element by its id."""
@@ -78,7 +88,7 @@ class Participant:
         """Do what is to be done now, unless the page loads again meanwhile; True once the session is over."""
         with suppress(NoSuchElementException, StaleElementReferenceException):
             self.do_next()
-            return self.at("ended").text.startswith("Vielen Dank")
+            return self.at("plain-title").text.startswith("Vielen Dank")
         return False
 
     def do_next(self) -> None:
@@ -86,19 +96,22 @@ class Participant:
         if self.at("sheet").is_displayed():
             if (agree := self.at("sheet-agree")).is_displayed() and not agree.is_selected():
                 agree.click()
-            self.at("sheet-begin").click()
-            wait_until(lambda: not self.at("sheet").is_displayed(), "the sheet is taken")
+            with self.doing("sheet"):
+                self.at("sheet-begin").click()
+                wait_until(lambda: not self.at("sheet").is_displayed(), "the sheet is taken")
         elif self.at("form").is_displayed():
             self.fill()
         elif self.at("tlx").is_displayed():
             self.driver.execute_script(TLX)
-            self.at("tlx-send").click()
-            wait_until(lambda: not self.at("tlx").is_displayed(), "NASA-TLX is taken")
+            with self.doing("tlx"):
+                self.at("tlx-send").click()
+                wait_until(lambda: not self.at("tlx").is_displayed(), "NASA-TLX is taken")
         elif self.at("isa").is_displayed():
             self.answer_isa()
 
     def answer_isa(self) -> None:
-        """Click on an answer."""
+        """Give an order, and click on an answer."""
+        self.driver.execute_script("document.getElementById('command-send').click()")
         before = time.time()
         self.driver.execute_script("document.querySelector('#isa [data-answer=\"3\"]').click()")
         wait_until(lambda: not self.at("isa").is_displayed(), "ISA is taken")
@@ -113,19 +126,21 @@ class Participant:
             field.send_keys(str(ANSWERS["age" if title == "you" else "trees"]))
         else:
             field.click()
-        self.at("form-send").click()
-        wait_until(lambda: not self.at("form").is_displayed() or self.at("form-title").text != title, "it is taken")
+        with self.doing("form"):
+            self.at("form-send").click()
+            wait_until(lambda: not self.at("form").is_displayed() or self.at("form-title").text != title, "it is taken")
 
 
 def test_a_whole_session(tmp_path: Path) -> None:
     """Consent, forms, training, two conditions with ISA, SAGAT and NASA-TLX; read by pandas in three lines.
 
-    The participant reads German, and the tables are those of any language.
+    The participant reads German; the tables are those of any language. Each run repeats to its digest, with its orders.
     """
     (tmp_path / "study.toml").write_text(FILE + CONDITION.format("A", 2) + CONDITION.format("B", 3))
     (tmp_path / "consent.txt").write_text("You may stop at any time.")
     command = [*COMMAND, "session", "study.toml", "--quiet"]
     folder = tmp_path / "sessions" / "study" / "participant-001"
+    subprocess.run([*command, "--freeze"], cwd=tmp_path, check=True)
     with subprocess.Popen(
         [*command, "--participant", "1", "--language", "de"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     ) as session:
@@ -157,5 +172,8 @@ def test_a_whole_session(tmp_path: Path) -> None:
         assert before - 0.1 <= datetime.fromisoformat(utc).timestamp() <= after + 0.1
     actions = pd.read_csv(tmp_path / "data" / "actions.tsv", sep="\t")
     assert set(actions[actions.kind == "sheet"].position) == {0, 1, 2}
+    assert len(actions[(actions.kind == "command") & (actions.by == "person")]) == 2
+    against = json.loads((folder.parent / "commitment.json").read_text())["hash"]
+    subprocess.run([*COMMAND, "verify", "sessions/study", "--against", against], cwd=tmp_path, check=True)
     with (folder / "0-training" / "actions.csv").open(newline="") as stream:
         assert any("consent_sha256=" in row["text"] for row in csv.DictReader(stream))

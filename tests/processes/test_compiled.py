@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,32 @@ def test_third_parties_decisions_and_samples_are_checked_alike(compiled: Path) -
         str(ROOT),
         *(str(ROOT / t) for t in tests),
     )
+
+
+def test_an_installation_is_compiled_and_pure_again(tmp_path: Path) -> None:
+    """In an environment of its own, whose other packages are those of this one."""
+    venv.create(tmp_path, with_pip=False)
+    site = next(tmp_path.glob("lib/python*/site-packages"))
+    (site / "others.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
+    pip = [sys.executable, "-m", "pip", "--python", str(tmp_path / "bin" / "python")]
+    subprocess.run([*pip, "install", "-q", "--no-deps", "--ignore-installed", str(ROOT)], check=True)
+
+    def command(*arguments: str) -> str:
+        done = subprocess.run(
+            [tmp_path / "bin" / "deltaswarm", *arguments], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def build() -> str:
+        return str({row["name"]: row["found"] for row in json.loads(command("doctor", "--json"))}["build"])
+
+    assert build() == "pure Python"
+    assert command("compile").startswith("compiled ")
+    assert build() == "compiled"
+    command("compile", "--remove")
+    assert build() == "pure Python"
+    assert not list(site.rglob("deltaswarm*/**/*.so"))
 
 
 def test_the_doctor_says_what_is_installed(compiled: Path) -> None:

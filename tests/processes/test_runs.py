@@ -131,6 +131,23 @@ def test_the_users_environment_changes_nothing(
     assert outside["digest"] == inside["digest"]
 
 
+def test_robots_that_collide_have_the_same_digest_with_and_without_processes(tmp_path: Path) -> None:
+    """And agents in processes feel what they bump into as agents in one process do."""
+    given = {"dynamics": "physics", "radius_m": "0.5", "avoidance": "none"}
+    more = [
+        "--set",
+        "run.duration_s=60",
+        *(word for key, value in given.items() for word in ("--set", f"world.{key}={value}")),
+    ]
+    inside, outside = (
+        run(tmp_path / name, *how, *more) for name, how in (("inside", ["--in-process"]), ("outside", []))
+    )
+    assert outside["valid"]
+    assert outside["digest"] == inside["digest"]
+    assert outside["bodies"] == inside["bodies"]
+    assert outside["bodies"]["bumped_share"] > 0.0
+
+
 SHELL = ["ulimit -Sn 64", "umask 077", "trap '' CHLD", "exec >&- 2>&- <&-"]
 BLOCK = "import os, signal; signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())"
 

@@ -22,6 +22,7 @@ from deltaswarm_orchestrator.processes.station import free_address
 from deltaswarm_orchestrator.recording.reader import RecordingError
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support import persons, swarms
+from tests.support.branching import branched, summary_of
 from tests.support.persons import CONSENT, Person
 from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, UNHURRIED, RunningSwarm, is_running, running, wait_until
 
@@ -135,6 +136,10 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
     assert [int(action["command"]) for action in actions if action["kind"] == "command"] == numbers
     script = [*given, "--commands", str(swarm.out / "commands.toml")]
     assert swarms.run(tmp_path / "again", *script, "--in-process")["digest"] == summary["digest"]
+    same = branched(swarm.out, tmp_path / "same", "--at", "150")
+    assert summary_of(same)["digest"] == summary["digest"]
+    without = branched(swarm.out, tmp_path / "without", "--drop-command", "30")
+    assert [row["command"] for row in table(without / "commands.csv")] == [str(n) for n in range(40) if n != 30]
 
 
 def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from deltaswarm_scenario import page_messages
 from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_sessions import plan, session
 from deltaswarm_wire.commands import forms_of
-from deltaswarm_wire.plugins import CONTROLLERS, find_controller
+from deltaswarm_wire.plugins import CONTROLLERS, INBOX_POLICIES, find, find_controller
 
 MARKED = re.compile(r'\b(?:t|later)\(\s*("(?:[^"\\]|\\.)*")')
 ROLE = re.compile(r"^  (\w+): \[", re.MULTILINE)
@@ -77,9 +77,10 @@ def _joined(text: str) -> str:
 
 
 def _built_in() -> Iterator[str]:
-    """Questions about the situation, states of an order, the end of a session's run, a role."""
+    """Questions about the situation, why items are held back, states of an order, the end of a run, a role."""
     for technique in TECHNIQUES:
         yield from technique.texts
+    yield from (find(INBOX_POLICIES, name, "").HELD for name in INBOX_POLICIES.shipped)
     yield from (command_log.SENT, command_log.KNOWN, command_log.EXPIRED)
     yield from (
         session.SCORE_TITLE,

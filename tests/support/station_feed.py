@@ -91,6 +91,7 @@ class Swarm:
             "thresholds_hz": [5.0, 2.0],
             "commands": FORMS if self.kind == "live" else [],
             "speeds": [1, 2, 5, 10, 20, 0],
+            "asks": True,
             "session": {"sheet": {"consent": CONSENT, "participant": "P07", "condition": "2"}},
         } | changes
 
@@ -120,7 +121,9 @@ class Swarm:
             if first_s <= time_s:
                 x_m, y_m = (37 * number + 15) % 90 + 5, (53 * number + 20) % 90 + 5
                 by, attending = (6, [6]) if number == 1 else (0, [])
-                rows.append([number, x_m, y_m, first_s, round(time_s - number * 11 % 60, 1), by, attending])
+                seen_s = round(time_s - number * 11 % 60, 1)
+                trail_m = [[x_m - 6, y_m - 4], [x_m + 5, y_m - 6]] if number == 3 else []
+                rows.append([number, x_m, y_m, first_s, seen_s, by, attending, trail_m])
         return rows
 
     def items(self, time_s: float) -> list[list[Any]]:
@@ -311,24 +314,24 @@ class Player:
             return intent
 
     def _run(self) -> None:
-        while True:
-            try:
+        with contextlib.suppress(OSError, ValueError):  # the feed is closed
+            while True:
                 select.select([self._feed.socket], [], [])
-                intent: Message = json.loads(self._feed.socket.recv(1 << 20))
-            except (OSError, ValueError):
-                return  # the feed is closed
-            with self._news:
-                if intent["type"] == "seek":
-                    self.time_s = intent["time_s"]
-                    self.swarm.told = -1
-                self._feed.send(*self.swarm.answer(intent, self.time_s))
-                if intent["type"] not in ("catch_up", "page", "beat"):
-                    self._shown = self.swarm.picture(self.time_s)
-                if intent["type"] not in ("catch_up", "page"):
-                    self._feed.send(self._shown)
-                if intent["type"] not in ("catch_up", "beat"):
-                    self.intents.append(intent)
-                self._news.notify_all()
+                self._take(json.loads(self._feed.socket.recv(1 << 20)))
+
+    def _take(self, intent: Message) -> None:
+        with self._news:
+            if intent["type"] == "seek":
+                self.time_s = intent["time_s"]
+                self.swarm.told = -1
+            self._feed.send(*self.swarm.answer(intent, self.time_s))
+            if intent["type"] not in ("catch_up", "page", "beat"):
+                self._shown = self.swarm.picture(self.time_s)
+            if intent["type"] not in ("catch_up", "page"):
+                self._feed.send(self._shown)
+            if intent["type"] not in ("catch_up", "beat"):
+                self.intents.append(intent)
+            self._news.notify_all()
 
 
 def main() -> None:

@@ -96,9 +96,14 @@ class Page(Looking):
         intent = self.player.heard(lambda intent: intent["type"] == kind)
         return {name: value for name, value in intent.items() if name not in ("from", *INPUT, *SHOWN)}
 
+    @property
+    def scale(self) -> float:
+        """Pixels per metre of the fitted map."""
+        size = self.at("map").size
+        return min((size["width"] - 52) / 100, (size["height"] - 52) / 100)
+
     def click_map(self, x_m: float, y_m: float) -> None:
         """Click at a place of the arena, by the scale that the fitted map has."""
-        size = self.at("map").size
-        scale = min((size["width"] - 52) / 100, (size["height"] - 52) / 100)
+        scale = self.scale
         x, y = round((x_m - 50) * scale), round((50 - y_m) * scale)
         ActionChains(self.driver).move_to_element_with_offset(self.at("map"), x, y).click().perform()

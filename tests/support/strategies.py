@@ -119,7 +119,7 @@ paper_frames = st.one_of(
     st.builds(paper.Leaving, *_heads),
 )
 
-bodies = st.builds(
+_points = st.builds(
     truth.AgentState,
     agents,
     metres,
@@ -129,11 +129,17 @@ bodies = st.builds(
     agents | nobody,
     agents | nobody,
     deltas,
+    heading_rad=st.none(),
+    left_mps=st.none(),
+    right_mps=st.none(),
 )
+_states = st.fixed_dictionaries(dict.fromkeys(truth.BODY_FIELDS, st.floats(-10.0, 10.0)))
+bodies = _points | st.builds(lambda body, state: body._replace(**state), _points, _states)
 event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.none() | times_s] * 3, times_s)
 step_records = st.builds(
     truth.StepRecord,
     **{name: ids for name, hint in truth.StepRecord.__annotations__.items() if hint is int},
+    metrics=st.just({}),
     frames_dropped=st.tuples(*[ids] * 12).map(lambda drops: dict(zip(truth.DROP_REASONS, drops, strict=True))),
     reports_dropped=st.tuples(*[ids] * 9).map(lambda drops: dict(zip(truth.UPLINK_REASONS, drops, strict=True))),
     time_s=times_s,
@@ -143,9 +149,14 @@ step_records = st.builds(
 )
 _links = tuples_of(st.tuples(agents, agents), 4)
 _foreign_drops = st.sampled_from([{}, {"fog": 3}, {"smoke": 0, "fog": 7}])
+_own_numbers = st.dictionaries(st.text(max_size=8), st.none() | st.floats(-1e300, 1e300), max_size=3)
 _any_step_records = st.builds(
-    lambda record, more: record._replace(frames_dropped=record.frames_dropped | more), step_records, _foreign_drops
+    lambda record, more, own: record._replace(frames_dropped=record.frames_dropped | more, metrics=own),
+    step_records,
+    _foreign_drops,
+    _own_numbers,
 )
+"""With what plug-ins add: causes of drops, and a controller's own numbers."""
 truths = st.builds(
     truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, _any_step_records
 )
@@ -175,7 +186,17 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
     return {name: name for name in fields}
 
 
-FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
+_FELT = ("bumped", "blocked")
+_FRAME_FIELDS = messages.Frame._fields[: -len(_FELT)]
+_CODEC = (messages.encode_frame, messages.decode_frame)
+FRAME = Codec("frame", frames, *_CODEC, _in_array(_FRAME_FIELDS, first=1))
+FELT_FRAME = Codec(
+    "frame",
+    st.builds(lambda frame, felt: frame._replace(**felt), frames, st.sampled_from([{name: True} for name in _FELT])),
+    *_CODEC,
+    _in_array(messages.Frame._fields, first=1),
+)
+"""Of a body that touched something."""
 _ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", *messages.TreeStatus._fields, "until")
 ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_ACT_FIELDS, first=1))
 REPORT = Codec(
@@ -224,7 +245,7 @@ ATTENDING = Codec(
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 
-MESSAGES = (FRAME, ACT, REPORT, FORWARDED, HEALTH, CLOCK, WORKLOAD, STATUS)
+MESSAGES = (FRAME, FELT_FRAME, ACT, REPORT, FORWARDED, HEALTH, CLOCK, WORKLOAD, STATUS)
 CODECS = (*MESSAGES, RADIO, PAPER, MEMBER, ATTENDING, TRUTH)
 
 NASTY: tuple[Any, ...] = (

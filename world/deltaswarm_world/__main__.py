@@ -80,6 +80,12 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--resume", type=int, metavar="STEP", help="resume from the checkpoint after this step")
     parser.add_argument("--station", action="store_true", help="accept commands and pace from a person at the station")
     add_boards_argument(parser)
+    parser.add_argument(
+        "--time-phases", action="store_true", help="add to world.json where the steps' wall time goes, by phase"
+    )
+    parser.add_argument(
+        "--metric", action="append", default=[], metavar="NAME", help="a number of the controller's own, for its tables"
+    )
     parser.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
     parser.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
     add_zenoh_argument(parser)
@@ -121,6 +127,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             boards=tuple(arguments.boards),
             checkpoint_steps=arguments.checkpoint,
             has_station=arguments.station,
+            time_phases=arguments.time_phases,
+            metrics=tuple(arguments.metric),
         )
         saved = None if arguments.resume is None else load(arguments.out, arguments.resume)
     except (ValueError, OSError) as error:

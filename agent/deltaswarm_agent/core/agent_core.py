@@ -7,6 +7,7 @@ from deltaswarm_agent.controller import Controller, ControllerError, Decision, P
 from deltaswarm_agent.core.commands import CommandRelay, Verify
 from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError, tuple_of
 from deltaswarm_wire.commands import BASE_ID, Command, forms_of
+from deltaswarm_wire.controller_metrics import ControllerMetric, values_of
 from deltaswarm_wire.envelope import Sample, encode_sample, keep_sample, opened
 from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Frame, Heard, Pose, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import (
@@ -33,7 +34,7 @@ def act_of(decision: Decision, step: int) -> Act:
     (vx_mps, vy_mps), observed, _, _, role, level, parent, root, until = decision[:9]
     held = step + 1 if until is None else min(until, step + MAX_POSES)
     status = tuple_of(TreeStatus, (role, level, parent, root, decision.delta))
-    act: Act = tuple_of(Act, (step, vx_mps, vy_mps, observed, status, held))
+    act: Act = tuple_of(Act, (step, vx_mps, vy_mps, observed, status, held, ()))
     return act
 
 
@@ -85,7 +86,7 @@ class Receiver(Saved):
 
 
 class AgentCore(Saved):
-    """One agent without input and output. `step` is its only mutating method.
+    """One agent without input and output. `step`, or its two halves in turn, are its only mutating methods.
 
     Args:
         agent: its id.
@@ -105,6 +106,7 @@ class AgentCore(Saved):
         self._sequence = 0
         self._root = NOBODY
         self._is_checked = not is_ours(controller)
+        self._metrics: tuple[ControllerMetric, ...] = tuple(getattr(controller, "Metrics", ()))
 
     @property
     def rejected_frames(self) -> int:
@@ -129,7 +131,11 @@ class AgentCore(Saved):
         Raises:
             ControllerError: the controller raised, or returned an invalid decision.
         """
-        step, time_s, _, x_m, y_m, poses, events, heard = frame
+        return self.decide(self.perceive(frame))
+
+    def perceive(self, frame: Frame) -> Percept:
+        """Take a frame; return what its controller gets of it."""
+        step, time_s, _, x_m, y_m, poses, events, heard, *felt = frame
         frames: list[tuple[int, bytes]] = []
         commands: tuple[Command, ...] = ()
         if heard:
@@ -139,7 +145,12 @@ class AgentCore(Saved):
                 commands = tuple(
                     [command for command in new if command.target.covers(self.agent, (x_m, y_m), self._root)]
                 )
-        percept: Percept = tuple_of(Percept, (step, time_s, (x_m, y_m), poses, events, frames, commands))
+        percept: Percept = tuple_of(Percept, (step, time_s, (x_m, y_m), poses, events, frames, commands, *felt))
+        return percept
+
+    def decide(self, percept: Percept) -> StepOutput:
+        """Let the controller decide, and encode its decision. Raises ControllerError as `step` does."""
+        step = percept.step
         try:
             controller: Any = self.controller  # whatever it returns is checked, or is ours
             decision = controller.step(percept)
@@ -149,7 +160,9 @@ class AgentCore(Saved):
             raise ControllerError(self._failed_in(step), error) from error
         try:
             act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
-            return self._outbound(act, decision, (x_m, y_m))
+            if self._metrics:
+                act = act._replace(metrics=values_of(self._metrics, controller.metrics))
+            return self._outbound(act, decision, percept.pose)
         except Exception as error:  # the decision is invalid: no frame is the controller's
             text = f"{self._failed_in(step)}: {described(error)} ({defined_at(type(self.controller).step)})"
             raise ControllerError(text) from error

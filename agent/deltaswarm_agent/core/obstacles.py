@@ -36,9 +36,13 @@ class Stride(NamedTuple):
 
 
 class ObstacleMap(Saved):
-    """The obstacles of an agent's map, and the edge of the arena around them."""
+    """The obstacles of an agent's map, and the edge of the arena around them.
+
+    For a body, edges stand out by its radius, and are longer by it at both ends.
+    """
 
     def __init__(self, settings: AgentSettings) -> None:
+        self._radius_m = radius_m = settings.radius_m
         self._size_m = (settings.width_m, settings.height_m)
         self._edges: list[_Edge] = []
         for obstacle in settings.obstacles:
@@ -47,7 +51,11 @@ class ObstacleMap(Saved):
             for (ax, ay), (bx, by) in zip(corners, [*corners[1:], corners[0]], strict=True):
                 ex, ey = bx - ax, by - ay
                 length = math.hypot(ex, ey)
-                self._edges.append(_Edge(ax, ay, ex, ey, turn * ey / length, -turn * ex / length))
+                nx, ny = turn * ey / length, -turn * ex / length
+                if radius_m:
+                    ax, ay = ax + radius_m * (nx - ex / length), ay + radius_m * (ny - ey / length)
+                    ex, ey = ex * (1.0 + 2.0 * radius_m / length), ey * (1.0 + 2.0 * radius_m / length)
+                self._edges.append(_Edge(ax, ay, ex, ey, nx, ny))
 
     def __bool__(self) -> bool:
         return bool(self._edges)
@@ -81,7 +89,7 @@ class ObstacleMap(Saved):
         free = float(most)
         for at_m, stride_m, end_m in ((x_m, dx_m, self._size_m[0]), (y_m, dy_m, self._size_m[1])):
             if stride_m:
-                room_m = (end_m - at_m if stride_m > 0 else at_m) - EDGE_M
+                room_m = (end_m - at_m if stride_m > 0 else at_m) - self._radius_m - EDGE_M
                 free = max(0.0, min(free, room_m / abs(stride_m)))
         for edge in self._edges:
             free *= _share_before(edge, x_m, y_m, free * dx_m, free * dy_m)
@@ -101,7 +109,8 @@ class ObstacleMap(Saved):
         rest_x, rest_y = _mirrored((1.0 - share) * way_x, (1.0 - share) * way_y, nx, ny)
         back_x, back_y = share * way_x + rest_x, share * way_y + rest_y
         to_x, to_y = x_m + back_x, y_m + back_y
-        is_inside = 0.0 <= to_x <= self._size_m[0] and 0.0 <= to_y <= self._size_m[1]
+        least_m = self._radius_m
+        is_inside = least_m <= to_x <= self._size_m[0] - least_m and least_m <= to_y <= self._size_m[1] - least_m
         if is_inside and self.first_crossing(x_m, y_m, back_x, back_y) is None:
             return Stride(to_x, to_y, dx_m, dy_m)
         return Stride(x_m + share * way_x, y_m + share * way_y, dx_m, dy_m)

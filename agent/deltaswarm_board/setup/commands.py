@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
-from deltaswarm_orchestrator.cli.arguments import add_json, check_out, show, whole
+from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import agent_numbers
 

@@ -7,7 +7,9 @@ from typing import Any
 
 from deltaswarm_scenario.person_tables import PERSON, CommandRow
 from deltaswarm_wire.commands import (
+    AGENT,
     MAX_IN_TURN,
+    TREE,
     Command,
     CommandForm,
     Signed,
@@ -76,7 +78,9 @@ class CommandLog:
         first: int | None = None,
     ) -> None:
         self.sent: list[SentCommand] = []
-        self._forms = forms
+        self.forms = forms
+        self.next = 0
+        """The number of the next command, at the least."""
         self._sign = sign
         self._first = first
         self._queue: list[Command] = []
@@ -103,9 +107,9 @@ class CommandLog:
         Raises:
             ValueError: the controller does not accept it, or too many wait; the text is for the operator.
         """
-        form = named(self._forms, name)
+        form = named(self.forms, name)
         if form is None:
-            known = ", ".join(form.name for form in self._forms) or "none"
+            known = ", ".join(form.name for form in self.forms) or "none"
             raise ValueError(f"the command must be one that the controller accepts: {known} (got {name!r:.40})")
         if problem := form.problem(target, arguments):
             raise ValueError(problem)
@@ -113,13 +117,22 @@ class CommandLog:
             raise ValueError(f"at most {MAX_QUEUE} commands may wait to be sent")
         command = Command(self._next_number(now_s), name, target, dict(arguments), life_s)
         encode_command(command)
+        self.next = command.number + 1
         self._queue.append(command)
         self.sent.append(SentCommand(command, now_s, by))
         return command
 
     def _next_number(self, now_s: float) -> int:
-        after = self.sent[-1].command.number + 1 if self.sent else 0
-        return after if self._first is None else max(after, self._first + int(now_s))
+        return self.next if self._first is None else max(self.next, self._first + int(now_s))
+
+    def skip(self) -> None:
+        """Leave out a number: that of a command which is not given, so that later ones keep theirs."""
+        self.next += 1
+
+    def withdraw(self, number: int) -> None:
+        """Take a command back that has not left yet, as if it had never been given."""
+        self.sent = [sent for sent in self.sent if sent.command.number != number]
+        self._queue = [command for command in self._queue if command.number != number]
 
     def take_unsent(self) -> tuple[Signed, ...]:
         """Take the commands of the next turn, encoded and signed."""
@@ -186,3 +199,10 @@ class CommandLog:
             }
             for sent in self.sent
         ]
+
+
+def target_columns(target: Target) -> dict[str, Any]:
+    """Return the columns of an act that say whom a command is for."""
+    if target.kind in (AGENT, TREE):
+        return {"target": target.kind, "agent": int(target.numbers[0])}
+    return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}

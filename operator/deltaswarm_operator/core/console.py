@@ -14,12 +14,16 @@ from typing import Any
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.budget import Budget, budget_of
-from deltaswarm_operator.core.command_log import CommandLog
+from deltaswarm_operator.core.command_log import CommandLog, target_columns
 from deltaswarm_operator.core.page_beats import QUIET_AFTER_S, PageBeats
-from deltaswarm_operator.core.picture import Item, Picture, item_rows
+from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.recent_acts import RecentActs
+from deltaswarm_operator.core.script import Script, Scripted
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
+from deltaswarm_operator.inbox.item import Item
+from deltaswarm_operator.inbox.ledger import Ledger
+from deltaswarm_operator.inbox.policy import RANKED
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
@@ -27,15 +31,16 @@ from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_scenario.technique import Seen
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
+from deltaswarm_wire.commands import CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 LIVE, CONDUCTOR_KIND = "live", "conductor"
 NUMBERS_SHOWN = 1000
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)
-INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
+INBOX_SHOWN, INBOX_COUNTS, INBOX_CAUGHT_UP = 20, 100, 1000
 HISTORY_ROWS = 600
 SHEET_FIELDS = ("consent", "participant", "condition")
+HELP_ASKED, HELP_SEEN, HELP_OVER = "asked", "seen", "over"
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
 
@@ -55,13 +60,14 @@ class Console:
     """
 
     def __init__(self, briefing: Briefing, command_log: CommandLog | None = None, *, in_air: bool = False) -> None:
-        self.picture = Picture(briefing.step_s)
+        self.picture = Picture(briefing.step_s, briefing.operator.inbox)
+        self.ledger = Ledger(briefing.operator.inbox, briefing.operator.person.patience_s)
         self.command_log = command_log or CommandLog(briefing.forms)
         rng = Random(f"deltaswarm/{briefing.seed}/probes")
         drawn = Random(f"deltaswarm/{briefing.seed}/probes drawn")  # of its own: ISA's times stay
         self.probes = Probes(briefing.operator.probes, rng, drawn, briefing.duration_s)
         self.probes.is_timed = False
-        self.person = person_of(briefing)
+        self.person = person_of(briefing, is_ranked=self.ledger.order == RANKED)
         self.autonomy = autonomy_of(briefing)
         self.budget = budget_of(briefing)
         """The rule by which the system sets delta; None: it does not."""
@@ -71,6 +77,12 @@ class Console:
         """Whether there is a station now."""
         self.beats = PageBeats()
         self._is_held_for_page = False
+        self.has_conductor = False
+        """Whether there is a conductor's page."""
+        self.help = HELP_OVER
+        """Whether the person has called for help, and whether the conductor has seen it."""
+        self.is_ended = False
+        """Whether the conductor has ended the run."""
         self.inputs: dict[str, list[Message]] = {}
         """The answers to the newest inputs by their ids: one that is sent again counts once."""
         self.pace = Pace(briefing.speed, -1)
@@ -82,7 +94,8 @@ class Console:
         self.briefing = briefing
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
-        self._script = deque(sorted(briefing.command, key=lambda command: command.at_s))
+        self.script = Script(map(Scripted, briefing.command), briefing.step_s)
+        self.rule_drops = 0  # so many of the next commands of a simulated person or of the system are not given
         self.step = -1
         """The newest closed step."""
         self._is_over = False
@@ -90,19 +103,15 @@ class Console:
         """When the last step was closed; None before."""
         self._workload: Workload | None = None
         self._messages = 0
+        self._thresholds = [briefing.operator.threshold_hz, *briefing.operator.more_thresholds_hz]
         self._steps_above = [0 for _ in self._thresholds]
         self.history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
-        self._shown = 0
-
-    @property
-    def _thresholds(self) -> list[float]:
-        return [self.briefing.operator.threshold_hz, *self.briefing.operator.more_thresholds_hz]
 
     def attend(self, *, has_station: bool = True) -> None:
         """Note whether there is a station, at which somebody may sit."""
         self.is_attended = self.probes.is_timed = has_station and self.person is None
         if self.is_attended and self.attention is None:
-            self.attention = Attention(self.briefing.operator.person.patience_s)
+            self.attention = Attention(self.ledger, self.briefing.operator.person.patience_s)
 
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
@@ -173,7 +182,7 @@ class Console:
         self.command_log.close_step()
         for report in reports:
             self.command_log.hear(report)
-        items = self.picture.update(reports, clock.time_s)
+        items = self.ledger.close_step(clock.time_s, self.picture.update(reports, clock.time_s))
         self._messages += workload.messages
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
@@ -190,7 +199,7 @@ class Console:
             see=self.see,
         )
         if self.attention is not None:
-            self.attention.close_step(self.picture)
+            self.attention.close_step(clock.time_s)
         self._follow_script(clock.step + self._first_step)
         if self.person is not None:
             self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
@@ -210,17 +219,20 @@ class Console:
 
     def _follow_script(self, step: int) -> None:
         """Give the script's commands for this step; those that are too early leave in the first possible step."""
-        script, step_s = self._script, self.briefing.step_s
-        while script and round(script[0].at_s / step_s) <= step and self.command_log.has_room:
-            scripted = script.popleft()
-            target = Target(scripted.target, scripted.numbers)
-            self.command(SCRIPT, scripted.name, target, scripted.arguments, scripted.life_s)
+        while (scripted := self.script.due(step)) and self.command_log.has_room:
+            self.script.take()
+            if scripted.is_dropped:
+                self.command_log.skip()
+                continue
+            given = scripted.command
+            self.command(SCRIPT, given.name, Target(given.target, given.numbers), given.arguments, given.life_s)
 
     def _act_as(self, person: SimulatedOperator, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
         """Carry out the simulated person's acts up to now."""
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
-                self.note(SIMULATED, "read", items=" ".join(map(str, self.picture.read(act.numbers))))
+                read = self.ledger.read(act.numbers, self.picture.now_s)
+                self.note(SIMULATED, "read", items=" ".join(map(str, read)))
             elif self.command_log.has_room:
                 self.command(SIMULATED, SET_DELTA, Target(), {DELTA: act.delta})
         if (answered := self.probes.answer_as(person.load, wall_s)) is not None:
@@ -260,15 +272,21 @@ class Console:
             person = self.person.totals(asked[ISA])
         elif self.attention is not None:
             given = sum(sent.by != SYSTEM for sent in self.command_log.sent)
-            person = self.attention.totals(self.picture, given, asked[ISA]) | {"page_away_s": self.beats.away_s}
+            person = self.attention.totals(given, asked[ISA]) | {"page_away_s": self.beats.away_s}
         else:
             return {}
-        return {"person": person | self.command_log.outcomes(self.picture.now_s) | asked}
+        person |= self.command_log.outcomes(self.picture.now_s) | asked
+        inbox = self.ledger.totals(self.picture.now_s)
+        return {"person": person, "inbox": inbox, **self.ledger.by_event(self.picture.event_numbers)}
 
     def command(
         self, by: str, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float, **at: Any
     ) -> int:
-        """Give a command; return its place among all commands. `at`: columns of the act. Raises ValueError."""
+        """Give a command; return its place among all, -1 if dropped. `at`: columns of the act. Raises ValueError."""
+        if self.rule_drops and by in (SIMULATED, SYSTEM):
+            self.rule_drops -= 1
+            self.command_log.skip()
+            return -1
         command = self.command_log.issue(name, target, arguments, self.picture.now_s, *life_s, by=by)
         numbers = [value for value in command.arguments.values() if not isinstance(value, str)]
         self.note(
@@ -279,7 +297,7 @@ class Console:
             life_s=command.life_s,
             arguments=json.dumps(command.arguments),
             value=next(iter(numbers), None),
-            **_target_columns(target),
+            **target_columns(target),
             **at,
         )
         return len(self.command_log.sent) - 1
@@ -304,10 +322,6 @@ class Console:
         """Whether no agent of this run carries out a command."""
         return self.briefing.mode in form.refused_in
 
-    def _offer(self, form: CommandForm) -> dict[str, Any]:
-        """Return a form for the page; the page need not know the control mode."""
-        return {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)}
-
     def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> Message:
         """Return the message that describes the run to the page."""
         briefing = self.briefing
@@ -324,47 +338,55 @@ class Console:
             obstacles=[[list(corner) for corner in obstacle.corners_m] for obstacle in briefing.obstacles],
             base_m=briefing.base_m,
             range_m=briefing.range_m,
+            radius_m=briefing.radius_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
-            commands=[self._offer(form) for form in briefing.offered],
+            inbox=self.ledger.about,
+            commands=[  # the page need not know the control mode
+                {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)} for form in briefing.offered
+            ],
             sets_delta=briefing.operator.autonomy.sets_delta,
             event_numbers=list(self.picture.event_numbers.items())[-NUMBERS_SHOWN:] if kind == CONDUCTOR_KIND else (),
             goal=briefing.operator.task.goal if briefing.operator.task.is_on else "",
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
+            panels=[panel for panel in page.panels if panel != "help" or self.has_conductor],
+            place=page.place,
+            asks=briefing.operator.asks_in_passing,
             end_text=page.end_text,
-            session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None},
+            session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None}
+            | ({name: getattr(probes, name) for name in SHEET_FIELDS[1:]} if kind == CONDUCTOR_KIND else {}),
         )
 
     def show(self, wall_s: float, **more: Any) -> Message:
         """Return the newest picture."""
-        picture, workload = self.picture, self._workload
-        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also after a replay went back
-        self._shown = len(picture.inbox)
+        picture, ledger, workload = self.picture, self.ledger, self._workload
         if self.attention is not None:
-            self.attention.show(picture, wall_s)
-        above_s = [steps * self.briefing.step_s for steps in self._steps_above]
+            self.attention.show(wall_s)
         fields = dict(
             step=self.step,
             time_s=round(picture.now_s, 3),
             over=self._is_over,
             **picture.rows(),
-            inbox=item_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
+            inbox=ledger.new_rows(INBOX_SHOWN, INBOX_CAUGHT_UP),
+            counts=ledger.counts(INBOX_COUNTS),
+            held=list(ledger.held),
             judged=[[event, self.judgements[event]] for event in picture.events if event in self.judgements],
-            unread=len(picture.unread),
+            unread=ledger.unread,
             closed={"events": len(picture.closed), "after_s": round(picture.closed_after_s or 0.0, 1)},
             workload={
                 "messages": self._messages,
                 "rate_1s_hz": round(workload.rate_1s_hz, 3) if workload else 0.0,
                 "rate_60s_hz": round(workload.rate_60s_hz, 3) if workload else 0.0,
                 "senders": workload.senders if workload else 0,
-                "residue": picture.waiting(RESIDUE_S),
-                "above_s": above_s,
+                "residue": ledger.waiting(picture.now_s - RESIDUE_S),
+                "above_s": [steps * self.briefing.step_s for steps in self._steps_above],
             },
             commands=self.command_log.rows(picture.now_s),
             pace={"paused": self.is_held, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
             proposal=self._proposal,
+            help=self.help,
         )
         return made("picture", **{**fields, **more})
 
@@ -375,10 +397,3 @@ class Console:
         if not proposal:
             return None
         return {"delta": proposal.delta, "left_s": round(max(0.0, proposal.due_s - self.picture.now_s), 1)}
-
-
-def _target_columns(target: Target) -> dict[str, Any]:
-    """Return the columns of an act that say whom a command is for."""
-    if target.kind in (AGENT, TREE):
-        return {"target": target.kind, "agent": int(target.numbers[0])}
-    return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}

@@ -7,9 +7,16 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 from typing import Any
 
-from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, INPUTS_KEPT, Console
-from deltaswarm_operator.core.picture import item_rows
+from deltaswarm_operator.core.console import (
+    HELP_ASKED,
+    HELP_OVER,
+    HELP_SEEN,
+    INBOX_CAUGHT_UP,
+    INPUTS_KEPT,
+    Console,
+)
 from deltaswarm_operator.core.probes import delay_s
+from deltaswarm_operator.inbox.item import item_row
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_scenario.task import CLASSES
@@ -123,15 +130,20 @@ def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
 
 
 def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    picture = console.picture
-    newest = raw.get("up_to", len(picture.inbox))
-    numbers = [number for number in picture.unread if number <= newest] if raw.get("all") else raw.get("items", ())
-    fresh = picture.read(numbers)
+    ledger, items = console.ledger, raw.get("items", ())
+    if raw.get("all"):
+        items = ledger.asking[: raw.get("up_to", len(ledger.asking)) + 1]
+    fresh = ledger.read(ledger.on_lines(items), console.picture.now_s)
     if fresh:
         if console.attention is not None:
-            console.attention.read(picture, fresh, at["monotonic_s"])
+            console.attention.read(fresh, console.picture.now_s, at["monotonic_s"])
         console.note(kind="read", items=" ".join(map(str, fresh)), **at)
     return [made("read", items=fresh)]
+
+
+def _held(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    rows = [item_row(item, -1) for item in console.ledger.held_items[-INBOX_CAUGHT_UP:]]
+    return [made("held", to=at["page"], inbox=rows)]
 
 
 def _answer(console: Console, raw: Raw, at: Raw) -> list[Message]:
@@ -150,6 +162,23 @@ def _ready(console: Console, raw: Raw, at: Raw) -> list[Message]:
 
 def _note(console: Console, raw: Raw, at: Raw) -> list[Message]:
     console.note(kind="note", text=raw["text"], **at)
+    return []
+
+
+def _help(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    state = raw["state"]
+    if state not in ((HELP_SEEN, HELP_OVER) if at["by"] == CONDUCTOR else (HELP_ASKED, HELP_OVER)):
+        raise ValueError(f"a message's state must be {HELP_ASKED}, {HELP_SEEN} or {HELP_OVER}, as the page may say")
+    if not console.has_conductor:
+        raise ValueError("nobody conducts this run")
+    console.help = state
+    console.note(kind="help", name=state, **at)
+    return []
+
+
+def _end(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    console.is_ended = True
+    console.note(kind="end", **at)
     return []
 
 
@@ -176,11 +205,12 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Message]:
 
 
 def _catch_up(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    newest = console.picture.inbox[-INBOX_CAUGHT_UP:]
-    read = [item.number for item in newest if item.number not in console.picture.unread]
+    ledger = console.ledger
+    newest = ledger.rows(INBOX_CAUGHT_UP)
+    read = [row[0] for row in newest if row[0] in ledger.read_s]
     acts = {"acts": list(console.recent_acts.acts)} if at["by"] == CONDUCTOR else {}
-    history = list(console.history)
-    return [made("catch_up", to=at["page"], inbox=item_rows(newest), read=read, history=history, **acts)]
+    more = {"counts": ledger.counts(INBOX_CAUGHT_UP), "history": list(console.history), **acts}
+    return [made("catch_up", to=at["page"], inbox=newest, read=read, **more)]
 
 
 INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
@@ -189,11 +219,14 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "veto": _veto,
     "judge": _judge,
     "read": _read,
+    "held": _held,
     "isa": _answer,
     "tlx": _answer,
     "form": _answer,
     "ready": _ready,
     "note": _note,
+    "help": _help,
+    "end": _end,
     "page": _page,
     "beat": lambda console, raw, at: [made("beat", to=at["page"])],  # that it came is noted above
     "sheet": _sheet,

@@ -3,6 +3,8 @@
 Pure. `wall_s` is any monotonic clock, such as `time.monotonic`.
 """
 
+import math
+
 QUIET_AFTER_S = 1.5
 """A page that beats has been heard within this time [wall s]."""
 AWAY_AFTER_S = 3.0
@@ -17,8 +19,8 @@ class PageBeats:
         """Whether a page answers; False before the first one is opened."""
         self.is_away = False
         """Whether it was noted that no page answers."""
-        self.seen_wall_s = 0.0
-        """When a page was last heard."""
+        self.seen_wall_s = math.inf
+        """When a page was last heard; inf: nobody listens yet."""
         self._began_wall_s: float | None = None
         self._closed_wall_s = 0.0
         """When the newest step of the run was closed."""

@@ -4,9 +4,19 @@ Pure: reports and clock in; positions, roles, trees, events and inbox out. An ag
 Everything reported is kept with its time, so it ages; nothing else is made up.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from deltaswarm_operator.inbox.item import MAX_INBOX, Item
+from deltaswarm_scenario.operator_settings import (
+    CHANGE,
+    NEW_EVENT,
+    NEW_ROOT,
+    REPEAT,
+    ROOT_LOST,
+    UNHEARD,
+    InboxSettings,
+)
 from deltaswarm_scenario.technique import Seen
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Report
@@ -15,9 +25,12 @@ EVENT_MEMORY_S = 300.0
 """Time without reports after which an event is removed [s]."""
 
 MAX_EVENTS = 2000
-MAX_INBOX = 20_000
 MAX_NUMBERS = 100_000
 """Maximum number of events whose numbers are remembered: in open air a sender may invent events."""
+MAX_TRAIL = 6
+"""Maximum number of places of an event that are remembered besides the newest."""
+MOVED_M = 0.01
+"""An event that is reported this far from its last place has moved."""
 MAX_NAMED = 8
 """Maximum number of events in an item."""
 NO_EVENTS: frozenset[int] = frozenset()
@@ -40,37 +53,28 @@ class KnownAgent(NamedTuple):
 
 
 class KnownEvent(NamedTuple):
-    """An event: its position [m], the times of its first and last report [s], and the last reporter."""
+    """An event: its position [m], the times of its first and last report [s], and the last reporter.
+
+    `trail_m`: the places that were reported before, oldest first.
+    """
 
     x_m: float
     y_m: float
     first_s: float
     seen_s: float
     by: int
-
-
-class Item(NamedTuple):
-    """One item of the inbox: a report with something that its sender had not reported before.
-
-    `is_new`: the report names an event that the picture lacks, or its sender has become a root.
-    """
-
-    number: int
-    time_s: float
-    agent: int
-    role: str
-    followers: int
-    events: tuple[int, ...]
-    is_new: bool
-
-    def __deepcopy__(self, memo: Mapping[int, Any]) -> "Item":
-        return self
+    trail_m: tuple[tuple[float, float], ...] = ()
 
 
 class Picture:
     """What the operator knows. Times are simulated [s]."""
 
-    def __init__(self, step_s: float) -> None:
+    def __init__(self, step_s: float, inbox: InboxSettings | None = None) -> None:
+        self.go_on_with(inbox or InboxSettings())
+        self._unheard: set[int] = set()
+        """Agents of which an item says that they are unheard."""
+        self.beyond = 0
+        """Number of items for which the inbox had no room."""
         self.agents: dict[int, KnownAgent] = {}
         self.events: dict[int, KnownEvent] = {}
         """By the picture's own numbers; the first reported event is 1."""
@@ -78,8 +82,6 @@ class Picture:
         """Times of the first and last report of events that are no longer reported, complete or not [s]."""
         self.inbox: list[Item] = []
         """All items, oldest first; item n is at index n."""
-        self.unread: set[int] = set()
-        """Numbers of the unread items."""
         self.now_s = 0.0
         self._step_s = step_s
         self._numbers: dict[int, int] = {}
@@ -91,10 +93,16 @@ class Picture:
         self._members: dict[int, set[int]] = {}
         """By root, the agents last known as members of its tree; newer reports may have moved some since."""
 
+    def go_on_with(self, inbox: InboxSettings) -> None:
+        """Judge what arrives from now on by these rules."""
+        self._rules, self._severities = inbox, inbox.severities
+
     def update(self, reports: Iterable[Report], now_s: float) -> list[Item]:
         """Take in the reports of a closed step; return the new items, even if the inbox is full."""
         self.now_s = now_s
         items = [item for report in reports if (item := self._take(report)) is not None]
+        if self._rules.unheard_s:
+            items += self._miss()
         oldest_s = now_s - EVENT_MEMORY_S
         for event in [event for event, known in self.events.items() if known.seen_s < oldest_s]:
             self._close(event)
@@ -105,13 +113,16 @@ class Picture:
         if self._newest_s.get(agent, said_s) > said_s:
             return None  # an older report that was delayed
         self._newest_s[agent] = said_s
+        self._unheard.discard(agent)
         role_before, before = self._told.get(agent, ("", NO_EVENTS))
         places = {self._number(event): (x_m, y_m) for event, x_m, y_m in report.events}
         is_same_role = report.role == role_before
         item = None
-        if not is_same_role or not before.issuperset(places):
-            is_new = not self.events.keys() >= places.keys() or (report.role == ROOT and not is_same_role)
-            item = self._item(report, tuple(places)[:MAX_NAMED], is_new)
+        is_repeat = is_same_role and before.issuperset(places)
+        if self._rules.repeats or not is_repeat:
+            fresh = tuple(event for event in places if event not in self.events)
+            news = REPEAT if is_repeat else _news(fresh, report.role, role_before)
+            item = self._item(agent, report.role, report.followers, tuple(places)[:MAX_NAMED], news, fresh)
         if not is_same_role or before != places.keys():
             self._told[agent] = report.role, frozenset(places)
         self._take_tree(report, said_s)
@@ -127,12 +138,31 @@ class Picture:
             numbers[event] = number
         return numbers[event]
 
-    def _item(self, report: Report, events: tuple[int, ...], is_new: bool) -> Item:
-        item = Item(len(self.inbox), self.now_s, report.agent, report.role, report.followers, events, is_new)
+    def _item(
+        self,
+        agent: int,
+        role: str,
+        followers: int,
+        events: tuple[int, ...],
+        news: str,
+        fresh: tuple[int, ...] = (),
+    ) -> Item:
+        told = (agent, role, followers, events, news in (NEW_EVENT, NEW_ROOT), fresh, news, self._severities[news])
+        item = Item(len(self.inbox), self.now_s, *told)
         if len(self.inbox) < MAX_INBOX:
             self.inbox.append(item)
-            self.unread.add(item.number)
+        else:
+            self.beyond += 1
         return item
+
+    def _miss(self) -> list[Item]:
+        """Return items about the agents that have been silent for too long, in agent order."""
+        oldest_s = self.now_s - self._rules.unheard_s
+        silent = sorted(agent for agent, said_s in self._newest_s.items() if said_s < oldest_s)
+        missed = [agent for agent in silent if agent not in self._unheard]
+        self._unheard.update(missed)
+        roles = {agent: self._told[agent][0] for agent in missed}
+        return [self._item(agent, role, 0, (), ROOT_LOST if role == ROOT else UNHEARD) for agent, role in roles.items()]
 
     def _take_tree(self, report: Report, said_s: float) -> None:
         """Update positions and trees; agents that their root no longer names have left."""
@@ -171,7 +201,10 @@ class Picture:
                     first_s, _ = self.closed.pop(event, (said_s, said_s))
                     events[event] = KnownEvent(x_m, y_m, first_s, said_s, agent)
             elif known.seen_s <= said_s:  # else this report was delayed, and the event has been seen since
-                events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent)
+                trail_m = known.trail_m
+                if abs(x_m - known.x_m) + abs(y_m - known.y_m) > MOVED_M:
+                    trail_m = (*trail_m, (known.x_m, known.y_m))[-MAX_TRAIL:]
+                events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent, trail_m)
 
     def _close(self, event: int) -> None:
         known = self.events.pop(event)
@@ -191,16 +224,6 @@ class Picture:
         """The page's number of each event by its id."""
         return self._numbers
 
-    def read(self, numbers: Iterable[int]) -> list[int]:
-        """Mark items as read; return those that were unread."""
-        fresh = sorted(self.unread.intersection(numbers))
-        self.unread.difference_update(fresh)
-        return fresh
-
-    def waiting(self, longer_than_s: float) -> int:
-        """Return the number of unread items older than this [s]."""
-        return sum(self.now_s - self.inbox[number].time_s > longer_than_s for number in self.unread)
-
     def seen(self, width_m: float, height_m: float) -> Seen:
         """Return what the page shows, to compare answers about the situation with."""
         places_m = [(known.x_m, known.y_m) for known in self.events.values()]
@@ -218,12 +241,22 @@ class Picture:
                 for agent, k in sorted(self.agents.items())
             ],
             "events": [
-                [event, *(round(value, 2) for value in k[:4]), k.by, attending.get(event, [])]
+                [
+                    event,
+                    *(round(value, 2) for value in k[:4]),
+                    k.by,
+                    attending.get(event, []),
+                    [[round(x_m, 2), round(y_m, 2)] for x_m, y_m in k.trail_m],
+                ]
                 for event, k in sorted(self.events.items())
             ],
         }
 
 
-def item_rows(items: Sequence[Item]) -> list[list[Any]]:
-    """Return items in the page's format."""
-    return [[*item[:5], list(item.events), int(item.is_new)] for item in items]
+def _news(fresh: tuple[int, ...], role: str, before: str) -> str:
+    """Return what a report tells whose sender had another role before, or reported other events."""
+    if fresh:
+        return NEW_EVENT
+    if role != before and ROOT in (role, before):
+        return NEW_ROOT if role == ROOT else ROOT_LOST
+    return CHANGE

@@ -174,6 +174,13 @@ class Probes:
         first_s = min(times_s, default=math.inf)
         return first_s if math.isfinite(first_s) else None
 
+    @property
+    def next(self) -> dict[str, Any] | None:
+        """What is asked next while the run goes on, and when, in the page's format; None: nothing."""
+        name, due = min(self._due.items(), key=lambda one: one[1].at_s, default=("", _Due(0, math.inf)))
+        is_none = self._is_over or not math.isfinite(due.at_s)
+        return None if is_none else {"what": name, "at_s": round(due.at_s, 1)}
+
     def hold(self, wall_s: float, *, is_held: bool) -> None:
         """Note that the run is held, or goes on: meanwhile the time for an answer does not pass."""
         if self._held_since_wall_s is not None and self._asked is not None:

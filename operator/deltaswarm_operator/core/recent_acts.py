@@ -1,7 +1,8 @@
 """What the conductor is told of the person: the newest acts and answers. Pure."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
+from itertools import groupby
 from typing import Any
 
 from deltaswarm_scenario.isa import ISA
@@ -11,6 +12,8 @@ ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "even
 """Columns of an act that the page shows."""
 
 ACTS_KEPT = 200
+ANSWERED = ("tlx", "form")
+"""Kinds of acts that are told by their answers."""
 
 
 class RecentActs:
@@ -19,18 +22,22 @@ class RecentActs:
     def __init__(self) -> None:
         self.acts: deque[dict[str, Any]] = deque(maxlen=ACTS_KEPT)
 
-    def take(self, rows: Iterable[OperatorAction | ProbeRow]) -> list[dict[str, Any]]:
-        """Return the acts in new rows, for the page."""
-        new = [act for row in rows if (act := act_of(row)) is not None]
+    def take(self, rows: Sequence[OperatorAction | ProbeRow]) -> list[dict[str, Any]]:
+        """Return the acts in new rows, for the page: one for each form, whose answers are rows of their own."""
+        new = [act_of(row) for row in rows if isinstance(row, OperatorAction) and row.kind not in ANSWERED]
+        answers = [row for row in rows if isinstance(row, ProbeRow) and (row.probe != ISA or row.value is None)]
+        new += [answers_of(list(form)) for _, form in groupby(answers, lambda row: (row.probe, row.number))]
         self.acts += new
         return new
 
 
-def act_of(row: OperatorAction | ProbeRow) -> dict[str, Any] | None:
-    """Return a row in the page's format; None for an answer to ISA, which is an act too."""
-    if isinstance(row, OperatorAction):
-        return {name: value for name in ACT_COLUMNS if (value := getattr(row, name)) not in ("", None)}
-    if row.probe == ISA and row.value is not None:
-        return None
-    value = "no answer" if row.value is None else row.value
-    return {"time_s": row.asked_s, "kind": "answer", "name": f"{row.probe}: {row.item}", "value": value}
+def act_of(row: OperatorAction) -> dict[str, Any]:
+    """Return an act in the page's format."""
+    return {name: value for name in ACT_COLUMNS if (value := getattr(row, name)) not in ("", None)}
+
+
+def answers_of(rows: Sequence[ProbeRow]) -> dict[str, Any]:
+    """Return the answers to one question or form in the page's format."""
+    values = [(row.item, "no answer" if row.value is None else row.value) for row in rows]
+    given = [f"{item}: {value}" if item != rows[0].probe else str(value) for item, value in values]
+    return {"time_s": rows[0].asked_s, "kind": "answer", "name": rows[0].probe, "text": "; ".join(given)}

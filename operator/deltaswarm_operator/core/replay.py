@@ -4,7 +4,7 @@ Pure: the steps of a run in, the station's datagrams out. A replay shows nothing
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from deltaswarm_operator.core.console import Console
@@ -20,6 +20,8 @@ KEPT_EVERY_STEPS = 200
 FASTEST = 200.0
 """Simulated seconds per wall second, if the speed is "as fast as possible"."""
 
+ACTS_AT_ONCE = 200
+
 SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
 
 
@@ -31,6 +33,8 @@ class RecordedStep(NamedTuple):
     reports: tuple[Report, ...]
     read: tuple[int, ...] = ()
     """Items of the inbox that the person read before the next step."""
+    acts: tuple[Message, ...] = ()
+    """What the person did and answered before the next step, in the page's format."""
 
 
 class Replay:
@@ -39,11 +43,16 @@ class Replay:
     Args:
         briefing: the operator's briefing; its `command` has the commands that were given.
         steps: all steps in order, at least one.
+        worth: a line about what an order was worth, by the order's place among all, for those that have one.
     """
 
-    def __init__(self, briefing: Briefing, steps: Sequence[RecordedStep]) -> None:
+    def __init__(
+        self, briefing: Briefing, steps: Sequence[RecordedStep], worth: Mapping[str, str] | None = None
+    ) -> None:
         self.speed, self.is_paused = briefing.speed or 1.0, False
         self._steps = steps
+        self._worth = dict(worth or {})
+        self._acts = [act for step in steps for act in step.acts]
         self._step_s = briefing.step_s
         self._console = Console(briefing)
         self._done = 0
@@ -79,9 +88,9 @@ class Replay:
             self._console = copy.deepcopy(self._kept[self._done])
             self._newly_read.clear()
         while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
-            clock, workload, reports, read = self._steps[self._done]
+            clock, workload, reports, read, _ = self._steps[self._done]
             self._console.close_step(clock, workload, reports, 0.0)
-            self._newly_read += self._console.picture.read(read)
+            self._newly_read += self._console.ledger.read(read, self._console.picture.now_s)
             acts = self._console.actions  # of a simulated person
             self._newly_read += [int(item) for act in acts for item in act.items.split()]
             self._console.actions.clear()
@@ -94,7 +103,7 @@ class Replay:
 
     def hello(self, run: str) -> Message:
         """Return the message that describes the run to the page."""
-        return self._console.hello(run, "replay", SPEEDS)
+        return self._console.hello(run, "replay", SPEEDS) | ({"worth": self._worth} if self._worth else {})
 
     def newly_read(self) -> list[Message]:
         """Return what the page must not miss: the items that were read since."""
@@ -104,6 +113,8 @@ class Replay:
     def show(self) -> Message:
         """Return the picture at the present time."""
         bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
+        judged = [act for act in self._acts if act["kind"] == "judge" and act["time_s"] <= self._now_s]
+        self._console.judgements = {act["event"]: act["name"] for act in judged}
         self._console.pace = self._console.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
         return self._console.show(0.0, replay=bar, probe=None)
 
@@ -115,8 +126,10 @@ class Replay:
         kind = raw["type"]
         if kind == "seek":
             self.seek(raw["time_s"])
+        elif kind == "catch_up":
+            return [*self._console_answers(raw), *self._told_acts(raw["from"])]
         elif kind != "pace":
-            return INTENTS[kind](self._console, raw, {"by": PERSON, "monotonic_s": 0.0, "page": raw["from"]})
+            return self._console_answers(raw)
         elif "speed" in raw:
             self.speed = min(max(raw["speed"], -FASTEST), FASTEST)
         elif "steps" in raw:
@@ -125,3 +138,14 @@ class Replay:
         else:
             self.is_paused = raw.get("paused", self.is_paused)
         return []
+
+    def _console_answers(self, raw: Message) -> list[Message]:
+        return INTENTS[raw["type"]](self._console, raw, {"by": PERSON, "monotonic_s": 0.0, "page": raw["from"]})
+
+    def _told_acts(self, page: int) -> list[Message]:
+        """Return all acts of the run, in messages that the channel takes."""
+        acts = self._acts
+        return [
+            made("acts", to=page, acts=acts[at : at + ACTS_AT_ONCE], is_first=not at)
+            for at in range(0, max(1, len(acts)), ACTS_AT_ONCE)
+        ]

@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 
 from deltaswarm_operator.core.autonomy import first_delta, next_delta
 from deltaswarm_operator.core.measures import Measures
-from deltaswarm_operator.core.picture import Item
-from deltaswarm_scenario.operator_settings import Briefing, PersonSettings
+from deltaswarm_operator.inbox.item import Item
+from deltaswarm_operator.inbox.policy import urgency
+from deltaswarm_scenario.operator_settings import NEW_FIRST, Briefing, PersonSettings
+from deltaswarm_wire.messages import NOBODY
 
 
 class Read(NamedTuple):
@@ -37,10 +39,28 @@ Act = Read | SetDelta
 
 @dataclass
 class _Entry:
-    """An item that waits to be read, with its number and those of the items that it replaced."""
+    """A line of the inbox that waits to be read, for `item`; `numbers` are the items that are read with it.
 
+    `more` further items on the line ask to be read; the newest of them was shown at `shown_s`.
+    """
+
+    line: int
     item: Item
     numbers: list[int]
+    shown_s: float
+    more: int = 0
+
+    def join(self, item: Item, now_s: float) -> None:
+        """Add an item to the line."""
+        self.numbers.append(item.number)
+        self.more += 1
+        self.item, self.shown_s = _with_news(self.item, item), now_s
+
+
+def _with_news(item: Item, other: Item) -> Item:
+    """Return an item that matters as much as both."""
+    severity = min(item, other, key=urgency).severity
+    return item._replace(is_new=item.is_new or other.is_new, severity=severity)
 
 
 @dataclass
@@ -68,6 +88,8 @@ class SimulatedOperator:
     rng: Random
     threshold_hz: float
     delta: int | None = None
+    is_ranked: bool = False
+    """Whether lines are read in the order of `policy.urgency`."""
     load: float = 0.0
     """The utilisation state x, from 0 to 1."""
     measures: Measures = field(default_factory=Measures)
@@ -109,6 +131,12 @@ class SimulatedOperator:
         """Return the metrics of the run so far, for JSON; `isa` is the mean answer to ISA."""
         return self.measures.totals(self.unread, isa)
 
+    def go_on_with(self, settings: PersonSettings, threshold_hz: float, *, is_ranked: bool) -> None:
+        """Go on with other parameters; a command that is being given is given up if the person commands no more."""
+        self.settings, self.threshold_hz, self.is_ranked = settings, threshold_hz, is_ranked
+        if not settings.commands and self._job is not None and self._job.entry is None:
+            self._job = None
+
     # Time
 
     def _pass(self, until_s: float) -> None:
@@ -139,10 +167,15 @@ class SimulatedOperator:
         self._renege()
         if not self._waiting:
             return None
-        entry = min(self._waiting, key=lambda entry: (not entry.item.is_new, entry.item.number))
+        entry = min(self._waiting, key=self._priority)
         self._waiting.remove(entry)
-        median_s = settings.new_s if entry.item.is_new else settings.known_s
+        median_s = (settings.new_s if entry.item.is_new else settings.known_s) + settings.more_s * entry.more
         return _Job(self._now_s, self._now_s + self._duration_s(median_s), entry)
+
+    def _priority(self, entry: _Entry) -> tuple[int, int]:
+        if self.is_ranked:
+            return urgency(entry.item)
+        return self.settings.reads == NEW_FIRST and not entry.item.is_new, entry.item.number
 
     def _finish(self, job: _Job) -> Act:
         if job.entry is None:
@@ -170,29 +203,41 @@ class SimulatedOperator:
     # The queue
 
     def _take(self, item: Item) -> None:
-        """Add an item; it replaces waiting items of the same sender that name no other event."""
+        """Add an item to its line; alone on a line, it replaces waiting items of its sender that name no other event.
+
+        What a line only counts is read with it.
+        """
+        line = item.number if item.line == NOBODY else item.line
+        waiting = next((entry for entry in self._waiting if entry.line == line), None)
+        if item.is_quiet:
+            if waiting is not None:
+                waiting.numbers.append(item.number)
+            return
         self.measures.items += 1
-        entry = _Entry(item, [item.number])
-        for other in [other for other in self._waiting if other.item.agent == item.agent]:
+        if waiting is not None:
+            waiting.join(item, self._now_s)
+            self.measures.replaced += 1
+            return
+        entry = _Entry(line, item, [item.number], self._now_s)
+        for other in [other for other in self._waiting if other.item.agent == item.agent and not other.more]:
             if set(other.item.events) <= set(item.events):
                 self._waiting.remove(other)
                 self.measures.replaced += 1
                 entry.numbers = [*other.numbers, *entry.numbers]
-                if other.item.is_new:  # its news is still unread
-                    entry.item = entry.item._replace(is_new=True)
+                entry.item = _with_news(entry.item, other.item)  # its news is still unread
         self._waiting.append(entry)
 
     def _renege(self) -> None:
-        """Drop items that have waited too long: they are missed."""
-        there = [e for e in self._waiting if self._now_s - e.item.time_s <= self.settings.patience_s]
+        """Drop lines that have waited too long: they are missed."""
+        there = [e for e in self._waiting if self._now_s - e.shown_s <= self.settings.patience_s]
         self.measures.missed += len(self._waiting) - len(there)
         self._waiting = there
 
 
-def person_of(briefing: Briefing) -> SimulatedOperator | None:
+def person_of(briefing: Briefing, *, is_ranked: bool = False) -> SimulatedOperator | None:
     """Make the simulated person that a briefing asks for, if any."""
     operator = briefing.operator
     if not operator.person.is_on:
         return None
     rng = Random(f"deltaswarm/{briefing.seed}/person")
-    return SimulatedOperator(operator.person, rng, operator.threshold_hz, first_delta(briefing))
+    return SimulatedOperator(operator.person, rng, operator.threshold_hz, first_delta(briefing), is_ranked)

@@ -79,6 +79,10 @@ class WorkloadMeter(Saved):
         self._lost_in_step = 0
         self._rejected_in_step = 0
 
+    def go_on_with(self, settings: OperatorSettings) -> None:
+        """Count time above this threshold from now on."""
+        self._threshold_hz = settings.threshold_hz
+
     def receive_forwarded(self, data: bytes) -> str | None:
         """Take one encoded report from the world; return the reason if it is dropped."""
         try:

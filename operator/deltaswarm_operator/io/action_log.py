@@ -32,7 +32,7 @@ class ActionLog:
     def __init__(self, folder: Path, sizes: Mapping[str, int] | None = None, *, has_station: bool = False) -> None:
         for name, size in (sizes or {}).items():
             os.truncate(folder / name, size)
-        self._folder = folder
+        self.folder = folder
         self._streams = {
             name: (folder / name).open("a" if sizes else "w", newline="", encoding="utf-8")
             for name in (ACTIONS, PROBES, *([WALL_TIMES] if has_station else []))
@@ -86,25 +86,36 @@ class ActionLog:
         self._whole("event_numbers", [EventNumberRow(number, event) for event, number in picture.event_numbers.items()])
 
     def _whole(self, name: str, rows: Iterable[tuple[Any, ...]]) -> None:
-        with (self._folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as stream:
+        with (self.folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(TABLES[name]._fields)
             writer.writerows(rows)
 
 
 def _inbox(console: Console) -> Iterable[InboxRow]:
-    attention = console.attention
-    for item in console.picture.inbox:
-        events = " ".join(map(str, item.events))
-        row = InboxRow(item.number, item.time_s, item.agent, item.role, item.followers, events, int(item.is_new))
-        if attention is not None:
-            shown = attention.shown_wall_s[item.number] if item.number < len(attention.shown_wall_s) else None
-            read_s, read = attention.read_at.get(item.number, (None, None))
-            row = row._replace(
-                shown_utc=utc_of(shown),
-                shown_monotonic_s=shown,
-                read_s=read_s,
-                read_utc=utc_of(read),
-                read_monotonic_s=read,
-            )
-        yield row
+    ledger, attention = console.ledger, console.attention
+    for item in ledger.items:
+        number, is_shown = item.number, item.number in ledger.shown_s
+        shown = None if attention is None else attention.shown_wall_s.get(number)
+        read = None if attention is None else attention.read_wall_s.get(number)
+        yield InboxRow(
+            number,
+            item.time_s,
+            item.agent,
+            item.role,
+            item.followers,
+            " ".join(map(str, item.events)),
+            int(item.is_new),
+            utc_of(shown),
+            shown,
+            ledger.read_s.get(number),
+            utc_of(read),
+            read,
+            item.news,
+            item.severity,
+            ledger.shown_s.get(number),
+            item.line if is_shown else None,
+            int(item.is_quiet) if is_shown else None,
+            ledger.why_held(number),
+            int(number in ledger.opened),
+        )

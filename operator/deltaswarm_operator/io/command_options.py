@@ -89,6 +89,7 @@ def command_options_of(
         obstacles=task.obstacles,
         base_m=arguments.base,
         agents=len(arguments.agents),
+        radius_m=task.radius_m,
         operator=OperatorSettings(settings.threshold_hz, probes=ProbeSettings(isa_every_s=0.0)),
         forms=forms,
         command=_script(arguments.commands, forms),

@@ -108,6 +108,7 @@ class ConsoleServer:
         self._channel = None if end is None else Channel(end, on_intent)
         self._conductor = conductor
         console.attend(has_station=self._channel is not None)
+        console.has_conductor = conductor is not None
         if saved is not None:
             console.resume()
         self._pace = self.console.pace
@@ -213,8 +214,9 @@ class ConsoleServer:
             if self._conductor is not None:
                 self._conductor.send(self.console.hello(self._run, CONDUCTOR_KIND))
         picture = self.console.show(now)
-        for channel in filter(None, (self._channel, self._conductor)):
-            channel.send(picture)
+        self._channel.send(picture)
+        if self._conductor is not None:
+            self._conductor.send({**picture, "next": self.console.probes.next})
 
     def _write(self) -> bool:
         """Write down new acts and answers, mark them, and tell the conductor; return whether there are any."""
@@ -236,6 +238,11 @@ class ConsoleServer:
     def _mark(self, monotonic_s: float | None, marker: Mapping[str, Any]) -> None:
         if self._markers is not None:
             self._markers.put(monotonic_s, marker)
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether the conductor has ended the run."""
+        return self.console.is_ended
 
     @property
     def is_asking(self) -> bool:

@@ -23,7 +23,7 @@ from deltaswarm_operator.io.inbox import BY, Inbox, ItemKind
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_operator.io.page import Page
 from deltaswarm_scenario.operator_settings import OperatorSettings
-from deltaswarm_wire.child import FAILED, WORLD_LOST, ended_by
+from deltaswarm_wire.child import ENDED_BY_CONDUCTOR, FAILED, WORLD_LOST, ended_by
 from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.session import Pairs, RouterLink, closing, configured, use_one_worker_thread
@@ -62,6 +62,7 @@ class End(Enum):
     LAST_CLOCK = "the last step is closed"
     WORLD_GONE = "the world is gone before its last step"
     STOPPED = "stopped by a signal"
+    ENDED = "the conductor ended the run"
     FAILED = "the operator failed"
 
 
@@ -195,6 +196,8 @@ class OperatorProcess:
                     if console.on_intent(sample, BY[arrival]):
                         source.save_act()
                     console.show()
+                    if console.is_ended:
+                        return End.ENDED
             event = event or source.passed(is_idle=is_idle)
             if isinstance(event, End):
                 return event
@@ -237,7 +240,7 @@ class OperatorProcess:
             if arrival in BY:
                 console.on_intent(sample, BY[arrival])
                 console.show()
-            elif arrival is ItemKind.STOP:
+            if arrival is ItemKind.STOP or console.is_ended:
                 break
 
     def _totals_at(self, end: End) -> dict[str, Any]:
@@ -294,7 +297,11 @@ def run_operator(source: StepSource) -> int:
             return FAILED
     if end is source.COMPLETE_AT:
         return 0
-    return {End.WORLD_GONE: WORLD_LOST, End.STOPPED: ended_by(signals[0] if signals else 0)}.get(end, FAILED)
+    return {
+        End.WORLD_GONE: WORLD_LOST,
+        End.ENDED: ENDED_BY_CONDUCTOR,
+        End.STOPPED: ended_by(signals[0] if signals else 0),
+    }.get(end, FAILED)
 
 
 def _run_session(source: StepSource, session: zenoh.Session, station: socket.socket | None) -> End:

@@ -1,10 +1,12 @@
 """`python -m deltaswarm_operator.io.replaying`: feed the station's page of a finished run, from a file of its steps.
 
-The file is a stream of MessagePack values: the briefing, then each step: clock, workload, encoded reports, items read.
+The file is a stream of MessagePack values: the briefing, then each step: clock, workload, encoded reports, items read,
+acts.
 """
 
 import argparse
 import contextlib
+import json
 import queue
 import socket
 import sys
@@ -27,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     """Make the argument parser of a replay."""
     made = Parser(prog="python -m deltaswarm_operator.io.replaying", description="Feed the page of a finished run.")
     made.add_argument("--steps", type=Path, required=True, metavar="FILE", help="as `deltaswarm replay` makes them")
+    made.add_argument("--worth", type=Path, metavar="FILE", help="what orders were worth, as `deltaswarm value` says")
     made.add_argument("--run", default="run", help="the run's name on the page")
     made.add_argument("--channel-fd", type=int, required=True, metavar="N", help="its end of the station's channel")
     return made
@@ -39,8 +42,10 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
         try:
             briefing = checked.load(Briefing, next(values, None))
             steps = [
-                RecordedStep(Clock(*clock), Workload(*workload), tuple(map(decode_report, reports)), tuple(read))
-                for clock, workload, reports, read in values
+                RecordedStep(
+                    Clock(*clock), Workload(*workload), tuple(map(decode_report, reports)), tuple(read), tuple(acts)
+                )
+                for clock, workload, reports, read, acts in values
             ]
         except (TypeError, msgpack.UnpackException) as error:
             raise ValueError(f"{file}: {error}") from None
@@ -73,7 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Feed the page of a replay until its station has gone."""
     arguments = parser().parse_args(argv)
     briefing, steps = read(arguments.steps)
-    feed(arguments.run, Replay(briefing, steps), socket.socket(fileno=arguments.channel_fd))
+    worth = json.loads(arguments.worth.read_text(encoding="utf-8"))["texts"] if arguments.worth else {}
+    feed(arguments.run, Replay(briefing, steps, worth), socket.socket(fileno=arguments.channel_fd))
     return 0
 
 

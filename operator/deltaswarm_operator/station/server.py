@@ -46,6 +46,9 @@ MAX_DATAGRAMS_AT_ONCE = 64
 OPEN_WITHIN_S = 5.0
 """Time that a connection has to ask for something [s]."""
 
+CLOSE_WITHIN_S = 1.0
+"""Time that a browser has to take what it was sent, once the station stops [s]."""
+
 LINGER_S = 5.0
 """Time that the station stays after its feed has closed, for a page that is still loading [s]."""
 
@@ -135,7 +138,7 @@ class Station:
             compression=None,
             max_size=MAX_BYTES,
             open_timeout=OPEN_WITHIN_S,
-            close_timeout=1.0,
+            close_timeout=CLOSE_WITHIN_S,
             server_header=None,
             logger=_quiet_logger(),
         ) as server:
@@ -145,10 +148,17 @@ class Station:
             if not self._has_ended:
                 loop.remove_reader(self._feed.fileno())
                 self._hear_feed()  # which may have closed just before
+            # The library waits longer for a browser that takes nothing.
+            loop.call_later(CLOSE_WITHIN_S, self._abort_all)
 
     def stop(self) -> None:
         """Stop serving soon."""
         self._stop.set()
+
+    @staticmethod
+    def _abort_all() -> None:
+        for visitor in [*Visitor.all]:
+            visitor.transport.abort()
 
     def _urls(self, server: Server) -> list[str]:
         host, port = next(iter(server.sockets)).getsockname()[:2]
@@ -157,6 +167,7 @@ class Station:
     def _hear_feed(self) -> None:
         """Take the waiting datagrams; show only the newest picture."""
         newest: dict[bytes, bytes] = {}
+        has_closed = False
         for _ in range(MAX_DATAGRAMS_AT_ONCE):
             try:
                 datagram = bytes(self._buffer[: self._feed.recv_into(self._buffer)])
@@ -164,8 +175,8 @@ class Station:
                 break
             except OSError:
                 datagram = b""
-            if not datagram:
-                self._end()
+            has_closed = not datagram
+            if has_closed:
                 break
             begin = next(filter(datagram.startswith, NEWEST_ONLY), None)
             if begin is None:
@@ -175,6 +186,8 @@ class Station:
         for begin, shown in newest.items():
             self._newest[begin] = text = shown.decode(errors="replace")
             broadcast([browser for browser in self._browsers.values() if browser.waiting_bytes < SLOW_BYTES], text)
+        if has_closed:
+            self._end()  # after the last picture, which would tell pages that the run goes on
 
     def _pass_on(self, datagram: bytes) -> None:
         """Forward a message other than a picture to the browser that it names, else to all."""

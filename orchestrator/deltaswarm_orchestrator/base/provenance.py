@@ -1,10 +1,11 @@
 """Where results come from: versions, host, code, date, and the files of third-party extensions.
 
-Extensions here are what a scenario names: its controller, radio models and faults. Their results rest on their modules,
-what these import, and data that they declare.
+Extensions here are what a scenario names: its controller, radio models, faults and inbox policy. Their results rest on
+their modules, what these import, and data that they declare.
 """
 
 import ast
+import contextlib
 import hashlib
 import importlib.util
 import os
@@ -20,15 +21,21 @@ from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugins import CONTROLLERS, FAULTS, POINTS, RADIO_MODELS, find
+from deltaswarm_wire.plugins import CONTROLLERS, DYNAMICS, FAULTS, INBOX_POLICIES, POINTS, RADIO_MODELS, find
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
-EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster"))
-PACKAGES = CORE + EXTENSIONS
+EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster", "learn"))
+PACKAGES = ("deltaswarm", *CORE, *EXTENSIONS)
 
-INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
-"""Folders whose modules a version identifies, and not their content."""
+INSTALLED = tuple(
+    Path(folder).resolve()
+    for folder in (
+        *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+        *(entry for entry in sys.path if Path(entry).name in ("site-packages", "dist-packages")),
+    )
+)
+"""Folders whose modules a version identifies, and not their content; a virtual environment may use another's, too."""
 
 GIT_WITHIN_S = 5.0
 """Maximum wait for git [s], which may hang, for example on a lost network drive."""
@@ -127,17 +134,24 @@ def sources(scenario: Scenario) -> list[Source]:
     """
     named = [
         (CONTROLLERS, scenario.control.mode, "control.mode"),
+        (DYNAMICS, scenario.world.dynamics, "world.dynamics"),
         *((RADIO_MODELS, name, "radio.models") for name in scenario.radio.models),
+        (INBOX_POLICIES, scenario.operator.inbox.policy, "operator.inbox.policy"),
         *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),
     ]
-    return [_source(point.group, name, path) for point, name, path in named if name not in point.shipped]
+    own = [(point.group, name, path) for point, name, path in named if name not in point.shipped]
+    # What a notebook defines can be another class of the same name the next time.
+    return [(_source.__wrapped__ if one[1].startswith("__main__:") else _source)(*one) for one in own]
 
 
 @cache
 def _source(group: str, name: str, path: str) -> Source:
     point = next(point for point in POINTS if point.group == group)
     digest = hashlib.blake2b(digest_size=8)
-    files = sorted(files_of(find(point, name, path)).items())
+    found = find(point, name, path)
+    files = sorted(files_of(found).items())
+    for cell in _cells_of(found):
+        digest.update(cell.encode())
     for module, file in files:
         try:
             content = file.read_bytes()
@@ -165,8 +179,18 @@ def files_of(cls: type[Any]) -> dict[str, Path]:
             continue
         files[name] = file
         waiting += [imported for imported in _imports(name, file) if _is_third_party(imported)]
-    folder = Path(sys.modules[cls.__module__].__file__ or "").parent
+    folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
     return files | {f"data: {name}": folder / name for name in getattr(cls, "data_files", ())}
+
+
+def _cells_of(cls: type[Any]) -> list[str]:
+    """Return the source of the class and of its bases, as far as they are in a notebook, which is no file."""
+    import inspect  # slow to import
+
+    own = [base for base in cls.__mro__ if base.__module__ == "__main__" and _file_of("__main__") is None]
+    with contextlib.suppress(OSError, TypeError):  # typed into a console that keeps nothing
+        return [inspect.getsource(base) for base in own]
+    return []
 
 
 def _is_third_party(name: str) -> bool:
@@ -182,7 +206,7 @@ def _file_of(name: str) -> Path | None:
     try:
         module = sys.modules.get(name)
         spec = module.__spec__ if module is not None else importlib.util.find_spec(name)
-    except (ImportError, AttributeError, ValueError):
+    except Exception:  # a package that is imported may raise anything, such as one for another system
         return None
     origin = getattr(module, "__file__", None) or (spec.origin if spec is not None else None)
     return Path(origin) if origin and Path(origin).is_file() else None

@@ -111,8 +111,9 @@ def decide(code: int, stop: Stop | None = None) -> None:
     `stop`: its signal was too late for this work, and takes effect if more work follows.
     """
     _end_at_once.code = code
-    if stop is not None and stop.by is not None:
-        _end_at_once.late = signal.Signals[stop.by]
+    by = None if stop is None else signal.Signals.__members__.get(stop.by or "")
+    if by is not None:
+        _end_at_once.late = by
 
 
 def heed_signals_again() -> None:

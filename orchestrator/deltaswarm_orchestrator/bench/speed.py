@@ -30,6 +30,9 @@ ROUNDS = 3
 AGENTS_PER_M2 = 0.0025
 """The paper's density, kept for any size of swarm (Experimental Setup)."""
 
+ALL_THREADS = "all_threads_cpu_us"
+"""The CPU time of all threads of the world; the phases are its main thread's."""
+
 MEASURED = ("startup_s", "pss_mb", "median_pss_mb", "world_pss_mb", "open_files")
 """What is measured while a run is under way."""
 
@@ -99,6 +102,7 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
     by_floor = {name: [row[name] for row in rounds] for name in ("zenoh", "own_traffic")}
     ratios, why_not = shares([row["swarm"] for row in rounds], by_floor)
     middle = median_of(rounds)
+    phases = [name.removesuffix("_cpu_us") for name in middle if name.endswith("_cpu_us") and name != ALL_THREADS]
     return {
         "agents": agents,
         "steps": steps,
@@ -119,6 +123,9 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
             "world": middle["world_us"],
             "agents": middle["agents_us"],
         },
+        "world_cpu_us_all_threads": middle[ALL_THREADS],
+        "world_wall_us": {phase: middle[f"{phase}_us"] for phase in phases},
+        "world_cpu_us": {phase: middle[f"{phase}_cpu_us"] for phase in phases},
         "startup_s": middle["startup_s"],
         "agent_pss_mb": max((row["pss_mb"] for row in rounds if row["pss_mb"] is not None), default=None),
     }
@@ -128,7 +135,8 @@ def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
     """Measure one run with real processes.
 
     Returns:
-        `swarm`: steps per second; `startup_s`: time until the first step. Halfway, `pss_mb` and `median_pss_mb`: the
+        `swarm`: steps per second; `startup_s`: time until the first step; the world's times per step, by phase: wall
+        time `<phase>_us`, and its main thread's CPU time `<phase>_cpu_us`. Halfway, `pss_mb` and `median_pss_mb`: the
         largest and the median agent's memory [MB]; `world_pss_mb`: the world's; `open_files`: the orchestrator's. None
         is what a short run left no time to measure.
 
@@ -143,7 +151,7 @@ def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
         measured: dict[str, float | None] = dict.fromkeys(MEASURED)
         with Swarm(scenario, run, folder) as swarm:
             with starting_processes():  # the fork server
-                swarm.start_world("tcp/127.0.0.1:0")
+                swarm.start_world("tcp/127.0.0.1:0", time_phases=True)
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
                 swarm.start_operator(publish_all=False)
                 swarm.start_agents()
@@ -156,8 +164,9 @@ def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
                     if (is_half_way or phase == "ended") and measured["open_files"] is None:
                         measured |= _resources(swarm)  # while all are running and share memory
                     observer.leave_when_done()
-        summary = summarise(run_tables.read_outcome(folder), scenario)
-        return {"swarm": speed_of(summary), **measured}
+        outcome = run_tables.read_outcome(folder)
+        speed = speed_of(summarise(outcome, scenario))
+        return {"swarm": speed, **measured, **outcome.world["step_times"]}
 
 
 def speed_of(summary: Mapping[str, Any]) -> float:

@@ -2,27 +2,19 @@
 
 import argparse
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Protocol
 
-from deltaswarm_orchestrator.base.exits import (
-    EXIT_CODES,
-    FAILED,
-    INTERRUPTED,
-    USAGE,
-    CommandError,
-    complain,
-    show_notices,
-)
+from deltaswarm.errors import Error, error_of, of_settings
+from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, complain, show_notices
 from deltaswarm_orchestrator.base.output import Output, OutputError, only_results, results, standard_output
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import Parser
 from deltaswarm_wire.checked import SettingsError
-from deltaswarm_wire.plugin_errors import PACKAGES, blamed, distinct
+from deltaswarm_wire.plugin_errors import PACKAGES
 from deltaswarm_wire.plugins import COMMANDS as COMMAND_POINT
 from deltaswarm_wire.plugins import PARTS, find
 
@@ -30,6 +22,7 @@ COMMANDS = {
     "run": "run a scenario with real processes",
     "sweep": "many runs that differ in some keys, in one table",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
+    "new": "make a folder for a controller of your own: its file, tests, a scenario and a study",
     "station": "open the page of a run that is under way, for the person who watches and commands",
     "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",
@@ -37,6 +30,7 @@ COMMANDS = {
     "why": "explain how a run ended, or whether one agent could hear another at some time of it",
     "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",
+    "compile": "compile the cores of this installation, so that runs take less time",
     "doctor": "check whether this machine has what runs need",
     "completion": "print a script with which a shell completes commands and options",
 }
@@ -44,7 +38,7 @@ COMMANDS = {
 
 MODULES = {
     **dict.fromkeys(("export", "info", "replay", "station", "top", "why"), "one_run"),
-    **dict.fromkeys(("completion", "doctor", "list"), "installation"),
+    **dict.fromkeys(("compile", "completion", "doctor", "list"), "installation"),
 }
 
 
@@ -124,7 +118,7 @@ def _run(argv: list[str], output: Output | None) -> int:
         with only_results():  # plug-ins are imported
             everything = parser(command)
     except SettingsError as error:
-        return _complain_of(error)
+        return _complain_of(of_settings(error))
     arguments = everything.parse_args(argv)
     arguments.given = argv
     if not getattr(arguments, "handles_signals", False):
@@ -141,33 +135,18 @@ def carry_out(arguments: argparse.Namespace, command: str) -> int:
     try:
         with nullcontext() if is_plugin else only_results(to_the_end=True):
             return int(arguments.func(arguments))
-    except SettingsError as error:
-        return _complain_of(error)
-    except CommandError as error:
-        complain(str(error))
-        return error.code
     except BaseException as error:
-        if not (is_plugin and isinstance(error, SystemExit | KeyboardInterrupt)) and (plugin := blamed(error)):
-            complain(plugin.report)
-            return FAILED
-        if isinstance(error, KeyboardInterrupt):
-            complain("interrupted")
-            return INTERRUPTED
-        if isinstance(error, OSError) and error.filename is not None and not isinstance(error, OutputError):
-            complain(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}")
-            return FAILED
-        if isinstance(error, ModuleNotFoundError):
-            from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
-
-            if is_of_studies(error):
-                complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
-                return USAGE
-        raise
+        if is_plugin and isinstance(error, SystemExit):
+            raise
+        is_the_users = is_plugin and isinstance(error, KeyboardInterrupt)
+        if (told := error_of(KeyboardInterrupt() if is_the_users else error, f"deltaswarm {command}")) is None:
+            raise
+        return _complain_of(told)
 
 
-def _complain_of(error: SettingsError) -> int:
-    for problem in error.problems:
-        complain(str(problem))
-    for trace in distinct({str(problem): problem.trace for problem in error.problems if problem.trace}):
+def _complain_of(error: Error) -> int:
+    for line in error.lines:
+        complain(line)
+    for trace in error.traces:
         print(trace, file=sys.stderr)
-    return USAGE
+    return error.code

@@ -2,26 +2,15 @@
 
 import argparse
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from importlib.util import find_spec
-from itertools import chain, count
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
-from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.output import print_result
+from deltaswarm_orchestrator.processes.engines import LOCAL
 from deltaswarm_wire import session
-from deltaswarm_wire.checked import did_you_mean
-from deltaswarm_wire.plugins import ENGINES, find
-
-if TYPE_CHECKING:
-    from deltaswarm_orchestrator.processes.elsewhere import RunEngine
 
 N = TypeVar("N", int, float)
-
-LOCAL = "local"
 
 A_RUN = "the folder of a run"
 
@@ -49,19 +38,6 @@ def add_engine(command: Group, scheduler: str) -> None:
         help="local: this machine (default); dask: a Dask cluster; or an engine of an installed package",
     )
     command.add_argument("--scheduler", metavar="ADDRESS", help=f"with --engine dask: {scheduler}")
-
-
-def engine_of(name: str, scheduler: str | None, listen: str = "") -> "RunEngine | None":
-    """Return the engine that `--engine` names; None for this machine.
-
-    Raises:
-        SettingsError: there is no such engine.
-        CommandError: something that it needs is not installed.
-    """
-    if name == LOCAL:
-        return None
-    engine: RunEngine = find(ENGINES, name, "--engine", others=[LOCAL])(scheduler, listen)
-    return engine
 
 
 def add_json(command: Group, what: str = "the result") -> None:
@@ -131,50 +107,3 @@ def host_and_port(text: str) -> str:
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be HOST:PORT with a port from 0 to 65535 (got {text!r})") from None
     return text
-
-
-def free_folder(folder: Path) -> Path:
-    """Return the folder, or its name with a number if a run has it; an interrupted run keeps its folder, too."""
-    numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
-    free = (path for path in chain([folder], numbered) if not path.exists() and not part_of(path).exists())
-    return next(free)
-
-
-def check_out(folder: Path) -> None:
-    """Check that a folder, which need not exist, can be made and written, by a file without a name.
-
-    Raises:
-        CommandError: it cannot.
-    """
-    nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
-    try:
-        with tempfile.TemporaryFile(dir=nearest):
-            pass
-    except OSError as error:
-        raise CommandError(
-            f"--out must be a folder that can be made and written (got {str(folder)!r}; {nearest}: {error.strerror})"
-        ) from None
-
-
-def part_of(run: Path) -> Path:
-    """Return where a run is until it is complete."""
-    return run.with_name(f"{run.name}.part")
-
-
-def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> None:
-    """Check that there is something at a path; the message says where it was looked for.
-
-    With `or_part` it may also be at PATH.part, where a run is until it is complete.
-
-    Raises:
-        CommandError: there is nothing.
-    """
-    part = part_of(path) if path.name else path
-    has_part = os.path.exists(part)  # unlike `Path.exists`, False for an impossible name
-    if os.path.exists(path) or (or_part and has_part):
-        return
-    hint = f"; {part} has what is left of an interrupted run" if has_part else ""
-    if not hint and path.parent.is_dir():
-        near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
-        hint = near and f"; {near.strip()}"
-    raise CommandError(f"{name} must be {what} (got {str(path)!r}; there is nothing at {path.absolute()}{hint})")

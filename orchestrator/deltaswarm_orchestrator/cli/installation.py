@@ -1,4 +1,4 @@
-"""Commands about this installation: `completion`, `doctor` and `list`."""
+"""Commands about this installation: `compile`, `completion`, `doctor` and `list`."""
 
 import argparse
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from dataclasses import asdict
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, aligned
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, aligned
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO, load_scenario
@@ -18,6 +18,29 @@ examples:
   source <(deltaswarm completion bash)
   deltaswarm completion zsh > ~/.zfunc/_deltaswarm
 """
+
+
+def add_compile(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm compile`."""
+    command.description = (
+        "Compile the cores of this installation with mypyc, which takes about a minute and needs a C compiler. Results "
+        "stay the same. The next version of deltaswarm has to be compiled anew."
+    )
+    command.add_argument("--remove", action="store_true", help="remove the compiled modules: pure Python again")
+    command.set_defaults(func=compile_cores)
+
+
+def compile_cores(arguments: argparse.Namespace) -> int:
+    """Compile the cores of this installation, or remove what was compiled."""
+    from deltaswarm_orchestrator import compiling
+
+    try:
+        files = compiling.remove() if arguments.remove else compiling.install()
+    except compiling.CompileError as error:
+        raise CommandError(str(error), FAILED) from None
+    done = "removed" if arguments.remove else "compiled"
+    print_result(f"{done} {len(files)} files" if files else "nothing was compiled")
+    return OK
 
 
 def add_completion(command: argparse.ArgumentParser) -> None:
@@ -99,7 +122,7 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_orchestrator.scenarios.load import BUILT_IN
     from deltaswarm_orchestrator.sweeps.load import built_in
     from deltaswarm_wire.commands import forms_of
-    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, FAULTS, RADIO_MODELS, find_controller
+    from deltaswarm_wire.plugins import BODIES, CONTROLLERS, DYNAMICS, FAULTS, RADIO_MODELS, find_controller
 
     def about(files: Mapping[str, Traversable]) -> dict[str, str]:
         texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
@@ -111,6 +134,7 @@ def known() -> dict[str, dict[str, str]]:
         "controllers": CONTROLLERS.names(),
         "commands": {form.name: form.help for mode in CONTROLLERS.shipped for form in forms_of(find_controller(mode))},
         "bodies": BODIES.names(),
+        "dynamics": DYNAMICS.names(),
         "radio models": RADIO_MODELS.names(),
         "faults": FAULTS.names(),
     }

@@ -10,17 +10,9 @@ from pathlib import Path
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
+from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.signals import stoppable
-from deltaswarm_orchestrator.cli.arguments import (
-    A_RUN,
-    add_json,
-    add_quiet,
-    host_and_port,
-    must_exist,
-    number,
-    part_of,
-    show,
-)
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, number, show
 from deltaswarm_wire.keys import OPERATOR
 
 FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
@@ -106,7 +98,7 @@ def replay(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.processes.starter import REPLAY, LaunchError, StoppedError
     from deltaswarm_orchestrator.processes.station import StationChannel
     from deltaswarm_orchestrator.recording.reader import RecordingError
-    from deltaswarm_orchestrator.recording.replay import write_steps
+    from deltaswarm_orchestrator.recording.replay import worth_of, write_steps
 
     def show_url(url: str) -> None:
         print_result(url)
@@ -120,7 +112,7 @@ def replay(arguments: argparse.Namespace) -> int:
         except (RecordingError, OSError) as error:
             raise CommandError(f"{arguments.run}: {error}") from None
         page = StationChannel(listen=arguments.listen)
-        options = {"--steps": steps, "--run": arguments.run.name}
+        options = {"--steps": steps, "--run": arguments.run.name, "--worth": worth_of(arguments.run)}
         with stoppable() as stop, suppress(StoppedError):
             try:
                 serve_page(REPLAY, options, Path(folder) / "logs", page, show_url, was_stopped=lambda: stop.by)

@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.advice import options_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_orchestrator.base.paths import free_folder, must_exist
 from deltaswarm_orchestrator.cli.arguments import (
-    LOCAL,
     add_dry_run,
     add_engine,
     add_json,
     add_markers,
     add_quiet,
-    engine_of,
-    free_folder,
     host_and_port,
-    must_exist,
     number,
     show,
     whole,
 )
+from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
@@ -36,7 +34,7 @@ LIVE_PORT = 8765
 ANYWHERE = "tcp/127.0.0.1:0"
 """Any free port, reachable from this machine only."""
 
-FOXGLOVE = "foxglove"
+FOXGLOVE, IN_PROCESS = "foxglove", "in-process"
 
 NEEDS = {
     "debug": "in_process",
@@ -179,13 +177,14 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
-    from deltaswarm_orchestrator.run import report
+    from deltaswarm import runs
+    from deltaswarm_orchestrator.cli import report
 
     if problem := _problem(arguments):
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
     options = _options_of(arguments, scenario)
-    report.check_run(scenario, options)
+    runs.check(scenario, options)
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
@@ -236,6 +235,13 @@ def _default_folder(scenario: Scenario) -> Path:
     return free_folder(Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}")
 
 
+def _began_in_process(folder: Path) -> bool:
+    """Whether a run to resume has all its cores in one process, as a branch may."""
+    from deltaswarm_orchestrator.base import seal
+
+    return bool(seal.read_sealed(folder / seal.MANIFEST).get("engine") == IN_PROCESS)
+
+
 def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
     from deltaswarm_orchestrator.processes.boards import Boards
     from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel
@@ -255,7 +261,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(
         out=out,
-        in_process=arguments.in_process,
+        in_process=arguments.in_process or (arguments.resume and _began_in_process(arguments.resume)),
         debug=arguments.debug,
         force=arguments.force,
         listen=listen,

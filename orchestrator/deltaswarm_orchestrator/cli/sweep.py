@@ -1,35 +1,21 @@
 """The command `deltaswarm sweep`, and the functions it shares with other commands that do many runs."""
 
 import argparse
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.base.advice import as_given, command_line
-from deltaswarm_orchestrator.base.disk import room_in
-from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import (
-    add_dry_run,
-    add_engine,
-    add_json,
-    add_quiet,
-    check_out,
-    engine_of,
-    show,
-    whole,
-)
-from deltaswarm_wire.plugin_errors import distinct
+from deltaswarm import sweeps
+from deltaswarm.runs import IN_PROCESS, PROCESSES
+from deltaswarm.sweeps import engine_maker
+from deltaswarm_orchestrator import compiling
+from deltaswarm_orchestrator.base.advice import as_given
+from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.provenance import build
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show, whole
 
 if TYPE_CHECKING:
-    from deltaswarm_orchestrator.sweeps.engine import Engine
     from deltaswarm_orchestrator.sweeps.plan import Sweep
     from deltaswarm_orchestrator.sweeps.runner import SweepResult
-
-
-MAX_TOLD = 5
-"""Maximum number of failed runs of which each gets a line; the manifest has all."""
 
 
 def add_sweep(command: argparse.ArgumentParser) -> None:
@@ -81,7 +67,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         from deltaswarm_orchestrator.sweeps.table import invalid_line  # needs pandas
 
         complain(invalid_line(result.invalid, result.runs))
-    return exit_code_of(result)
+    return result.code
 
 
 def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) -> None:
@@ -90,18 +76,9 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
     Raises:
         CommandError: the sweep would be refused.
     """
-    from deltaswarm_orchestrator.doctor import check_parts_can_start
-    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
-
-    means = PROCESSES if arguments.processes else IN_PROCESS
-    check_out(folder)
-    engine_maker(arguments, means)
-    if arguments.processes:
-        check_parts_can_start(max(variant.scenario.agents.count for variant in loaded.variants))
-    if os.path.exists(folder):  # unlike `Path.exists`, False for an impossible name
-        from deltaswarm_orchestrator.sweeps.runner import check_folder  # needs pandas
-
-        check_folder(loaded, folder, means)
+    means = _means(arguments)
+    engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
+    sweeps.check(loaded, folder, means)
 
 
 def conduct_for(
@@ -112,63 +89,24 @@ def conduct_for(
     Raises:
         CommandError: the sweep could not start, or its tables could not be written.
     """
-    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
-    from deltaswarm_orchestrator.sweeps.runner import SweepDisplay, SweepReporter, run_sweep
+    from deltaswarm_orchestrator.sweeps.job import default_workers
 
-    means = PROCESSES if arguments.processes else IN_PROCESS
-    make_engine = engine_maker(arguments, means)
-    try:
-        with (
-            room_in(folder),
-            nullcontext(SweepReporter()) if arguments.quiet else SweepDisplay(loaded.name) as display,
-        ):
-            wanted = {"with_series": with_series, "with_events": with_events}
-            result = run_sweep(loaded, folder, make_engine, display, means=means, **wanted)
-    except OSError as error:  # such as a table that may not be replaced
-        raise CommandError(str(error), FAILED) from None
-    complaints = [
-        *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
-        *(f"failed: {reason}" for reason in each_trace_once(result.failed[:MAX_TOLD])),
-        *(f"digests differ between one process and real processes: {name}" for name in result.differing),
-    ]
-    if (versions := len(result.manifest["code"])) > 1:
-        complaints.append(f"{folder} has runs by {versions} versions of the code; another --out would have one")
-    if _is_outdated(folder / "page.md", result.manifest["digest"]):
-        update = command_line("report", folder)
-        complaints.append(f"{folder / 'page.md'} does not match table.csv; to update it: {update}")
-    if result.finished < result.runs:
-        how = "interrupted with " if result.interrupted else ""
-        complaints.append(f"{how}{result.finished} of {result.runs} runs; to go on: {as_given(arguments)}")
-    for line in complaints:
+    means = _means(arguments)
+    make_engine = engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
+    if means == IN_PROCESS and arguments.engine == "local":
+        workers = arguments.jobs or default_workers(means)
+        planned_s = compiling.rough_s(job.scenario for job in loaded.jobs()) / workers
+        if line := compiling.hint(planned_s, build()):
+            notice(line)
+    wanted = {"with_series": with_series, "with_events": with_events}
+    result = sweeps.conduct(loaded, folder, make_engine, means=means, quiet=arguments.quiet, **wanted)
+    for line in sweeps.complaints(result, as_given(arguments)):
         complain(line)
     return result
 
 
-def exit_code_of(result: "SweepResult") -> int:
-    """Return the exit code that tells how a sweep ended."""
-    return OK if result.is_well else INTERRUPTED if result.interrupted else FAILED
-
-
-def _is_outdated(report: Path, digest: str | None) -> bool:
-    """Return whether there is a report that is not of the sweep with this digest (None: the sweep is incomplete)."""
-    return report.exists() and (digest is None or digest not in report.read_text(encoding="utf-8"))
-
-
-def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine]":
-    """Return a function that makes the engine that the command line asks for.
-
-    Raises:
-        CommandError: --scheduler is given for the wrong engine, or Dask is not installed.
-    """
-    from deltaswarm_orchestrator.sweeps.engine import LocalEngine
-    from deltaswarm_orchestrator.sweeps.job import default_workers
-
-    workers = arguments.jobs or default_workers(means)
-    if engine := engine_of(arguments.engine, arguments.scheduler):
-        return lambda: engine.sweep_engine(workers)
-    if arguments.scheduler:
-        raise CommandError("--scheduler is for --engine dask")
-    return lambda: LocalEngine(workers)
+def _means(arguments: argparse.Namespace) -> str:
+    return PROCESSES if arguments.processes else IN_PROCESS
 
 
 def described(result: "SweepResult") -> str:
@@ -182,11 +120,3 @@ def described(result: "SweepResult") -> str:
             str(result.folder / "table.csv"),
         ]
     )
-
-
-def each_trace_once(reasons: Sequence[str]) -> Iterator[str]:
-    """Yield what failed; a traceback that was shown for an earlier one is left out."""
-    traces = {reason: trace for reason in reasons if (trace := reason.partition("\nTraceback ")[2])}
-    first = {whose[0] for whose in distinct(traces).values()}
-    for reason in reasons:
-        yield reason.partition("\nTraceback ")[0] if reason in traces.keys() - first else reason

@@ -30,7 +30,7 @@ def write(film: Film, out: Path) -> None:
         stream.log("arena/walls", rr.LineStrips3D([_flat(wall) for wall in film.walls_m]), static=True)
         shown: set[str] = set()
         for view in film.snapshots():
-            shown = _log(stream, view, shown, longest_m)
+            shown = _log(stream, view, shown, longest_m, film.radius_m)
         for entity, names, rows in (
             ("swarm", SWARM, film.recording.step_records),
             ("operator", WORKLOAD, film.recording.workloads),
@@ -44,7 +44,7 @@ def write(film: Film, out: Path) -> None:
                 stream.send_columns(f"{entity}/{name}", times, rr.Scalars.columns(scalars=values))
 
 
-def _log(stream: Any, view: Snapshot, shown: set[str], longest_m: float) -> set[str]:
+def _log(stream: Any, view: Snapshot, shown: set[str], longest_m: float, radius_m: float) -> set[str]:
     """Log one view; return its roles."""
     stream.set_time(TIME, duration=view.time_s)
     stream.set_time(STEP, sequence=view.step)
@@ -54,7 +54,7 @@ def _log(stream: Any, view: Snapshot, shown: set[str], longest_m: float) -> set[
         points = rr.Points3D(
             _flat([(body.x_m, body.y_m) for body in bodies]),
             colors=[list(role_rgba(role))] * len(bodies),
-            radii=[AGENT_RADIUS * longest_m] * len(bodies),
+            radii=[radius_m or AGENT_RADIUS * longest_m] * len(bodies),
         )
         stream.log(f"arena/agents/{rr.escape_entity_path_part(role)}", points)
     lines = [_flat(line) for line in view.trees_m]

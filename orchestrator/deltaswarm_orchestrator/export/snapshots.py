@@ -1,5 +1,6 @@
 """Read the views and metrics that an export shows of a recording, and export them as CSV."""
 
+import math
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from deltaswarm_orchestrator.recording.reader import (
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
 from deltaswarm_orchestrator.results.run_tables import write_csv
-from deltaswarm_scenario.truth import AgentState, EventState
+from deltaswarm_scenario.truth import BODY_FIELDS, AgentState, EventState
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Workload
 
@@ -38,6 +39,17 @@ class Snapshot(NamedTuple):
         places = {body.agent: (body.x_m, body.y_m) for body in self.bodies}
         return [[places[body.agent], places[body.parent]] for body in self.bodies if body.parent in places]
 
+    def headings_m(self, radius_m: float) -> list[Line]:
+        """A line from the centre of each body that has a heading to its edge."""
+        return [
+            [
+                (body.x_m, body.y_m),
+                (body.x_m + radius_m * math.cos(angle), body.y_m + radius_m * math.sin(angle)),
+            ]
+            for body in self.bodies
+            if (angle := body.heading_rad) is not None
+        ]
+
 
 @dataclass(frozen=True)
 class Film:
@@ -49,6 +61,8 @@ class Film:
     height_m: float
     walls_m: list[Line]
     """The edges of the arena and of the obstacles, as closed lines."""
+    radius_m: float = 0.0
+    """The radius of a body; 0: a point."""
 
     def snapshots(self) -> Iterator[Snapshot]:
         """Yield each view, as far as the file can be read.
@@ -58,7 +72,7 @@ class Film:
         events: dict[int, EventState] = {}
         step, time_s = 0, 0.0
         view: Snapshot | None = None
-        statuses: list[tuple[Any, ...]] = []
+        statuses: list[dict[str, Any]] = []
         for topic, message in entries(self.path, {"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"}):
             match topic:
                 case "/swarm/state":
@@ -69,7 +83,9 @@ class Film:
                     if event.completed_s is not None:
                         del events[event.event]
                 case "/swarm/agents":
-                    statuses = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
+                    shown = [*AGENT_FIELDS, *BODY_FIELDS] if message.heading_rad else AGENT_FIELDS
+                    rows = zip(*(getattr(message, name) for name in shown), strict=True)
+                    statuses = [dict(zip(shown, row, strict=True)) for row in rows]
                 case "/tf":
                     if view is not None:
                         yield _with_statuses(view, statuses)
@@ -93,32 +109,38 @@ def read_film(path: Path) -> Film:
     if not recording.scenario:
         raise RecordingError(f"{path} must hold a scenario; it is damaged or was cut off before that")
     try:
-        arena = tomllib.loads(recording.scenario)["arena"]
+        scenario = tomllib.loads(recording.scenario)
+        arena = scenario["arena"]
     except (tomllib.TOMLDecodeError, KeyError) as error:
         raise RecordingError(f"{path} must hold a valid scenario: {error}") from None
     width_m, height_m = arena["width_m"], arena["height_m"]
     obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
     loops = [[(0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m)], *obstacles]
-    return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops])
+    radius_m = float(scenario.get("world", {}).get("radius_m", 0.0))
+    return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops], radius_m)
 
 
-def _with_statuses(view: Snapshot, statuses: list[tuple[Any, ...]]) -> Snapshot:
+def _with_statuses(view: Snapshot, statuses: list[dict[str, Any]]) -> Snapshot:
     """Add to each body of a view what it says it is; drop all bodies if the file was cut off in between."""
     if len(statuses) != len(view.bodies):
         return view._replace(bodies=())
     pairs = zip(view.bodies, statuses, strict=True)
-    bodies = (body._replace(**dict(zip(AGENT_FIELDS, status, strict=True))) for body, status in pairs)
+    bodies = (body._replace(**status) for body, status in pairs)
     return view._replace(bodies=tuple(bodies))
 
 
 def write(film: Film, out: Path) -> None:
     """Write `poses.csv` (a row per view and agent), `events.csv` (per event) and `workload.csv` (per step).
 
-    A cell is empty where there is no time yet, no parent or no root.
+    A cell is empty where there is no time yet, no parent, no root, or no body but a point.
     """
     out.mkdir()
     poses = (
-        (view.step, view.time_s, *("" if value == NOBODY and type(value) is int else value for value in body))
+        (
+            view.step,
+            view.time_s,
+            *("" if value is None or (value == NOBODY and type(value) is int) else value for value in body),
+        )
         for view in film.snapshots()
         for body in view.bodies
     )

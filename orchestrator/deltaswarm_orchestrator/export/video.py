@@ -1,27 +1,17 @@
 """Export a video: the swarm from above, drawn by matplotlib and encoded by ffmpeg."""
 
 import itertools
-from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.animation import FFMpegWriter
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
 
 from deltaswarm_orchestrator.export.formats import ExportError
-from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
-from deltaswarm_orchestrator.recording.scene import role_colour
-from deltaswarm_scenario.truth import EventState
+from deltaswarm_orchestrator.export.picture import DPI, Picture
+from deltaswarm_orchestrator.export.snapshots import Film
 
 FRAMES_PER_S = 20
 LONGEST_S = 30.0
 """Length of a video [s]; a longer run is shown faster."""
-
-SIZE_IN, DPI = (9.0, 7.2), 100
-"""900 by 720 pixels: the arena, and the legend beside it."""
 
 
 def write(film: Film, out: Path, longest_s: float = LONGEST_S) -> str | None:
@@ -35,7 +25,7 @@ def write(film: Film, out: Path, longest_s: float = LONGEST_S) -> str | None:
     views = sum(1 for _ in film.snapshots())
     most = max(1, round(longest_s * FRAMES_PER_S)) if longest_s else max(1, views)
     every = -(-max(1, views) // most)
-    picture = _Picture(film)
+    picture = Picture(film)
     writer = FFMpegWriter(fps=FRAMES_PER_S, metadata={"title": "deltaswarm"})
     with writer.saving(picture.figure, str(out), DPI):
         for view in itertools.islice(film.snapshots(), 0, None, every):
@@ -45,50 +35,3 @@ def write(film: Film, out: Path, longest_s: float = LONGEST_S) -> str | None:
         return None
     length_s = len(range(0, views, every)) / FRAMES_PER_S
     return f"the video lasts {length_s:g} s and shows 1 of {every} views; --longest-s allows more, 0 shows all"
-
-
-class _Picture:
-    """One figure, whose contents are replaced for each frame."""
-
-    def __init__(self, film: Film) -> None:
-        self.figure = Figure(figsize=SIZE_IN)
-        self._axes = self.figure.add_axes((0.08, 0.08, 0.7, 0.87), aspect="equal")
-        self._axes.set(xlim=(0, film.width_m), ylim=(0, film.height_m), xlabel="x [m]", ylabel="y [m]")
-        for wall in film.walls_m:
-            self._axes.plot(*zip(*wall, strict=True), color="black", linewidth=1)
-        self._trees = LineCollection([], colors=role_colour("member"), linewidths=1.2)
-        self._axes.add_collection(self._trees)
-        self._events = self._axes.scatter([], [], s=30, c="black", marker="s")
-        self._agents = self._axes.scatter([], [], s=36, edgecolors="black", linewidths=0.4, zorder=3)
-        self._roles: list[str] = []
-        self._numbers: dict[int, int] = {}
-        """Events by the order of their arrival: their ids are long and mean nothing."""
-        self._names: list[Text] = []
-
-    def show(self, view: Snapshot) -> None:
-        """Draw one view."""
-        self._trees.set_segments(view.trees_m)
-        self._events.set_offsets(np.array([(event.x_m, event.y_m) for event in view.events]).reshape(-1, 2))
-        self._name_events(view.events)
-        self._agents.set_offsets(np.array([(body.x_m, body.y_m) for body in view.bodies]).reshape(-1, 2))
-        self._agents.set_facecolor([role_colour(body.role) for body in view.bodies])
-        self._axes.set_title(f"{view.time_s:.0f} s")
-        if new := {body.role for body in view.bodies} - set(self._roles):
-            self._roles += sorted(new)
-            marks = [("o", role_colour(role), role) for role in self._roles] + [("s", "black", "event")]
-            signs = [
-                Line2D([], [], linestyle="", marker=sign, color=colour, label=text) for sign, colour, text in marks
-            ]
-            self._axes.legend(handles=signs, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
-
-    def _name_events(self, events: Sequence[EventState]) -> None:
-        for name in self._names:
-            name.remove()
-        for event in sorted(events, key=lambda event: event.arrived_s):
-            self._numbers.setdefault(event.event, len(self._numbers) + 1)
-        self._names = [
-            self._axes.annotate(
-                f"e{self._numbers[event.event]}", (event.x_m, event.y_m), (5, 4), textcoords="offset points", fontsize=8
-            )
-            for event in events
-        ]

@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError, results_in
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.results.resume import newest
+from deltaswarm_orchestrator.results.resume import BRANCH, newest
 from deltaswarm_orchestrator.results.summary import main_rows, summarise
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
@@ -105,6 +105,7 @@ def text(run: dict[str, Any]) -> str:
     rows = [
         ("started", manifest["started"]),
         ("engine", manifest["engine"]),
+        *_origin(manifest.get(BRANCH)),
         *((f"{title} [{unit}]" if unit else title, shown(value)) for title, value, unit in main_rows(summary)),
         ("agents lost", ", ".join(map(str, summary["agents_lost"])) or "none"),
         ("versions", ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number)),
@@ -121,6 +122,14 @@ def text(run: dict[str, Any]) -> str:
     rows += [("not sealed", ", ".join(run["not_sealed"]))] if run["not_sealed"] else []
     rows += [(name, f"{size:,} bytes") for name, size in run["files"].items()]
     return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {run['state']}\n{aligned(rows)}"
+
+
+def _origin(branch: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
+    """Yield the rows about the parent of a branch, and about what is different."""
+    if branch:
+        parent, at = branch["parent"], f"{branch['at_s']:g} s (step {branch['at_step']})"
+        yield "branch of", f"{parent['folder']}, digest {parent['digest']}"
+        yield f"from {at} on", f"{branch['says']}; later orders: {branch['later_orders']}"
 
 
 def how_it_ended(folder: Path) -> dict[str, Any]:

@@ -57,6 +57,7 @@ def hello(run: str, scenario: Scenario) -> bytes:
             obstacles=[obstacle.corners_m for obstacle in arena.obstacles],
             base_m=uplink.base_m,
             range_m=uplink.range_m,
+            radius_m=scenario.world.radius_m,
             agents=scenario.agents.count,
             thresholds_hz=[scenario.operator.threshold_hz],
         )

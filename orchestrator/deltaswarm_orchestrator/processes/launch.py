@@ -22,6 +22,7 @@ from deltaswarm_scenario.fault import FREEZE
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
+from deltaswarm_wire.controller_metrics import declared
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
 from deltaswarm_wire.session import RouterLink
@@ -85,8 +86,10 @@ class Swarm:
         finally:
             adopt_orphans(do_so=False)
 
-    def start_world(self, listen: str, *, record: bool = False) -> None:
+    def start_world(self, listen: str, *, record: bool = False, time_phases: bool = False) -> None:
         """Start the world and wait until its router listens at `listen`, and for boards if there are any.
+
+        With `time_phases` it adds to `world.json` where the steps' wall time goes.
 
         Raises:
             LaunchError: the world ended (the text has its last log lines) or was not up in time.
@@ -112,7 +115,9 @@ class Swarm:
             "--checkpoint": self.checkpoint_steps,
             "--resume": self.resumed.step if self.resumed else None,
             "--station": self.station is not None,
+            "--metric": [one.name for one in declared(self.scenario.control.mode)],
             "--truth": record,
+            "--time-phases": time_phases,
             "--wire": record and self.scenario.record == "wire",
             "--zenoh": self._overrides,
         }

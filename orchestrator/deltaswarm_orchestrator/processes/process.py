@@ -13,7 +13,7 @@ from shutil import disk_usage
 
 from deltaswarm_orchestrator.base.kernel import is_stopped
 from deltaswarm_orchestrator.processes.fork_server import wake_fork_server
-from deltaswarm_wire.child import GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST, ended_by
+from deltaswarm_wire.child import ENDED_BY_CONDUCTOR, GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST, ended_by
 from deltaswarm_wire.keys import AGENT
 
 LOG_TAIL_LINES = 12
@@ -88,7 +88,7 @@ class RunPart:
     @property
     def has_failed(self) -> bool:
         """Whether it has ended otherwise than it should and the orchestrator asked."""
-        if self.exit_code in (None, 0) or self.ends_as_planned:
+        if self.exit_code in (None, 0, ENDED_BY_CONDUCTOR) or self.ends_as_planned:
             return False
         return not (self.was_asked_to_end and self.exit_code in (ended_by(signal.SIGTERM), -signal.SIGTERM))
 

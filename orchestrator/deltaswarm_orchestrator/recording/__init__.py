@@ -12,5 +12,8 @@ LAYOUT = "layout.json"
 COMMANDS = "commands.toml"
 """The commands that left the base, in the format of `deltaswarm run --commands`, to repeat the run."""
 
+VALUES = "value"
+"""The folder beside a run's results with what its orders were worth, sealed by itself."""
+
 ACTIONS = "actions.csv"
 """The actions of the person at the station, written row by row during the run."""

@@ -4,13 +4,14 @@ import csv
 import json
 import tomllib
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import msgpack
 
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS
+from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS, VALUES
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import AutonomySettings
@@ -19,6 +20,25 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.operator_messages import Clock, encode_report
 from deltaswarm_wire.plugins import find_controller
+
+PROBES = "probes.csv"
+
+ACT_TEXTS = ("kind", "by", "name", "target", "value", "text")
+"""Columns of an act that the page shows."""
+SHOWN_ACTS = ("command", "veto", "judge", "pace", "note", "help", "end")
+SHOWN_PAGE_EVENTS = ("selected", "away", "back")
+
+
+def worth_of(run: Path) -> Path | None:
+    """Return the file that says what the orders of a run were worth; None if `deltaswarm value` has made none.
+
+    Raises:
+        SealError: it was changed.
+    """
+    file = run / VALUES / seal.RECORD
+    digest = seal.read_sealed(run / seal.MANIFEST).get("digest")
+    worth = seal.checked(file)
+    return file if worth.get("texts") and worth["run"]["digest"] == digest else None
 
 
 def write_steps(run: Path, file: Path) -> None:
@@ -37,7 +57,7 @@ def write_steps(run: Path, file: Path) -> None:
     scenario = checked.load(Scenario, table)
     person = scenario.operator.person
     read: dict[float, list[int]] = {}
-    actions = _actions(run)
+    actions = _rows(run / ACTIONS)
     if not person.commands:  # a simulated person commands again by itself
         scenario = checked.load(Scenario, table | _commands(run, actions, scenario.run.step_s))
     if not person.is_on:  # and reads again
@@ -47,21 +67,44 @@ def write_steps(run: Path, file: Path) -> None:
     operator = replace(scenario.operator, autonomy=AutonomySettings())  # what the system commanded is in the script
     scenario = replace(scenario, operator=operator)
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
+    acts: dict[float, list[dict[str, Any]]] = {}
+    for act in acts_of(actions, _rows(run / PROBES)):
+        acts.setdefault(act["time_s"], []).append(act)
+    times_s = [workload.time_s for workload in recording.workloads]
+    for time_s in [time_s for time_s in acts if time_s not in {*times_s}]:  # before the first step, or after a cut
+        near_s = max((other_s for other_s in times_s if other_s <= time_s), default=times_s[0])
+        acts.setdefault(near_s, []).extend(acts.pop(time_s))
     with file.open("wb") as stream:
         stream.write(msgpack.packb(checked.plain(briefing)))
         last = recording.workloads[-1].step
         for workload in recording.workloads:
             clock = Clock(workload.step, workload.time_s, workload.step == last)
             reports = [encode_report(report) for report in recording.reports.get(workload.step, ())]
-            stream.write(msgpack.packb((clock, workload, reports, read.get(workload.time_s, []))))
+            stream.write(
+                msgpack.packb((clock, workload, reports, read.get(workload.time_s, []), acts.get(workload.time_s, [])))
+            )
 
 
-def _actions(run: Path) -> list[dict[str, str]]:
-    """Return the rows of a run's actions; the last row of a killed run may be cut off and is left out."""
-    if not (run / ACTIONS).exists():
+def _rows(file: Path) -> list[dict[str, str]]:
+    """Return the rows of a table, if there is one; the last row of a killed run may be cut off and is left out."""
+    if not file.exists():
         return []
-    with (run / ACTIONS).open(newline="", encoding="utf-8") as stream:
+    with file.open(newline="", encoding="utf-8") as stream:
         return [row for row in csv.DictReader(stream) if None not in row.values()]
+
+
+def acts_of(actions: list[dict[str, str]], answers: list[dict[str, str]]) -> list[dict[str, Any]]:
+    """Return what the person did and answered in the page's format: a form is one act, when it was asked."""
+    acts: list[dict[str, Any]] = []
+    for row in actions:
+        if row["kind"] in SHOWN_ACTS or (row["kind"] == "page" and row["name"] in SHOWN_PAGE_EVENTS):
+            told: dict[str, Any] = {name: row[name] for name in ACT_TEXTS if row[name]}
+            told |= {name: int(row[name]) for name in ("event",) if row[name]}
+            acts.append({"time_s": float(row["time_s"]), **told})
+    for (asked_s, name, _), form in groupby(answers, lambda row: (row["asked_s"], row["probe"], row["number"])):
+        given = "; ".join(f"{row['item']}: {row['value'] or 'no answer'}" for row in form)
+        acts.append({"time_s": float(asked_s), "kind": "answer", "name": name, "text": given})
+    return sorted(acts, key=lambda act: float(act["time_s"]))
 
 
 def _commands(run: Path, actions: list[dict[str, str]], step_s: float) -> dict[str, Any]:

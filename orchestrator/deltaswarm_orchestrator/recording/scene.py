@@ -7,6 +7,7 @@ Messages are reused and their numbers changed in place, because making new ones 
 whose size changes is copied instead, because a message frees its memory only when it is deleted as a whole.
 """
 
+import math
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,7 +26,7 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, ARENA_FRAME, OURS, ROOT_FRAME
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, AgentState, EventState, Truth
+from deltaswarm_scenario.truth import BODY_FIELDS, DEAD, AgentState, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
 
 EPOCH_S = 946_684_800
@@ -60,7 +61,10 @@ PLACE_STEPS_PER_M = 1024
 _SIZE_OF_ARENA = {"agent": 0.014, "root": 0.022, "event": 0.018}
 """Diameters as shares of the arena's longest side, visible in an arena of any size."""
 
-_TREE_PX, _LINK_PX, _WALL_PX = 3.0, 1.0, 2.0
+_TREE_PX, _LINK_PX, _WALL_PX, _HEADING_PX = 3.0, 1.0, 2.0, 2.0
+
+HEADING_RADII = 1.4
+"""Length of the line that shows a heading, in radii."""
 
 _POINT = struct.Struct("<fff4s")
 _UPRIGHT = {"w": 1.0}
@@ -99,6 +103,9 @@ class Scene:
         width_m, height_m = scenario.arena.width_m, scenario.arena.height_m
         self._work_agent_s = scenario.events.work_agent_s
         self._size_m = {kind: share * max(width_m, height_m) for kind, share in _SIZE_OF_ARENA.items()}
+        self._radius_m = radius_m = scenario.world.radius_m
+        if radius_m:  # bodies that take up room are as large as they are
+            self._size_m |= {"agent": 2.0 * radius_m, "root": 2.0 * radius_m}
         self._look = lru_cache(MAX_LOOKS)(lambda role: _agent_look(role, self._size_m))
         self._arena = _transform(ROOT_FRAME, ARENA_FRAME, (-width_m / 2, -height_m / 2))
         self._transforms = FrameTransforms()
@@ -111,11 +118,16 @@ class Scene:
         """Each agent's position as a frame, as a sphere, and as an endpoint of lines."""
         self._looks: list[tuple[str, Any, Any]] = []
         """For each agent, the role whose look its sphere has, and the sphere's size and colour."""
+        self._headings = _line(LinePrimitive.LINE_LIST, _HEADING_PX, colour("#000000"))
+        """A line from each body's centre to beyond its edge, on top of it."""
+        self._walls = 0
+        """Number of lines in the scene of the agents that never change."""
         self._discs: list[CylinderPrimitive] = []
         """As many discs as there have ever been events at a time."""
         corners = [(0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m)]
         loops: list[Sequence[Any]] = [corners, *(obstacle.corners_m for obstacle in scenario.arena.obstacles)]
         walls = [_line(LinePrimitive.LINE_LOOP, _WALL_PX, colour("#000000"), loop) for loop in loops]
+        self._walls = len(walls)
         names = ("agents", "tree", "links", EVENTS)
         self._updates = {name: _update(name, walls if name == "agents" else ()) for name in names}
         """The update of the agents is changed in place; the others are copied."""
@@ -133,6 +145,8 @@ class Scene:
         if agents != self._agents:
             self._make_messages(agents)
         self._place_agents(roles, places, now)
+        if has_headings := any(body.heading_rad is not None for body in truth.bodies):
+            self._turn_agents([body.heading_rad or 0.0 for body in truth.bodies], places)
         yield "/tf", self._transforms.SerializeToString()
         yield "/scene/agents", _encoded(self._updates["agents"], now)
         index = {agent: place for place, agent in enumerate(agents)}
@@ -147,7 +161,8 @@ class Scene:
         standings = [body[3:] for body in truth.bodies]
         if standings != self._tree_statuses:
             self._tree_statuses = standings
-            columns = {name: [getattr(body, name) for body in truth.bodies] for name in AGENT_FIELDS}
+            shown = [*AGENT_FIELDS, *BODY_FIELDS] if has_headings else AGENT_FIELDS
+            columns = {name: [getattr(body, name) for body in truth.bodies] for name in shown}
             agents_message = OURS["Agents"](step=truth.step, time_s=truth.time_s, **columns)
             yield "/swarm/agents", agents_message.SerializeToString()
 
@@ -179,6 +194,22 @@ class Scene:
         for (frame, sphere, end), (x, y) in zip(self._places, places, strict=True):
             frame.x = sphere.x = end.x = x
             frame.y = sphere.y = end.y = y
+
+    def _turn_agents(self, headings_rad: list[float], places: list[Place]) -> None:
+        """Turn each agent's frame, and draw its heading."""
+        ends = self._headings.points
+        while len(ends) < 2 * len(places):
+            ends.add(z=self._radius_m)
+        for i, (frame, heading, (x, y)) in enumerate(
+            zip(self._transforms.transforms[1:], headings_rad, places, strict=True)
+        ):
+            frame.rotation.z, frame.rotation.w = math.sin(heading / 2), math.cos(heading / 2)
+            reach_m = HEADING_RADII * self._radius_m
+            ends[2 * i].x, ends[2 * i].y = x, y
+            ends[2 * i + 1].x, ends[2 * i + 1].y = x + reach_m * math.cos(heading), y + reach_m * math.sin(heading)
+        lines = self._updates["agents"].entities[0].lines
+        del lines[self._walls :]
+        lines.append(self._headings)
 
     def _connected(self, name: str, pairs: Iterable[tuple[int, int]], index: Mapping[int, int]) -> SceneUpdate:
         """Draw lines between pairs of agents, or no line primitive at all: some viewers reject an empty one.

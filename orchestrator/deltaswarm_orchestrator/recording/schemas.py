@@ -16,7 +16,7 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorP
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from deltaswarm_scenario.truth import COLUMNS, AgentState, EventState, StepRecord
+from deltaswarm_scenario.truth import BODY_FIELDS, COLUMNS, AgentState, EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
 
@@ -32,7 +32,7 @@ NET_FIELDS = COLUMNS[COLUMNS.index("frames_sent") :]
 STATE_FIELDS = tuple(name for name in COLUMNS if name not in NET_FIELDS and name not in ("step", "time_s"))
 """The columns of a record that `/swarm/state` holds: all the others."""
 
-AGENT_FIELDS = tuple(name for name in AgentState._fields if name not in ("x_m", "y_m"))
+AGENT_FIELDS = tuple(name for name in AgentState._fields if name not in ("x_m", "y_m", *BODY_FIELDS))
 """The fields of a body that `/swarm/agents` holds, sent when one changes; positions are in `/tf`."""
 
 
@@ -54,7 +54,11 @@ _MESSAGES: dict[str, Mapping[str, Any]] = {
     "NetStats": {**_HEAD, **dict.fromkeys(NET_FIELDS, int), "other_drops": list[Drops]},
     "Drops": _hints(Drops, Drops._fields),
     "SwarmState": {**_HEAD, **_hints(StepRecord, STATE_FIELDS), "wall_s": float},
-    "Agents": {**_HEAD, **{name: list[hint] for name, hint in _hints(AgentState, AGENT_FIELDS).items()}},  # type: ignore[valid-type]
+    "Agents": {
+        **_HEAD,
+        **{name: list[hint] for name, hint in _hints(AgentState, AGENT_FIELDS).items()},  # type: ignore[valid-type]
+        **dict.fromkeys(BODY_FIELDS, list[float]),  # empty for points
+    },
     "Event": _hints(EventState, EventState._fields),
     "Sighting": _hints(Event, Event._fields),
     "Member": _hints(ReportedMember, ReportedMember._fields),

@@ -5,17 +5,16 @@ table and the time series of a sweep, studies, sessions, `deltaswarm info` and d
 `summary.py` has the other keys of the summary.
 """
 
-from dataclasses import dataclass
 from operator import attrgetter
 
+from deltaswarm_orchestrator.results.metric import COUNT, RATE, Metric, OverTime, until
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
+    READ,
     SENSED,
+    SHOWN,
     TOLD,
     WORKED,
-    Compute,
-    Moment,
-    TimeOf,
     arrival_digests,
     by_reason,
     known,
@@ -23,115 +22,13 @@ from deltaswarm_orchestrator.results.outcome import (
     mean_of,
     median_of,
     newest,
+    of_bodies,
     per_second,
-    percentile_95,
-    share_beyond_horizon,
-    time_to,
+    read_too_late,
     total,
     waits,
-    worst_tenth,
 )
 from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS
-
-PER_STEP, RATE, COUNT, PER_EVENT = "per step", "rate", "count", "per event"
-
-
-@dataclass(frozen=True)
-class OverTime:
-    """A metric's column in a sweep's time series, whose rows are windows of time.
-
-    The kind is PER_STEP, a mean over the steps of a window; RATE, the same, shown per second; COUNT, the number of
-    events whose moment lies in the window; or PER_EVENT, the mean time until their moment of the followed events that
-    arrived in the window, with the horizon as ceiling.
-    """
-
-    column: str
-    kind: str = PER_STEP
-    moment: TimeOf = COMPLETED
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One number of a run."""
-
-    key: str
-    """Its dotted name in `summary.json` and in a sweep's table."""
-    meaning: str
-    unit: str = ""
-    compute: Compute | None = None
-    """None: a part of the run or a later stage computes it."""
-    label: str = ""
-    """Its name in the table that a run and `deltaswarm info` print; empty: it is not there."""
-    title: str = ""
-    """Its name on the axes and in the tables of studies, without the unit."""
-    study: str = ""
-    """Its name in studies; empty: studies do not use it."""
-    over: OverTime | None = None
-    """How it is followed over time; None: it is not."""
-    session: str = ""
-    """Its column in the table of a session's runs; empty: it has none."""
-    is_in_summary: bool = True
-    """False: only the table of a session's runs has it, since it is known only after the run."""
-    is_whole: bool = False
-    """Whether it is a whole number."""
-    moment: Moment | None = None
-    """It is about the time until this moment of events that could be followed for the horizon; None: something else."""
-
-    @property
-    def is_restricted(self) -> bool:
-        """Whether the horizon is its ceiling: as large as that, it says nothing but that it is no less."""
-        return self.moment is not None and self.unit == "s"
-
-
-def until(moment: Moment, mean: str, median: str, study: str, column: str, session: str) -> list[Metric]:
-    """Return the metrics of the time from an event's arrival until a moment, which the horizon bounds.
-
-    `mean` and `median` are their names in the summary, `study` that of the mean, `column` that of its time series.
-    """
-    above, short, state = mean.partition(".")[0], study.partition("_")[0], moment.state
-    return [
-        Metric(
-            mean,
-            f"time from an event's arrival until it is {state}, mean over the events that could be followed for the "
-            "horizon; a longer time counts as the horizon",
-            "s",
-            time_to(moment, mean_of),
-            title=f"Mean time until an event is {state}",
-            label=f"mean time until {state}",
-            study=study,
-            over=OverTime(column, PER_EVENT, moment),
-            session=session,
-            moment=moment,
-        ),
-        Metric(median, "the same, median", "s", time_to(moment, median_of), moment=moment),
-        Metric(
-            f"{above}.p95",
-            "the same, 95th percentile",
-            "s",
-            time_to(moment, percentile_95),
-            title=f"Time until an event is {state}, 95th percentile",
-            study=f"{short}_p95",
-            moment=moment,
-        ),
-        Metric(
-            f"{above}.worst_tenth",
-            "the same, mean over the tenth of these events for which it took longest",
-            "s",
-            time_to(moment, worst_tenth),
-            title=f"Mean time until an event is {state}, slowest tenth",
-            study=f"{short}_worst_tenth",
-            moment=moment,
-        ),
-        Metric(
-            f"{above}.beyond_horizon",
-            "share of these events for which it took longer than the horizon",
-            compute=share_beyond_horizon(moment),
-            title=f"Share of events not {state} within the horizon",
-            study=f"{short}_beyond",
-            moment=moment,
-        ),
-    ]
-
 
 # Metrics, in the order of the summary
 
@@ -153,6 +50,16 @@ METRICS = (
         study="told_s",
         column="told_time_s",
         session="told_s",
+    ),
+    *until(SHOWN, "shown_s.mean", "shown_s.median", study="shown_s", session=""),
+    *until(READ, "read_s.mean", "read_s.median", study="read_s", session=""),
+    Metric(
+        "read_s.too_late_share",
+        "share of the followed events that were complete before the operator had read of them, of those that were "
+        "completed",
+        compute=read_too_late,
+        title="Share of events read only after they were complete",
+        study="read_too_late",
     ),
     *until(
         WORKED,
@@ -369,6 +276,27 @@ METRICS = (
         title="Area covered while there are trees",
         label="area covered while trees exist",
         study="tree_area",
+    ),
+    Metric(
+        "bodies.blocked_share",
+        "share of agent-steps in which something kept a body from moving as commanded; 0 for points",
+        compute=of_bodies("blocked_share"),
+        title="Share of the time spent blocked",
+        study="blocked_share",
+    ),
+    Metric(
+        "bodies.bumped_share",
+        "share of agent-steps in which a body touched another one, an obstacle or the arena's edge; 0 for points",
+        compute=of_bodies("bumped_share"),
+        title="Share of the time in touch",
+        study="bumped_share",
+    ),
+    Metric(
+        "bodies.jams",
+        "jams: a body that wanted to move got no further than its diameter for a minute; 0 for points",
+        compute=of_bodies("jams"),
+        title="Jams",
+        study="jams",
     ),
     Metric(
         "transport_lost",

@@ -29,6 +29,10 @@ class EventLife(NamedTuple):
     worked_s: float | None
     completed_s: float | None
     work_agent_s: float
+    shown_s: float | None = None
+    """When the inbox of the person at the console first showed a message that names the event."""
+    read_s: float | None = None
+    """When the person first read one."""
 
 
 TimeOf = Callable[[EventLife], float | None]
@@ -37,7 +41,7 @@ TimeOf = Callable[[EventLife], float | None]
 
 @dataclass(frozen=True)
 class Moment:
-    """One of the four moments in the life of an event."""
+    """One of the moments in the life of an event."""
 
     column: str
     """Its column in the table of events [s]; without a value: it has not come."""
@@ -52,8 +56,14 @@ class Moment:
 
 SENSED = Moment("sensed_s", "sensed")
 TOLD = Moment("told_s", "told to the operator")
+SHOWN = Moment("shown_s", "shown to the operator")
+READ = Moment("read_s", "read by the operator")
 WORKED = Moment("worked_s", "worked on")
 COMPLETED = Moment("completed_s", "complete")
+
+
+BY_OPERATOR = (TOLD.column, SHOWN.column, READ.column)
+"""The moments that the operator's process knows, by event, where an outcome has them."""
 
 
 @dataclass
@@ -67,6 +77,10 @@ class Outcome:
     operator: dict[str, Any] = field(default_factory=dict)
     told_s: Mapping[int, float] | None = None
     """By event, when the operator was first told of it [s]; None: the operator did not get to say so."""
+    shown_s: Mapping[int, float] | None = None
+    """By event, when the inbox of the person at the console first showed it [s]; None: there was no person."""
+    read_s: Mapping[int, float] | None = None
+    """The same, when the person first read of it."""
     messages: list[str] = field(default_factory=list)
     """Messages for the user: agents that failed, and why."""
     traces: dict[str, str] = field(default_factory=dict)
@@ -82,8 +96,11 @@ class Outcome:
     @property
     def lives(self) -> list[EventLife]:
         """All events, with what the operator knew of each."""
-        told_s = self.told_s or {}
-        return [EventLife(**event._asdict(), told_s=told_s.get(event.event)) for event in self.events]
+        by_operator = {name: getattr(self, name) or {} for name in BY_OPERATOR}
+        return [
+            EventLife(**event._asdict() | {name: moments.get(event.event) for name, moments in by_operator.items()})
+            for event in self.events
+        ]
 
     @property
     def digest(self) -> str | None:
@@ -213,9 +230,29 @@ def newest(column: str) -> Compute:
     return lambda run: getattr(run.steps[-1], column) if run.steps else 0
 
 
+def of_bodies(name: str) -> Compute:
+    """Return what the dynamics counted; 0 for points."""
+    return lambda run: run.outcome.world.get("bodies", {}).get(name, 0)
+
+
+def own_mean(name: str) -> Compute:
+    """Average a number of the controller's own over the steps in which an agent had one."""
+    return lambda run: mean_of([value for record in run.steps if (value := record.metrics.get(name)) is not None])
+
+
+def own_last(name: str) -> Compute:
+    """Return a number of the controller's own in the last step."""
+    return lambda run: run.steps[-1].metrics.get(name) if run.steps else None
+
+
 def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
     """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
-    return lambda run: None if moment is TOLD and run.outcome.told_s is None else statistic(run.times_s(moment))
+
+    def compute(run: RunData) -> float | None:
+        is_unknown = moment.column in BY_OPERATOR and getattr(run.outcome, moment.column) is None
+        return None if is_unknown else statistic(run.times_s(moment))
+
+    return compute
 
 
 def share_beyond_horizon(moment: Moment) -> Compute:
@@ -223,3 +260,11 @@ def share_beyond_horizon(moment: Moment) -> Compute:
     return lambda run: time_to(
         moment, lambda times_s: mean_of([time_s >= run.scenario.metrics.horizon_s for time_s in times_s])
     )(run)
+
+
+def read_too_late(run: RunData) -> float | None:
+    """Return the share of completed followed events that the operator had not read of before; None without a person."""
+    if run.outcome.read_s is None:
+        return None
+    completed = [(event.completed_s, event.read_s) for event in run.followed if event.completed_s is not None]
+    return mean_of([read_s is None or read_s > completed_s for completed_s, read_s in completed])

@@ -18,6 +18,9 @@ BEFORE = ".before"
 
 LEFTOVERS_S = 10.0
 
+BRANCH, AFTER_STEP = "branch", "after_step"
+"""The entry of a branch's manifest about its parent, and the step of the checkpoint from which the branch begins."""
+
 OPERATOR_STATE = "operator-state.json"
 """What an operator resumes from."""
 

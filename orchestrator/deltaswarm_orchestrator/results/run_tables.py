@@ -3,21 +3,22 @@
 import csv
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import COMMANDS
-from deltaswarm_orchestrator.results.outcome import EventLife, Outcome
+from deltaswarm_orchestrator.results.outcome import BY_OPERATOR, EventLife, Outcome
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Recorded, ScoredTable
 from deltaswarm_scenario.techniques import SCORED
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
+from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import CONTROLLERS
@@ -37,6 +38,9 @@ RUNNING = "running"
 """The exit reason of a run that has not ended. A killed run keeps it: see `folder_lock.is_held`."""
 
 Row = TypeVar("Row", Workload, EventState)
+
+HINTS: dict[type[Any], dict[str, Any]] = {kind: get_type_hints(kind) for kind in (Workload, EventState)}
+"""The types of a row's cells, without their limits."""
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
@@ -84,12 +88,17 @@ def read_outcome(folder: Path) -> Outcome:
     if not events:
         events = list({row["event"]: row for row in _table(folder / EVENTS_SO_FAR)}.values())  # the newest of each
     world, operator = (_json(folder / name) for name in ("world.json", "operator.json"))
-    told = operator.get("told_s")
-    if told is None and events and "told_s" in events[0]:
-        told = {row["event"]: row["told_s"] for row in events if row["told_s"]}
-    told_s = None if told is None else {int(event): float(time_s) for event, time_s in told.items()}
     states = [_row(EventState, {"worked_s": "", **row}) for row in events]  # runs of earlier versions lack it
-    return Outcome(step_records, states, workloads, world, operator, told_s)
+    told_s, shown_s, read_s = (_moments(name, operator, events) for name in BY_OPERATOR)
+    return Outcome(step_records, states, workloads, world, operator, told_s, shown_s, read_s)
+
+
+def _moments(name: str, operator: Mapping[str, Any], events: Sequence[Mapping[str, str]]) -> dict[int, float] | None:
+    """Return by event when a moment came that the operator's process knows; None if it does not say."""
+    moments = operator.get(name)
+    if moments is None and events and name in events[0]:
+        moments = {row["event"]: row[name] for row in events if row[name]}
+    return None if moments is None else {int(event): float(time_s) for event, time_s in moments.items()}
 
 
 def _json(file: Path) -> dict[str, Any]:
@@ -108,11 +117,12 @@ def _table(file: Path) -> list[dict[str, str]]:
 def _step_record(row: dict[str, str]) -> StepRecord:
     hints = StepRecord.__annotations__
     own = [name for name in row if name not in OPERATOR_COLUMNS.values()]
-    return StepRecord.of({name: _cell(row[name], hints.get(name, int)) for name in own})
+    kinds = {name: float if name.startswith(PREFIX) else hints.get(name, int) for name in own}
+    return StepRecord.of({name: _cell(row[name], kind) for name, kind in kinds.items()})
 
 
 def _row(kind: type[Row], row: dict[str, str]) -> Row:
-    return kind(*(_cell(row[name], kind.__annotations__[name]) for name in kind._fields))
+    return kind(*(_cell(row[name], HINTS[kind][name]) for name in kind._fields))
 
 
 def _cell(text: str, hint: Any) -> Any:
@@ -126,24 +136,28 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
 
     Delete the tables of the parts, unless `keep_unmerged` is set because the run may be resumed.
     """
-    by_step = {workload.step: workload for workload in outcome.workloads}
-
-    def rows() -> Iterable[list[Any]]:
-        for record in outcome.step_records:
-            workload = by_step.get(record.step)
-            yield [*record.columns().values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
-
-    columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
-    header = [*columns, *OPERATOR_COLUMNS.values()]
-    write_csv(folder / "series.csv", header, rows())
+    write_csv(folder / "series.csv", *series_rows(outcome))
     lives = [life._asdict() for life in outcome.lives]
-    known = [name for name in EventLife._fields if name != "told_s" or outcome.told_s is not None]
+    known = [name for name in EventLife._fields if name not in BY_OPERATOR or getattr(outcome, name) is not None]
     write_csv(folder / "events.csv", known, ([life[name] for name in known] for life in lives))
     if commands := outcome.world.get("commands"):
         write_whole(folder / COMMANDS, tomli_w.dumps({"command": commands}).encode())
     if not keep_unmerged:
         for name in UNMERGED:
             (folder / name).unlink(missing_ok=True)
+
+
+def series_rows(outcome: Outcome) -> tuple[list[str], Iterator[list[Any]]]:
+    """Return header and rows of `series.csv`."""
+    by_step = {workload.step: workload for workload in outcome.workloads}
+
+    def rows() -> Iterator[list[Any]]:
+        for record in outcome.step_records:
+            workload = by_step.get(record.step)
+            yield [*record.values(), *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
+
+    columns = outcome.step_records[0].columns() if outcome.step_records else COLUMNS
+    return [*columns, *OPERATOR_COLUMNS.values()], rows()
 
 
 def person_tables(folder: Path) -> list[tuple[str, bytes]]:

@@ -5,12 +5,14 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from deltaswarm_orchestrator.results.metrics import METRICS, Metric
-from deltaswarm_orchestrator.results.outcome import Compute, Outcome, RunData
+from deltaswarm_orchestrator.results.metric import Metric, OverTime
+from deltaswarm_orchestrator.results.metrics import METRICS
+from deltaswarm_orchestrator.results.outcome import Compute, Outcome, RunData, own_last, own_mean
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Measure
 from deltaswarm_scenario.techniques import measures
 from deltaswarm_scenario.truth import NOBODY_LEFT
+from deltaswarm_wire.controller_metrics import STEP, declared
 from deltaswarm_wire.keys import WORLD
 
 MAX_NAMED = 5
@@ -193,6 +195,9 @@ def _of_person(name: str, meaning: str, unit: str = "", **more: Any) -> Metric:
     return Metric(f"person.{name}", meaning, unit, **more)
 
 
+_SECONDS = {"unit": "s", "is_whole": False}
+
+
 def _of_technique(measure: Measure) -> Metric:
     return Metric(
         measure.key,
@@ -204,6 +209,38 @@ def _of_technique(measure: Measure) -> Metric:
         is_whole=measure.is_whole,
     )
 
+
+_INBOX: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("items", "messages in the inbox: those that tell something new of their sender or, with `repeats`, all", {}),
+    ("shown", "items that the inbox showed", {}),
+    ("lines", "lines on which the inbox showed items", {"title": "Lines of the inbox", "study": "inbox_lines"}),
+    ("held_back", "items that were not shown when they arrived", {"title": "Items held back", "study": "inbox_held"}),
+    ("never_shown", "items that were never shown", {"title": "Items never shown", "study": "inbox_never_shown"}),
+    ("opened", "items that the person opened while they were held back", {}),
+    ("read", "items that were read, also as one of several on a line", {}),
+    ("unread", "shown items that ask to be read and were not, at the end", {}),
+    ("shown_after_s", "mean time from an item's arrival until it was shown", _SECONDS),
+    ("read_after_s", "mean time from an item's arrival until it was read, of those that were read", _SECONDS),
+    ("alerts", "items of severity alert", {"title": "Alerts", "study": "inbox_alerts"}),
+    ("alerts_never_shown", "alerts that were never shown", {}),
+    ("alerts_shown_after_s", "mean time from an alert's arrival until it was shown", _SECONDS),
+    (
+        "alerts_read_after_s",
+        "mean time from an alert's arrival until it was read, of those that were read",
+        {**_SECONDS, "title": "Time until an alert is read", "study": "alerts_read_after"},
+    ),
+    (
+        "alerts_missed",
+        "alerts that were not read within `operator.person.patience_s` of their arrival",
+        {"title": "Alerts missed", "study": "alerts_missed"},
+    ),
+    (
+        "alerts_missed_share",
+        "share of alerts that were not read within `operator.person.patience_s`, of those that arrived early enough",
+        {"title": "Share of alerts missed", "study": "alerts_missed_share", "is_whole": False},
+    ),
+)
+"""Name, meaning and more of each metric of the inbox."""
 
 PERSON = (
     _of_person(
@@ -264,6 +301,8 @@ PERSON = (
         title="Agents whose items could be read in turn",
         study="person_agents_in_turn",
     ),
+    Metric("inbox.policy", "the scenario's `operator.inbox.policy`"),
+    *(Metric(f"inbox.{name}", meaning, **{"is_whole": True, **more}) for name, meaning, more in _INBOX),
     Metric("autonomy.changes", "changes of delta by the system", is_whole=True),
     Metric("autonomy.vetoes", "vetoes of the person against them", is_whole=True),
 )
@@ -290,8 +329,25 @@ EVERY_KEY = (*ORIGIN, *METRICS, *ACCOUNT, *PERSON, *VALIDITY, *ENDING)
 def summarise(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """Return the content of `summary.json`: the metrics, and how the run went."""
     run = RunData(outcome, scenario)
-    by_operator = {name: told for name in ("person", "autonomy") if (told := outcome.operator.get(name))}
-    return computed(run, (*ORIGIN, *METRICS, *ACCOUNT)) | by_operator | computed(run, VALIDITY)
+    by_operator = {name: told for name in ("person", "inbox", "autonomy") if (told := outcome.operator.get(name))}
+    own = controllers_own(scenario.control.mode)
+    return computed(run, (*ORIGIN, *METRICS, *own, *ACCOUNT)) | by_operator | computed(run, VALIDITY)
+
+
+def controllers_own(mode: str) -> tuple[Metric, ...]:
+    """Return the metrics that the controller of `control.mode` declares."""
+    return tuple(
+        Metric(
+            one.key,
+            one.meaning,
+            one.unit,
+            own_mean(one.name) if one.per == STEP else own_last(one.name),
+            title=one.meaning,
+            study=one.key,
+            over=OverTime(one.column),
+        )
+        for one in declared(mode)
+    )
 
 
 def computed(run: RunData, metrics: tuple[Metric, ...] = METRICS) -> dict[str, Any]:
@@ -318,6 +374,7 @@ def main_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
     A mean as large as the horizon is shown as no less than that.
     """
     horizon_s = summary.get("horizon_s")
+    yield from ((name.replace("_", " "), value, "") for name, value in summary.get("controller", {}).items())
     for metric in EVERY_KEY:
         if metric.label:
             value = value_at(summary, metric.key)

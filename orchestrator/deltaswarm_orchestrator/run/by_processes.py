@@ -163,7 +163,7 @@ class RunByProcesses:
             say(f"station: {urls['url']}")
             say(f"only to watch it: {station.watch_url}")
         if options.researcher and has_truth:
-            page, scenario = StationChannel(), self.context.scenario
+            page, scenario = options.researcher_page or StationChannel(), self.context.scenario
             feed = ResearcherFeed(page.operators_end, swarm.run, scenario, is_beside_operator=station is not None)
             self.live_observers.append(feed)
             urls["researcher_url"] = swarm.start_station(page, 1)

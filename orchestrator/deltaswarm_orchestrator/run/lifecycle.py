@@ -99,7 +99,8 @@ class _Run:
         if resumed:
             self.manifest = seal.read_sealed(folder.path / seal.MANIFEST)
             self.manifest |= {"exit_reason": run_tables.RUNNING}
-            self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
+            if resumed.step != self.manifest.get(resume.BRANCH, {}).get(resume.AFTER_STEP):
+                self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
         else:
             engine = "in-process" if self.options.in_process else "dask" if context.placement else "processes"
             self.manifest = run_tables.new_manifest(self.scenario, engine, self.scenario.record)
@@ -256,9 +257,12 @@ class _Run:
             ).execute(recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
+        from deltaswarm_orchestrator.run import checkpoints
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
 
-        debugger = Debugger()
+        debugger, begun = Debugger(), None
+        if self.resumed:
+            begun = checkpoints.read(self.folder.path, self.resumed)
         self.outcome = run_in_process(
             self.scenario,
             sink,
@@ -266,6 +270,7 @@ class _Run:
             lambda: self.stop.by or debugger.was_left,
             self.folder.path,
             debugger if self.options.debug else lambda error: None,
+            begun,
         )
         self.ending.why += self.outcome.messages
         self.ending.logs += told({}, self.outcome.traces)

@@ -39,6 +39,8 @@ class RunOptions:
     """The page of the person who watches and commands; None: no station."""
     researcher: bool = False
     """Whether to serve another page, which shows the truth."""
+    researcher_page: StationChannel | None = None
+    """Where that page is; None: at a new address."""
     resume: bool = False
     """Resume the interrupted run in `out` from its newest checkpoint."""
     live_port: int | None = None

@@ -1,5 +1,7 @@
-"""Progress of a run on standard error: a bar on a terminal, a line every few seconds on a pipe."""
+"""Progress of a run: a bar on a terminal or in a notebook, else a line on standard error every few seconds."""
 
+import html
+import importlib
 import sys
 import time
 from collections.abc import Sequence
@@ -22,7 +24,7 @@ BAR_AND_TIME = 24
 
 
 class Bar:
-    """A progress bar on a terminal, or a line every LINE_EVERY_S on a pipe; a context manager."""
+    """A progress bar on a terminal or in a notebook, or a line every LINE_EVERY_S on a pipe; a context manager."""
 
     def __init__(self, text: str, *columns: ProgressColumn, **options: Any) -> None:
         self._console = Console(stderr=True)
@@ -31,6 +33,11 @@ class Bar:
             self._bar = Progress(TextColumn("{task.description}"), *columns, console=self._console, **options)
         self._task = self._bar.add_task(text, total=None) if self._bar else TaskID(0)
         self._line_due = 0.0
+        self._cell: Any = None
+        """What shows the bar in a notebook."""
+        if self._console.is_jupyter:
+            display = importlib.import_module("IPython.display").display
+            self._cell = display(_in_notebook(text), raw=True, display_id=True)
 
     def __enter__(self) -> Self:
         if self._bar is not None:
@@ -46,9 +53,17 @@ class Bar:
         now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, description=brief, **task)
+        elif self._cell is not None:
+            self._cell.update(_in_notebook(line, task.get("completed"), task.get("total")), raw=True)
         elif now >= self._line_due or is_last:
             self._line_due = now + LINE_EVERY_S
             print(line, file=sys.stderr, flush=True)
+
+
+def _in_notebook(text: str, completed: float | None = None, total: float | None = None) -> dict[str, str]:
+    """Return a bar with its text, as a notebook shows it."""
+    state = "" if completed is None or not total else f' value="{completed:g}" max="{total:g}"'
+    return {"text/plain": text, "text/html": f"<progress{state}></progress> {html.escape(text)}"}
 
 
 class Display(Bar, Reporter):

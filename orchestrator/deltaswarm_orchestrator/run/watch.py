@@ -12,10 +12,12 @@ from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_wire.child import GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST
+from deltaswarm_wire.child import ENDED_BY_CONDUCTOR, GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 
 POLL_S = 0.1
+CONDUCTOR = "the conductor"
+"""Who has stopped a run that was ended on the conductor's page."""
 SILENCE_S = 8.0
 """The world sends its status twice a second; it counts as hung after `step_timeout_s` plus this time without one."""
 
@@ -79,6 +81,8 @@ class Watch:
         while True:
             observer.work(POLL_S)
             self._show()
+            if swarm.part(OPERATOR).exit_code == ENDED_BY_CONDUCTOR:
+                self._stop.by = self._stop.by or CONDUCTOR
             if self._stop.by and not is_stopping:
                 is_stopping = True
                 self._end_soon()

@@ -16,11 +16,12 @@ from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_scenario.operator_settings import NO_ORDERS, OPERATOR, SET_DELTA, SET_STRUCTURE, SWARM
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.scenario import Scenario, WorldSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
-from deltaswarm_wire.plugins import RADIO_MODELS, controller_settings, find_controller, own_settings
+from deltaswarm_wire.controller_metrics import declared
+from deltaswarm_wire.plugins import DYNAMICS, RADIO_MODELS, controller_settings, find, find_controller, own_settings
 from deltaswarm_wire.reading import parsed_toml
 from deltaswarm_wire.reading import read_toml as read_toml_file
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
@@ -66,6 +67,10 @@ def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     wrong_language = _read_language(table)
     scenario, problems = checked.check(Scenario, table)
     problems = [*wrong_language, *problems]
+    if scenario is not None:
+        world, wrong_options = _with_world_options(scenario)
+        scenario = dataclasses.replace(scenario, world=world)
+        problems += wrong_options
     options, wrong_options = _control_options(table, scenario)
     problems += wrong_options
     if scenario is not None:
@@ -137,9 +142,20 @@ def _control_options(table: dict[str, Any], scenario: Scenario | None) -> tuple[
         return {}, []  # reported with the other keys
     shared = scenario.for_agent(0) if scenario else AgentSettings(range_m=(radio or RadioSettings()).range_m)
     try:
+        declared(control.mode)
         return checked.plain(controller_settings(control.mode, control.options, shared)), []
     except SettingsError as error:
         return {}, error.problems
+
+
+def _with_world_options(scenario: Scenario) -> tuple[WorldSettings, list[Problem]]:
+    """Return the world's settings with all options of its dynamics, defaults included, and all mistakes in them."""
+    world = scenario.world
+    try:
+        own = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
+        return WorldSettings(world.dynamics, checked.plain(own)), []
+    except SettingsError as error:
+        return WorldSettings(), error.problems
 
 
 def _with_model_options(radio: RadioSettings) -> RadioSettings:
@@ -156,8 +172,14 @@ def to_toml(settings: Scenario | AgentSettings) -> str:
 def commented_toml(scenario: Scenario) -> str:
     """Return the effective scenario as TOML, with each key's meaning as a comment."""
     options = find_controller(scenario.control.mode).Settings()
+    bodies = find(DYNAMICS, scenario.world.dynamics, "world.dynamics").Settings()
     own = [key for fault in scenario.fault for key in keys_of(fault.own(), "fault.")]
-    keys = [*own, *keys_of(options, "control."), *keys_of(Scenario(), "")]  # the scenario's last, so that they win
+    keys = [
+        *own,
+        *keys_of(options, "control."),
+        *keys_of(bodies, "world."),
+        *keys_of(Scenario(), ""),
+    ]  # the scenario's last, so that they win
     about = {key.replace("[]", ""): spec.metadata["doc"] for key, spec, _, _ in keys}
     lines, table = [], ""
     for line in to_toml(scenario).splitlines():

@@ -15,7 +15,18 @@ from typing import Protocol
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
-from deltaswarm_orchestrator.sweeps.job import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, how_ended, work
+from deltaswarm_orchestrator.processes.fork_server import bare_main_module
+from deltaswarm_orchestrator.sweeps.job import (
+    WAKE_EVERY_S,
+    DisturbedError,
+    Look,
+    Result,
+    RunError,
+    Task,
+    how_ended,
+    nothing_more,
+    work,
+)
 
 ATTEMPTS = 2
 """A run whose worker was killed is repeated once: the signal may have been meant for another process."""
@@ -60,7 +71,7 @@ class LocalEngine:
             while waiting or busy:
                 idle = [worker for worker in busy.values() if worker.task is None]
                 while waiting and (idle or len(busy) < self._workers):
-                    with starting_processes():
+                    with starting_processes(), bare_main_module():
                         worker = idle.pop() if idle else _Worker(self._context)
                         busy[worker.connection] = worker
                     worker.assign(*waiting.popleft())
@@ -136,12 +147,28 @@ def _serve(connection: Connection, parent: int) -> None:
         connection.send(attempt(task))
 
 
-def attempt(task: Task) -> tuple[Result | None, str]:
+class ThisProcess:
+    """Does one run after another in this process, which may hold classes and metrics that no other process can import.
+
+    Args:
+        look: returns more numbers for the summary of a run, by name.
+    """
+
+    def __init__(self, look: Look) -> None:
+        self._look = look
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield each task once, as it ends."""
+        for task in tasks:
+            yield Done(task, *attempt(task, self._look))
+
+
+def attempt(task: Task, look: Look = nothing_more) -> tuple[Result | None, str]:
     """Do a run, again if it was disturbed; return its result, or None and the reason."""
     reason = ""
     for _ in range(ATTEMPTS):
         try:
-            return work(task), ""
+            return work(task, look), ""
         except DisturbedError as error:
             reason = f"{ATTEMPTS} times disturbed; the last time {error}"
         except RunError as error:

@@ -11,7 +11,7 @@ import tempfile
 import time
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -23,7 +23,8 @@ import orjson
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.metrics import COUNT, METRICS, PER_EVENT
+from deltaswarm_orchestrator.results.metric import COUNT, PER_EVENT
+from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome, RunData, time_until
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.results.summary import summarise
@@ -68,7 +69,16 @@ Result = dict[str, Any]
 """What is kept of a run: summary, time series, events and cost, as plain values for JSON."""
 
 
-def work(task: Task) -> Result:
+Look = Callable[[Outcome, Scenario, Mapping[str, Any]], Mapping[str, Any]]
+"""Returns more numbers for the summary of a run, by name."""
+
+
+def nothing_more(outcome: Outcome, scenario: Scenario, summary: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Add nothing to a summary."""
+    return {}
+
+
+def work(task: Task, look: Look = nothing_more) -> Result:
     """Do one run.
 
     Raises:
@@ -84,6 +94,7 @@ def work(task: Task) -> Result:
     if not summary["valid"]:
         traces = "".join(f"\n{trace}" for trace in distinct(outcome.traces))
         raise RunError(f"not valid: {listed_reasons(summary)}{traces}")
+    summary |= look(outcome, scenario, summary)
     return {
         "variant": task.job.variant.label,
         "replicate": task.job.replicate,

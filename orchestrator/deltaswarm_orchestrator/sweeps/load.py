@@ -3,17 +3,16 @@
 import copy
 import itertools
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cache
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-import orjson
-
 from deltaswarm_orchestrator.scenarios import load as scenarios
+from deltaswarm_orchestrator.sweeps import forms
+from deltaswarm_orchestrator.sweeps.forms import OWN, Row
 from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFile, SweepSettings, Variant
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings, SensitivitySettings, corners, drawn
 from deltaswarm_wire import checked
@@ -26,16 +25,7 @@ STUDY_TABLES = (
 )
 """Tables of a study file that a sweep ignores."""
 
-OWN = ("seed", "record")
-"""Scenario keys that a sweep sets for each run."""
-
-SAME = ("schema", "name")
-"""Scenario keys that do not change a run."""
-
 GRID = "events.density.file"
-
-Row = dict[str, Any]
-"""Dotted keys with their values, and possibly a label."""
 
 
 def files() -> dict[str, Traversable]:
@@ -118,7 +108,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     else:
         variants, wrong = _variants(base, rows)
     problems += wrong if rows else scenarios.check_table(base)[1]
-    problems += [*_repeated_labels(rows), *_problems_of_repeats(file, [row[LABEL] for row in rows])]
+    problems += [*forms.of_repeated_labels(rows), *forms.of_repeats(file, [row[LABEL] for row in rows])]
     problems += [
         Problem("sweep.series_every_s", f"{every_s:.15g}", f"must be a whole number of steps of {step_s:.15g} s")
         for every_s in [file.sweep.series_every_s]
@@ -207,8 +197,8 @@ def _choices(
     columns = [("sweep.axes", {name: values}) for name, values in axes.items()]
     columns += [(f"sweep.paired[{index}]", table) for index, table in enumerate(paired)]
     for path, keys in columns:
-        problems += _problems_of_lists(path, keys)
-    problems += [*_problems_of_labels(axes, paired, single), *_problems_of_places(columns, single, ranges)]
+        problems += forms.of_lists(path, keys)
+    problems += [*forms.of_labels(axes, paired, single), *forms.of_places(columns, single, ranges)]
     if problems:
         return [], problems
     lengths = [len(next(iter(table.values()))) for _, table in columns] + [len(single) or 1]
@@ -223,57 +213,6 @@ def _choices(
     return choices, []
 
 
-def _problems_of_lists(path: str, table: Row) -> Iterator[Problem]:
-    """Report values that are not lists, empty lists, and lists of different lengths."""
-    lists = {name: values for name, values in table.items() if isinstance(values, list) and values}
-    for name in table:
-        if name not in lists:
-            yield Problem(f"{path}.{name}", _shown(table[name]), "must be a list of at least one value")
-    if not table:
-        yield Problem(path, "no keys", "give it lists of values")
-    if len({len(values) for values in lists.values()}) > 1:
-        lengths = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
-        yield Problem(path, f"lists of different lengths ({lengths})", "must be of one length")
-
-
-def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row]) -> Iterator[Problem]:
-    """Report labels that are not one-line strings, that label nothing, or that are not allowed in that place."""
-    if LABEL in axes:
-        yield Problem(f"sweep.axes.{LABEL}", "no scenario key", "put it into [[sweep.paired]]")
-    given = [(f"sweep.variants[{index}].{LABEL}", row[LABEL]) for index, row in enumerate(single) if LABEL in row]
-    for index, table in enumerate(paired):
-        if list(table) == [LABEL]:
-            yield Problem(f"sweep.paired[{index}]", "only a label", "give it a key with a list too")
-        if isinstance(labels := table.get(LABEL), list):
-            given += [(f"sweep.paired[{index}].{LABEL}", label) for label in labels]
-    for path, label in given:
-        if not (isinstance(label, str) and label.strip() and label.isprintable()):
-            yield Problem(path, _shown(label), "must be a string of one line")
-
-
-def _problems_of_places(
-    columns: Sequence[tuple[str, Row]], single: Sequence[Row], ranges: Sequence[RangeSettings]
-) -> Iterator[Problem]:
-    """Report keys given in two places, keys that cannot vary, and a sweep in which nothing varies."""
-    places = [(path, name) for path, table in columns for name in table if name != LABEL]
-    places += [("sweep.variants", name) for name in {name: None for row in single for name in row if name != LABEL}]
-    has_variants = bool(places or (single and ranges))
-    places += [(f"sensitivity.range[{i}]", one.name) for i, one in enumerate(ranges)]
-    times = Counter(name for _, name in places)
-    for path, name in places:
-        if times[name] > 1:
-            yield Problem(f"{path}.{name}", "also given elsewhere", "let it vary in only one place")
-        ends = [index for index, letter in enumerate(name[:500]) if letter == "."]  # no key is longer
-        if part_of := next((name[:end] for end in ends if name[:end] in times), None):
-            yield Problem(f"{path}.{name}", f"{part_of} varies too", "let it vary in only one place")
-        if name in OWN + SAME:
-            reason = "the sweep sets it for each run" if name in OWN else "it has no effect on a run"
-            yield Problem(f"{path}.{name}", "cannot vary", reason)
-    if not has_variants:
-        allowed = "must have [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"
-        yield Problem("sweep", "nothing varies", allowed)
-
-
 def _joined(rows: Sequence[Row]) -> Row:
     """Merge one row of each table into a single row, and join the labels."""
     keys = {name: value for row in rows for name, value in row.items()}
@@ -284,20 +223,7 @@ def _label(row: Row) -> str:
     """Return a row's label; by default, the last part of each key with its value."""
     if LABEL in row:
         return str(row[LABEL])
-    return ", ".join(f"{name.rpartition('.')[2]}={_shown(value)}" for name, value in row.items()) or "base"
-
-
-def _shown(value: Any) -> str:
-    """Format a value for people, in at most 200 characters."""
-    if not isinstance(value, str):
-        try:
-            value = orjson.dumps(value).decode()
-        except TypeError:  # an integer or nesting beyond orjson's limits
-            try:
-                value = repr(value)
-            except (ValueError, RecursionError):
-                value = type(value).__name__
-    return value if len(value) <= 200 else f"{value[:197]}..."
+    return ", ".join(f"{name.rpartition('.')[2]}={forms.shown(value)}" for name, value in row.items()) or "base"
 
 
 def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant], list[Problem]]:
@@ -318,29 +244,6 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant],
             effective = checked.plain(scenario)
             variants.append(Variant(row[LABEL], {name: _at(effective, name) for name in swept}, scenario))
     return ([], list(problems)) if problems else (variants, [])
-
-
-def _repeated_labels(rows: Sequence[Row]) -> Iterator[Problem]:
-    for label, times in Counter(row[LABEL] for row in rows).items():
-        if times > 1:
-            yield Problem("sweep", f"{times} variants called {label!r}", "must have different labels")
-
-
-def _problems_of_repeats(file: SweepFile, labels: Sequence[str]) -> Iterator[Problem]:
-    """Report replicates of single variants that there are not, that are too few, or that no point can have."""
-    least = file.sweep.repeats
-    for label, repeats in file.sweep.repeats_of.items():
-        path = f"sweep.repeats_of.{label}"
-        if file.sensitivity:
-            yield Problem(path, str(repeats), "must not be set: a sensitivity sweep runs every variant at every point")
-        elif labels and label not in labels:
-            yield Problem(path, "no variant of this label", f"must be one of {', '.join(map(repr, labels))}")
-        elif isinstance(repeats, bool) or not isinstance(repeats, int) or not least <= repeats <= MAX_RUNS:
-            allowed = f"must be a whole number from {least}, the sweep's repeats, to {MAX_RUNS}"
-            yield Problem(path, _shown(repeats), allowed)
-    numbers = [repeats for repeats in file.sweep.repeats_of.values() if isinstance(repeats, int)]
-    if (runs := least * (len(labels) - len(numbers)) + sum(numbers)) > MAX_RUNS:
-        yield Problem("sweep.repeats_of", f"{runs} runs", f"must be at most {MAX_RUNS} runs")
 
 
 def _with_points(file: SweepFile, given: Any) -> tuple[SweepFile, list[Problem]]:
@@ -392,7 +295,7 @@ def _points(
     for place, point in [*named, *((f"at point {number}", point) for number, point in enumerate(points))]:
         variants, wrong = at(point)
         if wrong:
-            values = ", ".join(f"{name} = {_shown(value)}" for name, value in point.items())
+            values = ", ".join(f"{name} = {forms.shown(value)}" for name, value in point.items())
             where = f"{place} of [sensitivity] ({values})"
             return [], [Problem(f"{problem.path}, {where},", problem.given, problem.allowed) for problem in wrong]
         made.append(variants)

@@ -13,6 +13,7 @@ import tomli_w
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
 from deltaswarm_orchestrator.base import provenance, seal
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
 from deltaswarm_orchestrator.run.progress import Bar
 from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Done, Engine, EngineLostError
@@ -104,6 +105,11 @@ class SweepResult:
         lacking = {(row["variant"], row["replicate"]) for row in self.invalid} - done
         is_over = self.finished + len(lacking) == self.runs
         return bool(done) and is_over and not (self.differing or self.interrupted)
+
+    @property
+    def code(self) -> int:
+        """The exit code that tells how the sweep ended."""
+        return OK if self.is_well else INTERRUPTED if self.interrupted else FAILED
 
     @property
     def is_well(self) -> bool:

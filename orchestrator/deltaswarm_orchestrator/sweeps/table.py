@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator.results.outcome import EventLife
+from deltaswarm_orchestrator.results.outcome import READ, SHOWN, EventLife
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Result
 from deltaswarm_orchestrator.sweeps.plan import Job, Sweep, cell, flattened
@@ -28,6 +28,9 @@ MAX_NAMED = 8
 
 ORIGIN = ("code", "commit")
 """The version of deltaswarm that did a run: a digest of its sources, and the git commit if there is one."""
+
+OF_PERSON = (SHOWN.column, READ.column)
+"""Moments that only runs with a person at the console have."""
 
 PER_SENDER = ("operator.per_sender.", "rejected_by_agent.", "excess_by_agent.", "late_acts_by_agent.", "boards.")
 """Prefixes of a summary's per-sender entries. They have their own table, so that `table.csv` has fixed columns."""
@@ -134,7 +137,8 @@ def events_of(runs: Finished) -> pd.DataFrame:
     if not frames:
         return pd.DataFrame()
     events = pd.concat(frames, ignore_index=True).astype({"event": int})
-    return events[[*_head(runs[0][0]), *EventLife._fields, "end_s"]]
+    known = [name for name in EventLife._fields if name not in OF_PERSON or (name in events and events[name].any())]
+    return events[[*_head(runs[0][0]), *known, "end_s"]]
 
 
 def costs_of(runs: Finished) -> pd.DataFrame:

@@ -4,6 +4,7 @@ import sys
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import pytest
@@ -19,6 +20,7 @@ from deltaswarm_agent.controller import (
 from deltaswarm_agent.controllers.central.controller import CentralController
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.potential import PotentialController
+from deltaswarm_agent.io.process import pickled
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
 from deltaswarm_wire.plugin_errors import MAX_DESCRIBED, described
@@ -297,3 +299,11 @@ def test_an_error_is_described_whatever_it_holds() -> None:
     assert described(MuteError()).startswith("MuteError: ")
     assert described(RuntimeError("\x1b[31mred\x00")) == "RuntimeError: ?[31mred?"
     assert len(described(RuntimeError("x" * 100_000))) == MAX_DESCRIBED
+
+
+def test_a_controller_that_pickle_refuses_is_named_in_one_line() -> None:
+    """A traceback would have no frame but deltaswarm's own."""
+    core: Any = SimpleNamespace(controller=lambda: None)
+    with pytest.raises(ControllerError, match=r"cannot be saved in a checkpoint: .*Can't pickle") as error:
+        pickled(core, 0)
+    assert error.value.report == str(error.value)

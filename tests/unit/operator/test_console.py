@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_operator.core.command_log import MAX_QUEUE, CommandLog
-from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console
+from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import INTENTS, carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_scenario.person_tables import CONDUCTOR
@@ -344,34 +344,3 @@ def test_a_command_that_every_agent_refuses_is_offered_as_such() -> None:
     [refusal] = say(console, "command", name="go", target={"kind": "all"})
     assert refusal["type"] == "refused"
     assert not console.command_log.sent
-
-
-def test_the_conductor_may_pause_and_note_and_nothing_else() -> None:
-    """Also where the participant may not pause; acts are under the conductor's name, and mirror the participant's."""
-    console = Console(briefing(operator={"page": {"pace": False}}))
-    console.start(0.0)
-    close(console, 0, report(1, 0))
-
-    def conduct(kind: str, **intent: Any) -> list[dict[str, Any]]:
-        return carry_out(console, json.dumps({"type": kind, "from": 1, **intent}).encode(), 0.0, CONDUCTOR)
-
-    for kind in INTENTS.keys() - {"pace", "note", "catch_up", "page", "beat"}:
-        [refusal] = conduct(kind, items=[0], text="x", name="go", target={"kind": "all"})
-        assert refusal["type"] == "refused", kind
-    assert conduct("page", event="opened") == []
-    assert not console.actions
-    assert say(console, "pace", paused=True)[0]["type"] == "refused"
-    assert conduct("pace", paused=True) == conduct("note", text="tired") == []
-    assert console.is_held
-    say(console, "read", items=[0])
-    told = console.recent_acts.take(console.actions)
-    assert [(act["kind"], act["by"]) for act in told] == [
-        ("pace", "conductor"),
-        ("note", "conductor"),
-        ("read", "person"),
-    ]
-    assert conduct("catch_up")[0]["acts"] == told
-    assert "acts" not in say(console, "catch_up")[0]
-    hello = console.hello("run", CONDUCTOR_KIND)
-    assert hello["event_numbers"] == list(console.picture.event_numbers.items()) != []
-    assert console.hello("run")["event_numbers"] == ()

@@ -6,7 +6,8 @@ from random import Random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.picture import EVENT_MEMORY_S, LEFT, Picture, item_rows
+from deltaswarm_operator.core.picture import EVENT_MEMORY_S, LEFT, Picture
+from deltaswarm_operator.inbox.item import item_row
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, ReportedMember
 from tests.support.commanding import reloaded
@@ -69,7 +70,6 @@ def test_nothing_is_in_it_that_no_report_told(life: list[list[Report]]) -> None:
         assert before.keys() <= picture.agents.keys()
         before = {agent: known.said_s for agent, known in picture.agents.items()}
         seen_before = {event: seen.seen_s for event, seen in picture.events.items()}
-        assert picture.unread <= set(range(len(picture.inbox)))
 
 
 def test_a_late_report_puts_nobody_back() -> None:
@@ -95,6 +95,16 @@ def test_an_event_names_who_says_that_it_attends_it() -> None:
     assert [row[6] for row in picture.rows()["events"]] == [[3, 5], [6]]
     picture.update([root(0, 2, 5, events=(1,)), attending(3, 2, event=2)], 2.0)
     assert [row[6] for row in picture.rows()["events"]] == [[], [3, 6]]
+
+
+def test_an_event_leaves_a_trail_of_the_places_that_were_reported_before() -> None:
+    """The newest six, oldest first; a place that is reported again is none."""
+    picture = Picture(1.0)
+    for step, x_m in enumerate((1.0, 1.0, 2.0, 3.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)):
+        picture.update([Report(5, step, step, "attending", 0.0, 0.0, 0, (Event(9, x_m, 2.0),))], float(step))
+        if step == 1:
+            assert picture.rows()["events"][0][7] == []
+    assert picture.rows()["events"][0][7] == [[x_m, 2.0] for x_m in (2.0, 3.0, 4.0, 5.0, 6.0, 7.0)]
 
 
 def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
@@ -173,14 +183,11 @@ def test_an_event_goes_when_its_reporter_is_silent_of_it_or_nobody_tells_for_lon
 
 
 def test_the_inbox_has_what_is_new_of_each_sender() -> None:
-    """A repetition is no item; read items are read once."""
+    """A repetition is no item."""
     picture = Picture(1.0)
     first = picture.update([root(0, 1, events=[5]), attending(1, 1, 5)], 1.0)
     assert [item.is_new for item in first] == [True, False]
     assert picture.update([root(0, 2, events=[5])], 2.0) == []
     assert [item.events for item in picture.update([root(0, 3, events=[5, 6])], 70.0)] == [(1, 2)]
-    assert picture.waiting(60.0) == 2
-    assert picture.read([0, 0, 99, -1]) == [0]
-    assert picture.read([0]) == []
-    assert picture.unread == {1, 2}
-    assert item_rows(first)[0][:3] == [0, 1.0, 0]
+    assert item_row(first[0], 7)[:3] == [0, 1.0, 0]
+    assert item_row(first[0], 7)[7:] == ["alert", 0, 7]

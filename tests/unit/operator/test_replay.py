@@ -20,6 +20,7 @@ from tests.support.cores import swarm
 from tests.support.tiers import in_one_test
 
 STEPS = 260
+JUDGED = ((20, "decoy"), (30, "target"), (40, "decoy"))
 SETS = (
     "control.delta=2",
     "uplink.latency_s=3",
@@ -54,7 +55,7 @@ def a_replay() -> Replay:
 def seen(console: Console) -> tuple[Any, ...]:
     """What a console knows."""
     picture = console.picture
-    known = picture.rows(), picture.inbox, picture.unread, picture.now_s
+    known = picture.rows(), picture.inbox, set(range(len(picture.inbox))) - console.ledger.read_s.keys(), picture.now_s
     return *known, console.command_log.rows(picture.now_s), console._messages, list(console.history)
 
 
@@ -92,7 +93,7 @@ def test_items_are_read_when_they_were_read_in_the_run() -> None:
     for time_s in (at - 1, at):
         replay.seek(time_s)
         told.update(*(message["items"] for message in replay.newly_read()))
-        assert told == {item.number for item in replay._console.picture.inbox} - replay._console.picture.unread
+        assert told == replay._console.ledger.read_s.keys()
     assert told >= unread
     assert replay.newly_read() == []
     replay.seek(20)
@@ -172,3 +173,25 @@ def test_a_file_without_steps_is_refused(tmp_path: Any) -> None:
         file.write_bytes(data)
         with pytest.raises(ValueError, match=r".+"):
             read(file)
+
+
+def test_a_replay_tells_what_the_person_did_and_judges_no_earlier() -> None:
+    """All acts at once, for the time bar; the map has a judgement from its step on, also after a jump back."""
+    briefing, steps = recorded()
+    acts = [{"time_s": float(step), "kind": "judge", "event": 1, "name": answer} for step, answer in JUDGED]
+    steps = [step._replace(acts=tuple(act for act in acts if act["time_s"] == step.clock.time_s)) for step in steps]
+    replay = Replay(briefing, steps)
+    [_, *told] = replay.intend(json.dumps({"type": "catch_up", "from": 1}).encode())
+    assert [act for message in told for act in message["acts"]] == acts
+    assert [message["is_first"] for message in told] == [True]
+    for time_s, answer in ((260.0, "decoy"), (35.0, "target"), (9.0, None)):
+        replay.seek(time_s)
+        replay.show()
+        assert replay._console.judgements.get(1) == answer
+
+
+def test_a_replay_tells_what_orders_were_worth() -> None:
+    """A line for each order that has one; without any, the page is told nothing of the kind."""
+    briefing, steps = recorded()
+    assert Replay(briefing, steps, {"0": "worth: completed +1"}).hello("run")["worth"] == {"0": "worth: completed +1"}
+    assert "worth" not in a_replay().hello("run")

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
-from deltaswarm_operator.core.picture import Item, Picture
+from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, SimulatedOperator
-from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, PersonSettings
+from deltaswarm_operator.inbox.item import Item
+from deltaswarm_operator.inbox.ledger import Ledger
+from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, InboxSettings, PersonSettings
 from tests.support.commanding import reloaded
 from tests.support.complaints import mistakes
 from tests.support.tiers import in_one_test
@@ -183,12 +185,13 @@ def test_an_item_is_missed_once_it_is_older_than_the_patience(now_s: float, miss
     one.live(0.0, [Item(0, 0.0, 0, "free", 0, (1,), True), waiting], 0.0)
     one.live(now_s, [], 0.0)
     assert (one.measures.missed, one.unread) == (missed, 2 - missed)
-    picture, attention = Picture(1.0), Attention(30.0)
-    picture.update([report(0, 1)], 0.0)
+    picture, ledger = Picture(1.0), Ledger(InboxSettings(), 30.0)
+    attention = Attention(ledger, 30.0)
+    ledger.close_step(0.0, picture.update([report(0, 1)], 0.0))
     for time_s in (now_s, now_s):
-        picture.update([], time_s)
-        attention.close_step(picture)
-    assert (attention.measures.missed, len(picture.unread)) == (missed, 1)
+        ledger.close_step(time_s, picture.update([], time_s))
+        attention.close_step(time_s)
+    assert (attention.measures.missed, ledger.unread) == (missed, 1)
 
 
 def test_work_is_slowest_at_both_ends_of_the_load() -> None:

@@ -6,8 +6,6 @@ import re
 import select
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
@@ -22,7 +20,6 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from deltaswarm_operator.station import rules, server
-from deltaswarm_operator.station.__main__ import main
 from deltaswarm_scenario.page_messages import FROM_PAGE
 from tests.support.station_feed import PATIENCE_S, Feed, Message, Swarm
 
@@ -303,6 +300,20 @@ def test_a_browser_that_stops_reading_costs_the_others_nothing(feed: Feed) -> No
         assert len(seen) < 400
 
 
+def test_a_browser_that_stops_reading_does_not_keep_the_station(feed: Feed) -> None:
+    """The library alone would wait until its pings are not answered, 20 s after the browser came."""
+    host, port = str(urlsplit(feed.url).hostname), urlsplit(feed.url).port
+    with socket.socket() as stuck:
+        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        stuck.connect((host, port))
+        with browser(feed) as quick, browser(feed, sock=stuck, compression=None, max_queue=1):
+            for _ in range(12):
+                say(feed, {"type": "read", "items": ["x" * 60_000]})
+                told(quick, "read")
+            feed.process.send_signal(signal.SIGTERM)
+            assert feed.process.wait(15) == 0
+
+
 def memory_kb(feed: Feed) -> int:
     text = Path(f"/proc/{feed.process.pid}/status").read_text()
     return int(re.findall(r"VmRSS:\s+(\d+)", text)[0])
@@ -370,27 +381,19 @@ def test_the_station_ends_after_its_feed(feed: Feed) -> None:
     assert feed.process.wait(PATIENCE_S) == 0
 
 
+def test_a_page_is_told_of_the_end_after_the_last_picture(feed: Feed) -> None:
+    """Also if both come at once; a picture after the end would mean that the run goes on."""
+    say(feed, HELLO)
+    with browser(feed) as page:
+        told(page, "hello")
+        feed.hear("page")
+        feed.send({"type": "picture", "step": 1})
+        feed.hang_up()
+        assert [json.loads(page.recv(PATIENCE_S))["type"] for _ in range(2)] == ["picture", "ended"]
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_the_station(feed: Feed, number: signal.Signals) -> None:
     """At once, with 0."""
     feed.process.send_signal(number)
     assert feed.process.wait(PATIENCE_S) == 0
-
-
-def test_the_channel_must_be_a_socket_of_the_right_kind(capsys: pytest.CaptureFixture[str]) -> None:
-    """A file is none, and neither is a stream."""
-    one, other = socket.socketpair()
-    with other:
-        assert main(["--channel-fd", str(one.detach())]) == 2
-    assert "SOCK_SEQPACKET" in capsys.readouterr().err
-    assert main(["--channel-fd", "987"]) == 2
-    for wrong in ("8000", "h:99999", ":1", "h:x"):
-        with pytest.raises(SystemExit):
-            main(["--channel-fd", "987", "--listen", wrong])
-
-
-def test_the_station_knows_no_fabric() -> None:
-    """Its process never loads Zenoh, so it cannot know more than its feed."""
-    code = "import deltaswarm_operator.station.__main__, sys; print('zenoh' in sys.modules, 'numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False"]

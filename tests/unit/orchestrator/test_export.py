@@ -21,8 +21,8 @@ from rosbags.typesys import Stores, get_typestore
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import one_run as command
 from deltaswarm_orchestrator.export.formats import FORMATS
+from deltaswarm_orchestrator.export.picture import Picture
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
-from deltaswarm_orchestrator.export.video import _Picture
 from deltaswarm_orchestrator.inspect.info import finish_recordings
 from deltaswarm_orchestrator.recording.reader import Recording, read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
@@ -154,7 +154,7 @@ def test_a_video_has_a_frame_for_each_view(run: Path, capsys: Printed) -> None:
 
 def test_a_video_names_events_by_their_arrival() -> None:
     """A name stays with its event while others come and go."""
-    picture = _Picture(Film(Path(), Recording(), 100.0, 100.0, []))
+    picture = Picture(Film(Path(), Recording(), 100.0, 100.0, []))
 
     def names(*events: int) -> list[str]:
         states = tuple(EventState(event, 1.0, 1.0, float(event), None, None, None, 0.0) for event in events)

@@ -346,6 +346,8 @@ def test_a_step_row_counts_completed_events() -> None:
 WHOLE = """
 completed person.items person.read person.missed person.replaced person.unread.max person.unread.last person.commands
 person.commands_by_state.done task.hits task.misses task.false_alarms task.correct_rejections task.unjudged task.events
+inbox.items inbox.shown inbox.lines inbox.held_back inbox.never_shown inbox.opened inbox.read inbox.unread inbox.alerts
+inbox.alerts_never_shown inbox.alerts_missed
 person.questions person.answers_missing autonomy.changes autonomy.vetoes operator_restarts
 """
 

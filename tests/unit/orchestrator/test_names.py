@@ -32,6 +32,7 @@ def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
         "controllers",
         "commands",
         "bodies",
+        "dynamics",
         "radio models",
         "faults",
     ]

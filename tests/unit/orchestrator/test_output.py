@@ -18,7 +18,7 @@ from tests.support.sessions import a_file
 from tests.support.swarms import COMMAND
 from tests.support.tiers import in_one_test
 
-WITHOUT_JSON = {"completion", "replay"}
+WITHOUT_JSON = {"compile", "completion", "replay"}
 """Commands without a result, as the page of commands says."""
 
 
@@ -130,7 +130,7 @@ def test_a_quiet_command_says_nothing_beside_its_result(
     """No progress, no notices; without the option there are some."""
     words = command.format(new=tmp_path / "new", file=a_file(tmp_path)).split()
     if words[0] == "session":
-        monkeypatch.setattr("deltaswarm_orchestrator.run.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
+        monkeypatch.setattr("deltaswarm_orchestrator.cli.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
     assert main([*words, "--quiet"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""

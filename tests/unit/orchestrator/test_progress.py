@@ -1,12 +1,14 @@
 """What is told of a run while it goes on."""
 
 import re
+import sys
+import types
 from types import SimpleNamespace
 
 import pytest
 
 from deltaswarm_orchestrator.run import progress
-from deltaswarm_orchestrator.run.progress import Display
+from deltaswarm_orchestrator.run.progress import Bar, Display
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.runner import SweepDisplay
 from deltaswarm_wire.operator_messages import Status
@@ -52,3 +54,29 @@ def test_a_sweep_counts_what_was_there_what_ended_and_what_is_left(monkeypatch: 
     ]
     assert [re.findall(r"(\d) of (\d)", line) for line, _ in told] == [[("3", "5")], [("4", "5")], [("5", "5")]]
     assert ["1 failed" in line for line, _ in told] == [False, True, True]
+
+
+def test_a_notebook_shows_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One output, which is replaced as the run goes on; text from outside cannot break its markup."""
+    shown: list[dict[str, str]] = []
+
+    class Handle:
+        def update(self, data: dict[str, str], raw: bool) -> None:
+            shown.append(data)
+
+    def display(data: dict[str, str], raw: bool, display_id: bool) -> Handle:
+        shown.append(data)
+        return Handle()
+
+    notebook = types.ModuleType("IPython.display")
+    notebook.display = display  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "IPython", types.ModuleType("IPython"))
+    monkeypatch.setitem(sys.modules, "IPython.display", notebook)
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    with Bar("<b>") as bar:
+        bar._show("1 of 4 & more", is_last=False, brief="1", completed=1, total=4)
+    assert [data["text/html"] for data in shown] == [
+        "<progress></progress> &lt;b&gt;",
+        '<progress value="1" max="4"></progress> 1 of 4 &amp; more',
+    ]
+    assert shown[-1]["text/plain"] == "1 of 4 & more"

@@ -230,7 +230,7 @@ def test_the_columns_are_named(tmp_path: Path) -> None:
     assert list(rows[0]) == [*COLUMNS, *OPERATOR_COLUMNS.values()]
     assert [row["step"] for row in rows] == list("012345")
     assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(
-        name for name in EventLife._fields if name != "told_s"
+        name for name in EventLife._fields if name not in ("told_s", "shown_s", "read_s")
     )
 
 

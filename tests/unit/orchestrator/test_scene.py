@@ -1,10 +1,14 @@
 """The views: what a viewer shows of agents, trees, links and events."""
 
+import math
 import struct
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS, colour, role_colour
 from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS
 from deltaswarm_scenario.scenario import Scenario
@@ -36,6 +40,30 @@ def test_the_arenas_centre_is_the_origin(tmp_path: Path) -> None:
     arena, agent = on("/tf", shown(tmp_path, truth(AgentState(0, 50.0, 50.0, "free", 0, -1))))[0].transforms
     assert arena.translation.x + agent.translation.x == 0
     assert arena.translation.y + agent.translation.y == 0
+
+
+def test_bodies_are_drawn_in_their_size_with_their_headings(tmp_path: Path) -> None:
+    """Each frame is turned, each sphere has the body's diameter, and a line leads from its centre beyond its edge."""
+    world = {"dynamics": "physics", "radius_m": 0.5}
+    bodies = [
+        AgentState(0, 10.0, 10.0, "free", 0, -1, -1, 0, 2.0, 0.5, 0.25),
+        AgentState(1, 20.0, 30.0, "root", 0, -1, 1, 0, -1.0, 0.0, 0.0),
+    ]
+    with Recorder(tmp_path, load(Scenario, {"world": world})) as recorder:
+        recorder.step(truth(*bodies), ())
+        recorder.complete({})
+    found = messages(tmp_path / "recording.mcap")
+    _, *frames = on("/tf", found)[-1].transforms
+    assert [2 * math.atan2(frame.rotation.z, frame.rotation.w) for frame in frames] == pytest.approx([2.0, -1.0])
+    told = on("/swarm/agents", found)[-1]
+    assert [list(told.heading_rad), list(told.left_mps), list(told.right_mps)] == [[2.0, -1.0], [0.5, 0.0], [0.25, 0.0]]
+    drawn = shapes("/scene/agents", found)
+    assert [sphere.size.x for sphere in drawn.spheres] == [1.0, 1.0]
+    ends = [(point.x, point.y) for point in drawn.lines[-1].points]
+    for body, centre, tip in zip(bodies, ends[::2], ends[1::2], strict=True):
+        assert centre == (body.x_m, body.y_m)
+        assert math.atan2(tip[1] - centre[1], tip[0] - centre[0]) == pytest.approx(body.heading_rad)
+        assert math.dist(centre, tip) > 0.5
 
 
 def test_obstacles_are_drawn_with_the_arenas_edge(tmp_path: Path) -> None:

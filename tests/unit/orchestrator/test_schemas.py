@@ -1,7 +1,7 @@
 """The messages of a recording: complete, and under the names by which viewers know them."""
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, NET_FIELDS, OURS, STATE_FIELDS, TOPICS
-from deltaswarm_scenario.truth import COLUMNS, AgentState, EventState
+from deltaswarm_scenario.truth import BODY_FIELDS, COLUMNS, AgentState, EventState
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, Workload
 
@@ -21,7 +21,7 @@ def test_a_message_holds_every_field_of_its_row() -> None:
     """Of events, reports, workload; and of bodies, whose places are in the frames."""
     for message, row in (("Event", EventState), ("Sighting", Event), ("Report", Report), ("Workload", Workload)):
         assert names(message) == set(row._fields)
-    assert {*AGENT_FIELDS, "x_m", "y_m"} == set(AgentState._fields)
+    assert {*AGENT_FIELDS, *BODY_FIELDS, "x_m", "y_m"} == set(AgentState._fields)
 
 
 def test_schemas_have_official_names_or_ours() -> None:

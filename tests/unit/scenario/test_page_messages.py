@@ -13,6 +13,7 @@ from tests.support.tiers import in_one_test
 RIGHT: dict[str, dict[str, Any]] = {
     "command": {"name": "go", "target": {"kind": "all"}},
     "judge": {"event": 1, "answer": "target"},
+    "help": {"state": "asked"},
     "isa": {"number": 0, "answer": 3},
     "tlx": {"scales": {}},
     "form": {"form": "trust", "answers": {}},
@@ -79,7 +80,8 @@ def test_long_texts_are_cut() -> None:
 
 def test_a_message_to_the_page_has_the_fields_of_its_type() -> None:
     """Those that are left out have their defaults; one that is missing or unknown is a mistake of ours."""
-    assert made("catch_up", to=3, read=[1]) == {"type": "catch_up", "to": 3, "inbox": (), "read": [1], "history": ()}
+    told = {"inbox": (), "counts": (), "read": [1], "history": ()}
+    assert made("catch_up", to=3, read=[1]) == {"type": "catch_up", "to": 3, **told}
     for kind, fields in (("read", {}), ("read", {"items": [], "more": 1}), ("act", {"acts": []})):
         with pytest.raises(TypeError, match=kind):
             made(kind, **fields)

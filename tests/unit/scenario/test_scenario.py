@@ -128,7 +128,7 @@ def test_an_agent_is_told_its_task_and_its_body_alone() -> None:
     """This is the whole list: nothing of the others, of the events, of the run's seed."""
     told = {".".join(path) for path in leaves(AgentSettings)}
     task = {"step_s", "width_m", "height_m", "control.mode"}
-    assert told == task | {"seed", "speed_mps", "sensing_range_m", "range_m", "latency_s"}
+    assert told == task | {"seed", "speed_mps", "radius_m", "sensing_range_m", "range_m", "latency_s"}
     seeds = {Scenario(seed=seed).for_agent(agent).seed for seed in (1, 2) for agent in range(10)}
     assert len(seeds) == 20
     assert min(seeds) > 2**32

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run import report
+from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.scenario import Scenario
 from tests.support.complaints import Printed

@@ -7,9 +7,8 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_orchestrator.run import report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
@@ -50,12 +49,22 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     """By the command for runs; what is complete is not done again, and the record says all."""
     done: list[str] = []
     seeds: list[int] = []
+    pages: list[tuple[str, str, str, str]] = []
 
     def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
         folder = options.out
         seeds.append(scenario.seed)
         assert options.station
         assert options.station.speed == 5.0
+        assert options.researcher_page
+        pages.append(
+            (
+                options.station.listen,
+                options.station.token,
+                options.researcher_page.listen,
+                options.researcher_page.token,
+            )
+        )
         done.append(folder.name)
         folder.mkdir()
         (folder / "scenario.toml").write_text(to_toml(scenario))
@@ -66,6 +75,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
 
     monkeypatch.setattr(report, "run_and_report", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
+    command.append("--researcher")
     assert main([*command, "--dry-run"]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in printed[:5]] == ["run", "training", "A", "B", "C"]
@@ -87,6 +97,8 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     assert len(set(seeds)) == 5, "the repeated run has other arrivals"
     assert main(command) == 0
     assert len(done) == 5
+    assert len({*pages[:2]}) == len({*pages[2:]}) == 1, "each page keeps its address through a session"
+    assert len({*pages[0]}) == 4
 
 
 def test_runs_of_another_design_do_not_pass_for_the_planned_ones(

@@ -239,4 +239,5 @@ def test_a_change_of_a_scenario_is_named_by_its_keys(tmp_path: Path) -> None:
         "operator.probes.condition",
         "operator.page.title",
         "operator.page.end_text",
+        "operator.page.place",
     ]

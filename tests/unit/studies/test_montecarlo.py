@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import bootstrap
 
 from deltaswarm_studies import montecarlo
 from deltaswarm_studies.stats import DIFFERENCE, RATIO
@@ -42,3 +43,12 @@ def test_the_error_of_bootstrap_estimates_by_hand() -> None:
     """Of 1, 2 and 3 it is 1; if one of them is infinite, there is none."""
     assert montecarlo.of_resampled(np.array([1.0, 2.0, 3.0])) == 1.0
     assert math.isnan(montecarlo.of_resampled(np.array([1.0, math.inf])))
+
+
+@pytest.mark.parametrize("n", [2, 5, 20, 61])
+def test_the_errors_are_those_of_scipys_bootstrap(n: int) -> None:
+    """To the last digit: published tables have them."""
+    values = np.random.default_rng(n).lognormal(size=n).round(2)
+    options = {"n_resamples": montecarlo.RESAMPLES, "method": "percentile", "vectorized": True, "random_state": 0}
+    expected = bootstrap((values,), np.median, axis=-1, **options).standard_error
+    assert montecarlo.of_median(pd.Series(values)) == expected

@@ -249,3 +249,13 @@ def test_the_smallest_effect_has_the_quantile_of_its_pairs(pairs: int, family: i
     """With a power of a half it is Student's, of a table, with as many degrees of freedom as pairs but one."""
     found = smallest_effect(2.0, pairs, family, power=0.5)
     assert found * math.sqrt(3 / math.pi * pairs) / 2.0 == pytest.approx(quantile, abs=1e-4)
+
+
+@pytest.mark.parametrize("n", [1, 5, 6, 20, 61])
+@pytest.mark.parametrize("alpha", [0.05, 0.0123, 0.9])
+def test_the_interval_of_a_median_is_that_of_scipys_quantile_test(n: int, alpha: float) -> None:
+    """Also of values with ties; a missing end is infinite."""
+    values = np.random.default_rng(n).normal(size=n).round(1)
+    test = scipy_stats.quantile_test(values, q=float(np.median(values)), p=0.5).confidence_interval(1 - alpha)
+    low, high = median_interval(values, alpha)
+    assert (low, high) == (np.nan_to_num(test.low, nan=-math.inf), np.nan_to_num(test.high, nan=math.inf))

@@ -1,12 +1,13 @@
 """A swarm at work as drawn: every agent and event, lines to parents, the density that the world draws from."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
 
@@ -152,6 +153,21 @@ def test_the_density_is_shown_in_place() -> None:
     with_line = len(swarm({"one": shot()}).axes[0].collections)
     flat = dataclasses.replace(shot(), phi=np.full((50, 50), 1e-4))
     assert len(swarm({"one": flat}).axes[0].collections) == with_line - 1
+
+
+def test_bodies_are_circles_of_their_true_size_with_their_headings() -> None:
+    """In metres, whatever the marker's size; points, which have none, get no circle and no word of it."""
+    body = AgentState(0, 10.0, 20.0, "free", 0, NOBODY, heading_rad=math.pi / 2)
+    figure = swarm({"one": dataclasses.replace(shot((body,)), radius_m=1.5)})
+    drawn = {collection.get_label(): collection for collection in figure.axes[0].collections}
+    (circle,) = drawn["bodies"].get_paths()
+    box = circle.get_extents()
+    assert (box.x0, box.x1, box.y0, box.y1) == pytest.approx((8.5, 11.5, 18.5, 21.5))
+    assert drawn["headings"].get_segments()[0] == pytest.approx(np.array([[10.0, 20.0], [10.0, 21.5]]))
+    assert "body (true size)" in [text.get_text() for text in figure.legends[0].get_texts()]
+    points = swarm({"one": shot((body,))})
+    assert not [found for found in points.axes[0].collections if isinstance(found, PatchCollection)]
+    assert "body (true size)" not in [text.get_text() for text in points.legends[0].get_texts()]
 
 
 def test_no_snapshots_is_said() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_scenario.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from deltaswarm_wire.codec import MAX_ID, MAX_SAMPLE_BYTES
-from deltaswarm_wire.messages import MAX_SENSED, NOBODY, Act, Event, TreeStatus, encode_act, encode_frame
+from deltaswarm_wire.messages import MAX_SENSED, NOBODY, Act, Event, Frame, TreeStatus, encode_act, encode_frame
 from tests.support.airs import EVERYTHING
 from tests.support.cores import play, swarm
 from tests.support.strategies import ACT, RADIO, complaint, strange
@@ -60,6 +60,43 @@ def test_changes_that_nobody_asks_for_are_not_kept() -> None:
         for event in crew.world.environment.changed:
             assert abs(now_s - event.arrived_s) < 1 or now_s in (event.sensed_s, event.worked_s, event.completed_s)
     assert len(crew.world.environment.states()) > 30
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("events.rate_hz=1",),
+        (*EVERYTHING, "events.rate_hz=1", "run.step_s=0.5", "uplink.loss=0.2", "uplink.latency_s=3"),
+        ('fault=[{kind="kill",at_s=20,agents=[1]},{kind="radio-dead",at_s=10,agents=[2]}]', "run.accept_lost=1"),
+    ],
+    ids=["plain", "everything", "faults"],
+)
+def test_a_step_may_be_booked_after_the_next_one_has_begun(overrides: tuple[str, ...]) -> None:
+    """Record, truth, samples and digest are those of the closed step."""
+    at_once, late = swarm("smoke", *overrides), swarm("smoke", *overrides)
+    begin, booked = late.world.begin, list[object]()
+
+    def book() -> None:
+        record = late.world.book()
+        booked.append((record, late.world.truth(record), late.world.samples, late.world.closed.changed))
+
+    def begin_then_book(step: int, last: bool) -> list[tuple[int, Frame]]:
+        frames = list(begin(step, last))
+        if step:
+            book()
+        return frames
+
+    late.world.begin = begin_then_book  # type: ignore[assignment,method-assign]
+    late.world.end = lambda: late.world.close(with_events=True)  # type: ignore[assignment,method-assign,return-value]
+    expected = list[object]()
+    for step in range(100):
+        record = at_once.step(step, last=step == 99)
+        world = at_once.world
+        expected.append((record, world.truth(record), world.samples, world.closed.changed))
+        late.step(step, last=step == 99)
+    book()
+    assert booked == expected
+    assert late.world.digest.hex() == at_once.world.digest.hex()
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), strange(RADIO)), min_size=1, max_size=8))

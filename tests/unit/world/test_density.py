@@ -225,7 +225,7 @@ def test_the_densest_position_follows_the_path() -> None:
 
 
 def test_a_world_with_a_moving_density_goes_on_from_its_checkpoint() -> None:
-    """The same arrivals and the same distances, wherever it was saved."""
+    """The same arrivals and the same densest positions, wherever it was saved."""
     density = {"covariance_m2": [[9, 0], [0, 9]], **PATH}
     table = {"events": {"density": density, "rate_hz": 0.5}, "agents": {"count": 3}}
     straight = Environment(load(Scenario, table))
@@ -233,7 +233,7 @@ def test_a_world_with_a_moving_density_goes_on_from_its_checkpoint() -> None:
     for step in range(300):
         straight.arrive(step)
         saved.arrive(step)
-        assert saved.from_densest_m([0, 2], step) == straight.from_densest_m([0, 2], step)
+        assert saved.density.densest_m(step) == straight.density.densest_m(step)
         if step % 37 == 0:
             saved = pickle.loads(pickle.dumps(saved))
     assert saved.states() == straight.states()

@@ -122,6 +122,47 @@ def test_a_step_that_was_told_is_on_file(tmp_path: Path) -> None:
     assert len(rows) == len(fabric.truths) == 1
 
 
+def test_a_closed_step_is_told_and_on_file_whatever_ends_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here a radio model, which fails before the next step's frames are out."""
+    fabric = Fabric([[COMES, *AGENTS]])
+    world = begun(fabric, tmp_path)
+    begin = world._core.begin
+
+    def begin_or_fail(step: int, *more: Any) -> Any:
+        if step == 1:
+            raise ZeroDivisionError("a model of somebody")
+        return begin(step, *more)
+
+    monkeypatch.setattr(world._core, "begin", begin_or_fail)
+    monkeypatch.setattr(world, "_collect", lambda: None)
+    with WorldOutput(tmp_path) as output, pytest.raises(ZeroDivisionError):
+        world.run(output)
+    _, *rows = (tmp_path / "world.csv").read_text().splitlines()
+    assert len(rows) == len(fabric.truths) == len(fabric.clocks) == 1
+
+
+def test_a_step_is_told_before_the_world_waits_for_the_pace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A person at the station must see the newest step while the run is held."""
+    fabric = Fabric([[COMES, *AGENTS]])
+    world = begun(fabric, tmp_path)
+    told = list[int]()
+    monkeypatch.setattr(world, "_collect", lambda: None)
+    monkeypatch.setattr(world._loop.gate, "may_begin", lambda step: step < 2)
+    monkeypatch.setattr(world._loop.gate, "wait_s", lambda step: 1.0)
+
+    def hold(condition: object, within_s: float) -> bool:
+        told.append(len(fabric.clocks))
+        fabric.stop()
+        return True
+
+    monkeypatch.setattr(world._loop, "wait_until", hold)
+    with WorldOutput(tmp_path) as output:
+        world.run(output)
+    assert told[0] == 2
+
+
 def test_a_signal_ends_the_wait_for_who_is_far_behind(tmp_path: Path) -> None:
     """Without an error: the run goes on, and its next step is the last."""
     fabric = Fabric([[COMES, *AGENTS], []])

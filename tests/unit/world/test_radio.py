@@ -134,6 +134,9 @@ def test_no_frame_is_lost_from_the_books(table: dict[str, Any], agents: int, see
         assert before + came == len(carried.links) + fell + stage.air.under_way
         assert set(carried.dropped) <= set(DROP_REASONS) - {"frame_full"}
         assert min(carried.dropped.values(), default=1) > 0
+        lost = carried.losses(there)
+        assert Counter(reason for *_, reason in lost) == carried.dropped
+        assert all(sender != receiver for sender, receiver, _ in lost)
         assert [len(frames) for frames in carried.heard] == [
             sum(link[1] == agent for link in carried.links) for agent in range(agents)
         ]

@@ -1,6 +1,7 @@
 """The uplink's models: what each does to reports, exact books, and the relay's hops."""
 
 import tracemalloc
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -89,6 +90,7 @@ def test_the_books_are_exact_in_every_step_and_the_same_again(
         made = stages[0].uplink
         assert (arrived, made.dropped) == (again, stages[1].uplink.dropped)
         assert set(made.dropped) <= set(UPLINK_REASONS)
+        assert Counter(reason for _, reason in made.losses) == made.dropped
         assert before + len(senders) == len(arrived) + sum(made.dropped.values()) + made.under_way
         before = made.under_way
         came += arrived

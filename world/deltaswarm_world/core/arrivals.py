@@ -7,7 +7,7 @@ fault.
 """
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from math import floor
 from typing import NamedTuple
 
@@ -77,6 +77,11 @@ class Arrivals:
             self._count += 1
             self._next += float(self._times.standard_exponential())
 
+    def redraw(self, seed: int, time_s: float) -> None:
+        """Draw all arrivals after a time anew, as those of another seed [s]; the ids of events stay."""
+        self._seed, self._times = seed, generator(seed, TIMES_STREAM)
+        self._next = time_s * self._rate_hz + float(self._times.standard_exponential())
+
 
 CLASS_STREAM, JUMP_STREAM = 5, 6
 
@@ -87,10 +92,19 @@ class EventClasses:
     def __init__(self, task: TaskSettings, seed: int, size_m: Floats) -> None:
         self._task, self._seed, self._size_m = task, seed, size_m
         self._jumps_m: dict[int, float] = {}
+        self._targets: dict[int, bool] = {}
+        """The classes of events that are not drawn again."""
 
     def is_target(self, event: int) -> bool:
         """Whether an event is a target."""
+        if event in self._targets:
+            return self._targets[event]
         return bool(generator(self._seed, CLASS_STREAM, event).random() < self._task.target_share)
+
+    def redraw(self, seed: int, arrived: Iterable[int]) -> None:
+        """Draw anew, as with another seed, but for the classes of the events that have arrived."""
+        self._targets = {event: self.is_target(event) for event in arrived}
+        self._seed = seed
 
     def interval(self, time_s: float) -> int:
         """Return the number of the interval in which sensed places stay the same."""

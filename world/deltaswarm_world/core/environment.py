@@ -12,13 +12,15 @@ from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.arrays import Floats, generator, near
 from deltaswarm_world.core.arrivals import Arrivals, EventClasses
 from deltaswarm_world.core.density import Places
+from deltaswarm_world.core.dynamics import dynamics_of
+from deltaswarm_world.core.faults.kind import ActiveFault
 from deltaswarm_world.core.obstacles import Obstacles
 
 START_STREAM = 2
 COVERAGE_EVERY_S = 10.0
 """Interval of the coverage measure."""
 MAX_TRIES = 10_000
-"""After this many draws in a row inside obstacles, there is no room for the agents."""
+"""After this many draws in a row at misplaced positions, there is no room for the agents."""
 
 
 @dataclass
@@ -51,6 +53,9 @@ class Environment(Saved):
         count = scenario.agents.count
         size = np.array([scenario.arena.width_m, scenario.arena.height_m])
         self._obstacles = Obstacles(scenario.arena.obstacles)
+        self.dynamics = dynamics_of(scenario, self._obstacles)
+        self.hindered: frozenset[int] = frozenset()
+        """Agents whose body touched something or was kept from moving in the last step, or just no longer."""
         self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
         self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
         self.arrived: list[EventRecord] = []
@@ -59,7 +64,6 @@ class Environment(Saved):
         """The events that arrived, were first sensed, were first worked on or were completed in this step."""
         self.completed = 0
         """Number of events completed so far."""
-        self._size_m = size
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
         self._sensing_range_m = scenario.agents.sensing_range_m
@@ -80,27 +84,29 @@ class Environment(Saved):
             vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
         self.velocities_mps[agent] = vx_mps, vy_mps
 
-    def move(self, drive: Callable[[Floats], None] | None = None) -> None:
+    def move(self, drive: Callable[[Floats], None] | None = None, faults: Sequence[ActiveFault] = ()) -> None:
         """Move bodies by one step; the arena's edge and obstacles stop them.
 
-        `drive`, if given, changes what bodies make of their commands.
+        `drive`, if given, changes what bodies make of their commands, and `faults` are all active faults.
         """
         velocities_mps = np.array(self.velocities_mps)
         if drive is not None:
             drive(velocities_mps)
-        moved = self.positions_m + velocities_mps * self._step_s
-        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much faster than np.clip
-        self.positions_m = self._obstacles.stop(self.positions_m, moved) if self._obstacles else moved
+        felt_before = self.dynamics.bumped | self.dynamics.blocked
+        self.positions_m = self.dynamics.move(self.positions_m, velocities_mps, faults)
+        self.hindered = felt_before | self.dynamics.bumped | self.dynamics.blocked
 
     def _start(self, rng: np.random.Generator, count: int, size_m: Floats) -> Floats:
-        """Draw uniform positions in the arena, outside obstacles."""
+        """Return the positions at which the dynamics starts, or draw uniform ones in the arena, outside obstacles."""
+        if self.dynamics.starts_m is not None:
+            return self.dynamics.starts_m
         places_m: Floats = rng.random((count, 2)) * size_m
         for _ in range(MAX_TRIES):
-            inside = self._obstacles.inside(places_m).nonzero()[0]
-            if not len(inside):
+            again = self.dynamics.misplaced(places_m).nonzero()[0]
+            if not len(again):
                 return places_m
-            places_m[inside] = rng.random((len(inside), 2)) * size_m
-        raise ValueError(f"arena.obstacles must leave room for agents (got {MAX_TRIES} draws in a row in obstacles)")
+            places_m[again] = rng.random((len(again), 2)) * size_m
+        raise ValueError(f"the arena must leave room for {count} agents (got {MAX_TRIES} draws in a row without room)")
 
     def arrive(self, time_s: float) -> None:
         """Let the events arrive that are due by now [s]."""
@@ -138,31 +144,25 @@ class Environment(Saved):
     def work(self, observers: dict[int, int], time_s: float) -> None:
         """Let each event's distinct observers work on it for one step; complete finished events."""
         done = False
-        for record in self.active:
-            count = observers.get(record.event, 0)
-            if count:
-                if record.worked_s is None:
-                    record.worked_s = time_s
-                    self.changed.append(record)
-                record.work_agent_s += count * self._step_s
-                if record.work_agent_s >= self._work_agent_s - 1e-9:
-                    record.completed_s = time_s
-                    self.changed.append(record)
-                    self.completed += 1
-                    done = True
+        for record in [record for record in self.active if record.event in observers]:
+            if record.worked_s is None:
+                record.worked_s = time_s
+                self.changed.append(record)
+            record.work_agent_s += observers[record.event] * self._step_s
+            if record.work_agent_s >= self._work_agent_s - 1e-9:
+                record.completed_s = time_s
+                self.changed.append(record)
+                self.completed += 1
+                done = True
         if done:
             self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
 
-    def from_densest_m(self, agents: Sequence[int], time_s: float) -> float | None:
-        """Return the mean distance of agents from the position at which events are densest at a time [m].
-
-        None if there are no agents, or events are equally dense everywhere.
-        """
-        densest_m = self.density.densest_m(time_s) if agents else None
-        if densest_m is None:
-            return None
-        return float(np.hypot(*(self.positions_m[agents] - densest_m).T).mean())
+    def redraw(self, seed: int, time_s: float) -> None:
+        """Draw anew, as with another seed, which events arrive after a time [s], and where they are sensed."""
+        self._arrivals.redraw(seed, time_s)
+        if self._classes is not None:
+            self._classes.redraw(seed, [record.event for record in self.arrived])
 
     def states(self) -> list[EventState]:
         """Return all events so far in order of arrival, by id within a step."""

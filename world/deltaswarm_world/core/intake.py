@@ -6,13 +6,11 @@ Of a radio frame the world reads the envelope, never the payload.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from deltaswarm_scenario.truth import Sample
 from deltaswarm_wire import keys
 from deltaswarm_wire.codec import MAX_ID, WireError
-from deltaswarm_wire.digest import RADIO, REPORT
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, decode_act
 from deltaswarm_wire.operator_messages import Report, decode_report
@@ -226,14 +224,9 @@ class Intake(Saved):
         self._reports = {agent: waiting for agent, waiting in self._reports.items() if waiting}
         return reports
 
-    def samples(self, reports: Sequence[tuple[int, bytes]]) -> list[Sample]:
-        """Return the step's radio frames and these reports, in agent order."""
-        frames = [(agent, RADIO, data) for agent, data in self.transmitted.items()]
-        return sorted(frames + [(agent, REPORT, data) for agent, data in reports])
-
     def drain_counts(self) -> tuple[int, int]:
         """Return the numbers of dropped and lost samples since the last call."""
-        rejected, lost = self.rejected.total(), (self._radio_numbers.lost + self._report_numbers.lost).total()
+        rejected, lost = self.rejected.total(), self._radio_numbers.lost.total() + self._report_numbers.lost.total()
         counts = rejected - self._rejected_before, min(lost - self._lost_before, MAX_ID)
         self._rejected_before, self._lost_before = rejected, lost
         return counts

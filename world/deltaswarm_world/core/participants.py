@@ -14,7 +14,7 @@ answered if the agent's act for that step is there when the step is closed, be i
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Set
+from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -102,6 +102,14 @@ class Missed(Saved):
         self.longest = max(self.longest, self._in_a_row)
 
 
+def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
+    """Return what agents missed, by agent, for JSON."""
+    return [
+        {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
+        for agent, about in sorted(missed.items())
+    ]
+
+
 class Participants(Saved):
     """Keeps each agent's condition, and which acts are due. It has no clock; the caller has."""
 
@@ -167,8 +175,7 @@ class Participants(Saved):
         self._lost_before = len(self.lost)
         self._without = self._in[ABSENT] - self._killed, set(self._in[HUNG])
         self._due_now = sum(map(len, self._in.values())) - len(self._in[FROZEN]) - len(self._killed)
-        for agent in asked:
-            self._change(agent, ConditionCause.FRAME)
+        self._change_all(set(asked), ConditionCause.FRAME)
         for agent, attendance in self.boards.items():
             attendance.absent_steps += agent in self._in[ABSENT]
 
@@ -187,7 +194,9 @@ class Participants(Saved):
         if step != self.step or agent not in self._in[ASKED]:
             return False
         self._answers_due.pop(agent, None)  # it answers in order: what is still due was lost
-        return self._change(agent, ConditionCause.ACT)
+        self._in[ASKED].discard(agent)
+        self._in[TRANSITIONS[ASKED, ConditionCause.ACT]].add(agent)
+        return True
 
     def answer_late(self, agent: int, step: int) -> bool:
         """Take an act that does not answer the frame of this step; return whether it was still due."""
@@ -265,6 +274,15 @@ class Participants(Saved):
         for agent in frozen:
             is_due = agent in self._in[HUNG]
             self._answers_due[agent] += self._change(agent, ConditionCause.FREEZE) and is_due
+
+    def _change_all(self, agents: set[int], cause: ConditionCause) -> None:
+        """Change the conditions of agents as the table says."""
+        for condition, having in tuple(self._in.items()):
+            after = TRANSITIONS.get((condition, cause))
+            if after is not None and (changing := having & agents):
+                having -= changing
+                self._in[after] |= changing
+                agents = agents - changing
 
     def _change(self, agent: int, cause: ConditionCause) -> bool:
         """Change an agent's condition as the table says; return whether the table lists a change."""

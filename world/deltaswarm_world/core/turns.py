@@ -43,6 +43,12 @@ class Turns(Saved):
         self._waiting += [(leaves, signed) for signed in turn.commands]
         return None
 
+    def withdraw(self, number: int) -> None:
+        """Take a command back that waits for a step."""
+        self._waiting = deque(
+            [waiting for waiting in self._waiting if decode_command(waiting[1].body).number != number]
+        )
+
     def is_due(self, step: int) -> bool:
         """Whether a step may begin: an awaited operator's turn for the step before the last has come."""
         return self.mode != AWAITED or self.newest >= step - FIRST_STEP

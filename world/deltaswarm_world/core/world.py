@@ -5,16 +5,17 @@ Inputs are processed in agent order, never in arrival order; `intake.py` takes a
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import accumulate
+from operator import itemgetter
 from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import COLUMNS, DEAD, DROP_REASONS, UPLINK_REASONS, AgentState, Sample, StepRecord, Truth
+from deltaswarm_scenario.truth import COLUMNS, DROP_REASONS, Sample, StepRecord, Truth
 from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.commands import BASE_ID
-from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
+from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
@@ -22,35 +23,30 @@ from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.channel.links import Diagnosis
 from deltaswarm_world.core.air.radio import Air
 from deltaswarm_world.core.air.reception import Reception
+from deltaswarm_world.core.bookkeeping import Bookkeeping, ClosedStep, samples_of, truth_of
 from deltaswarm_world.core.downlink import Downlink
-from deltaswarm_world.core.environment import Coverage, Environment
+from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.intake import Intake
-from deltaswarm_world.core.participants import Missed, Participants
+from deltaswarm_world.core.participants import Participants, as_rows
 from deltaswarm_world.core.sleep_schedule import SleepSchedule
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 from deltaswarm_world.core.uplink.uplink import Uplink
-
-
-def _rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
-    return [
-        {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
-        for agent, about in sorted(missed.items())
-    ]
-
 
 HEARD_BYTES = 6
 """Overhead of a heard frame in an agent's frame: its sender and length."""
 
 NOBODY_HIT: frozenset[int] = frozenset()
 
-SILENT, GONE = TreeStatus(), TreeStatus(DEAD)
+
+def _untimed(phase: str) -> None:
+    """Do not measure."""
 
 
 class WorldCore(Saved):
     """The world of one run, with `scenario.agents.count` agents numbered from 0."""
 
-    def __init__(self, scenario: Scenario, boards: Iterable[int] = ()) -> None:
+    def __init__(self, scenario: Scenario, boards: Iterable[int] = (), metrics: Sequence[str] = ()) -> None:
         self.scenario = scenario
         self.environment = Environment(scenario)
         self.participants = Participants(range(scenario.agents.count), boards)
@@ -59,9 +55,6 @@ class WorldCore(Saved):
         """Number of claimed observations of events out of sensing range."""
         self.events_cut = 0
         """Number of sensed events that did not fit into a frame."""
-        self.agents_in_trees = 0
-        """In the last closed step."""
-        self.digest = Digest()
         self.forwarded: list[Forwarded] = []
         """Reports that reach the operator in the last closed step."""
 
@@ -73,12 +66,13 @@ class WorldCore(Saved):
         self._delivered: list[tuple[int, bytes]] = []
         """(agent, sample) of base frames received in this step."""
         self._sent: list[tuple[int, bytes]] = []
-        self._too_late_to_send = 0
         self._forwarded_ever = 0
-        self._coverage = Coverage(scenario)
+        self._books = Bookkeeping(scenario, self.environment.density, self.air.reasons, metrics)
+        self._closed: ClosedStep | None = None
         self._faults = Faults(scenario) if scenario.fault else None
         count = scenario.agents.count
-        self._present = [True] * count
+        self._alive = set(range(count))
+        """Agents that had a process when this step began."""
         self._listening = self._speaking = [True] * count
         """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
         self._tree_statuses: dict[int, TreeStatus] = {}
@@ -91,7 +85,22 @@ class WorldCore(Saved):
         self._is_last = False
         self._time_s = 0.0
         self._carried = Reception(0)
-        self._no_drops = dict.fromkeys(self.air.reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
+
+    @property
+    def closed(self) -> ClosedStep:
+        """The last closed step."""
+        assert self._closed is not None, "close a step first"
+        return self._closed
+
+    @property
+    def digest(self) -> Digest:
+        """The digest of all booked steps."""
+        return self._books.digest
+
+    @property
+    def agents_in_trees(self) -> int:
+        """Number of agents in trees in the last booked step."""
+        return self._books.agents_in_trees
 
     @property
     def is_deserted(self) -> bool:
@@ -103,7 +112,8 @@ class WorldCore(Saved):
         """Whether this step is the last one, as planned, by a signal, or because no agent is left."""
         return self._is_last
 
-    # A step: inject and begin, then acts and radio frames as they arrive, then end
+    # A step: inject and begin, then acts and radio frames as they arrive, then close and book, which may wait until the
+    # next step has begun
 
     def inject(self, step: int) -> Sequence[ProcessOrder]:
         """Apply the faults before a step; return the orders for agents' processes."""
@@ -120,43 +130,68 @@ class WorldCore(Saved):
                     self.environment.command(agent, 0.0, 0.0)
                 elif order.action == START:
                     participants.token_back(agent)
-                    self._sleep.start(agent, step)
-                    self.intake.expect_new_process(agent)
+                    self.expect_new_process(agent, step)
         participants.freeze(self._faults.frozen)
         return orders
 
-    def begin(self, step: int, last: bool, probe: bool = False) -> list[tuple[int, Frame]]:
-        """Move bodies, let events arrive, compute sensing and hearing; return a frame per awake agent.
+    def expect_new_process(self, agent: int, step: int) -> None:
+        """Expect a new process of an agent, which begins with this step and knows nothing of those before."""
+        self._sleep.start(agent, step)
+        self.intake.expect_new_process(agent)
 
-        With `probe`, hung boards get a frame, too.
+    def redraw(self, seed: int) -> None:
+        """Draw anew, as with another seed, what will happen after the last closed step and is not drawn yet.
+
+        The generators that the models of the air have drawn from are not replaced.
+        """
+        self.environment.redraw(seed, self._time_s)
+        if self._faults is not None:
+            self._faults.redraw(seed)
+
+    def begin(
+        self, step: int, last: bool, probe: bool = False, lap: Callable[[str], None] = _untimed
+    ) -> Iterator[tuple[int, Frame]]:
+        """Move bodies, let events arrive, compute sensing and hearing; yield each awake agent's frame.
+
+        With `probe`, hung boards get a frame, too. `lap` gets the name of each part that is over.
         """
         environment, participants = self.environment, self.participants
         self._step, self._time_s, self._is_last = step, step * self.scenario.run.step_s, last
         taking_part = participants.taking_part()
         probed = participants.probe() if probe else []
         alive = participants.present
-        for agent, there in enumerate(self._present):
-            if there != (agent in alive):
-                self._present[agent] = not there
-                self._sleep.wake(agent)
-                environment.command(agent, 0.0, 0.0)
+        for agent in alive ^ self._alive:
+            self._sleep.wake(agent)
+            environment.command(agent, 0.0, 0.0)
+        self._alive = alive
         while participants.returned:
             self._sleep.wake(participants.returned.pop())  # even if it left and came back within a step
         environment.changed.clear()
         if step > 0:
-            environment.move(self._faults.drive if self._faults else None)
+            environment.move(*(self._faults.drive, self._faults.active) if self._faults else ())
         environment.arrive(self._time_s)
         self.downlink.send(step, self.turns.leaving(step, self.scenario.run.step_s))
         self._sensed = self._sense((*taking_part, *probed))
+        lap("begin")
         heard = self._hear(taking_part)
+        lap("radio")
         self._sleep.move_to(environment.positions_m.tolist())
         always = participants.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
+        always |= environment.hindered
         asked = taking_part if last else self._sleep.due(step, taking_part, self._sensed, heard, always)
         participants.begin(step, asked)
         before = self._tree_statuses
-        self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}
+        if list(before) == taking_part:
+            self._tree_statuses = before.copy()  # a closed step keeps the other one
+        else:
+            self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}
         self.intake.begin(step)
-        return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
+        lap("begin")
+        return self._frames((*asked, *probed), last, heard)
+
+    def _frames(self, agents: Iterable[int], last: bool, heard: list[list[Heard]]) -> Iterator[tuple[int, Frame]]:
+        for agent in agents:
+            yield agent, self._frame(agent, last, heard[agent])
 
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
         here, poses = self._sleep.ask(agent, self._step)
@@ -164,14 +199,15 @@ class WorldCore(Saved):
         if len(sensed) > MAX_SENSED:
             self.events_cut += len(sensed) - MAX_SENSED
             sensed = sensed[:MAX_SENSED]
-        fields = (self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard))
+        felt = agent in self.environment.dynamics.bumped, agent in self.environment.dynamics.blocked
+        fields = (self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard), *felt)
         frame: Frame = tuple_of(Frame, fields)
         return frame
 
     def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
         """Return what these agents sense, with faults applied; an agent without a frame senses nothing."""
         faults, environment = self._faults, self.environment
-        present = [False] * len(self._present)
+        present = [False] * self.scenario.agents.count
         for agent in agents:
             present[agent] = True
         if faults is None:
@@ -183,7 +219,7 @@ class WorldCore(Saved):
     def _hear(self, taking_part: Sequence[int]) -> list[list[Heard]]:
         """Deliver the radio frames of the step before; return each agent's received frames with their senders."""
         deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
-        listening = [False] * len(self._present)
+        listening = [False] * self.scenario.agents.count
         for agent in taking_part:
             listening[agent] = agent not in deaf
         self._speaking, self._listening = self._listening, listening
@@ -216,39 +252,64 @@ class WorldCore(Saved):
         return cut
 
     def end(self) -> StepRecord:
-        """Close the step: commands, work, completion, record, digest."""
+        """Close the step and book it."""
+        self.close()
+        return self.book()
+
+    def close(self, *, with_events: bool = False) -> None:
+        """Carry out the step's acts, and keep what `book` and, with its events, `truth` need after the next `begin`."""
         late = self.participants.time_out()
         self._is_last |= self.is_deserted
         self.intake.drop_frames(late)
         observers: Counter[int] = Counter()
-        for agent, data in self._delivered:
-            self.digest.add(self._step, agent, COMMAND, data)
-        for agent in sorted(self.intake.acts):
-            data, act = self.intake.acts[agent]
-            self.environment.command(agent, act.vx_mps, act.vy_mps)
+        acts, environment = self.intake.acts, self.environment
+        for agent in sorted(acts):
+            act = acts[agent][1]
+            environment.command(agent, act.vx_mps, act.vy_mps)
             if act.observed:
-                sensed = {event.event for event in self._sensed[agent]}
-                for event in set(act.observed):
-                    if event in sensed:
-                        observers[event] += 1
-                    else:
-                        self.refused_claims += 1
-            transmitted = self.intake.transmitted.get(agent)
-            if transmitted is not None:
-                self.digest.add(self._step, agent, RADIO, transmitted)
-            self.digest.add(self._step, agent, ACT, data)
+                claimed = set(act.observed)
+                observed = claimed.intersection(map(itemgetter(0), self._sensed[agent]))
+                observers.update(observed)
+                self.refused_claims += len(claimed) - len(observed)
             self._tree_statuses[agent] = act.tree_status
             self._sleep.hold(agent, act)
-        self.environment.work(observers, self._time_s)
+        environment.work(observers, self._time_s)
         for agent in late:
             self._tree_statuses.pop(agent, None)
             self._sleep.wake(agent)
         self._forward()
-        self.digest.end_step()
-        row = self._step_record(late)
+        rejected, lost = self.intake.drain_counts()
+        events_open = len(environment.active)
         if self._is_last:  # what arrives until the end is part of the run, whatever the length of a step
-            self.environment.arrive(self._time_s + self.scenario.run.step_s)
-        return row
+            environment.arrive(self._time_s + self.scenario.run.step_s)
+        self._closed = ClosedStep(
+            step=self._step,
+            time_s=self._time_s,
+            is_last=self._is_last,
+            late=len(late),
+            present=frozenset(self.participants.present),
+            acts=acts,
+            transmitted=self.intake.transmitted,
+            delivered=self._delivered,
+            sent=self._sent,
+            arrived=len(self.forwarded),
+            tree_statuses=self._tree_statuses,
+            positions_m=environment.positions_m,
+            bodies=environment.dynamics.states(),
+            links=self.links,
+            reception=self._carried,
+            under_way=self.air.under_way,
+            rejected=rejected,
+            lost=lost,
+            changed=[event.state() for event in environment.changed],
+            shown=environment.states_to_show() if with_events else None,
+            events_open=events_open,
+            events_completed=environment.completed,
+        )
+
+    def book(self) -> StepRecord:
+        """Add the closed step to the digest; return its record. Call it once per step, before the next `close`."""
+        return self._books.enter(self.closed, self.uplink)
 
     def _forward(self) -> None:
         """Forward this step's reports, or those that the uplink delivers, to the operator in agent order."""
@@ -262,69 +323,23 @@ class WorldCore(Saved):
         """Pass reports into the uplink, one of each agent; return the delivered ones."""
         sent: dict[int, bytes] = {}
         for agent, data in self._sent:
-            self.digest.add(self._step, agent, REPORT, data)
             sent.setdefault(agent, data)
-        self._too_late_to_send = len(self._sent) - len(sent)
         reachable = set(self.participants.taking_part()) - (self._faults.deaf if self._faults else NOBODY_HIT)
-        there = [agent in reachable for agent in range(len(self._present))]
+        there = [agent in reachable for agent in range(self.scenario.agents.count)]
         roots = {agent: status.root for agent, status in self._tree_statuses.items() if status.root != NOBODY}
         return uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
 
-    def _step_record(self, late: Collection[int]) -> StepRecord:
-        uplink, sent = self.uplink, len(self._sent)
-        in_trees = sorted(agent for agent, status in self._tree_statuses.items() if status.root != NOBODY)
-        roots = [agent for agent in in_trees if self._tree_statuses[agent].root == agent]
-        self.agents_in_trees = len(in_trees)
-        due = self._coverage.is_due(self._step)
-        rejected, lost = self.intake.drain_counts()
-        reception, others = self._carried, self.scenario.agents.count - 1
-        no_frames, no_reports = self._no_drops
-        return StepRecord(
-            step=self._step,
-            time_s=self._time_s,
-            agents_alive=len(self.participants.present),
-            agents_late=len(late),
-            agents_asked=len(self.intake.acts) + len(late),
-            agents_in_trees=len(in_trees),
-            trees=len(roots),
-            covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
-            roots_from_densest_m=self.environment.from_densest_m(roots, self._time_s),
-            delta=self._mean_delta(),
-            events_open=len(self.environment.active),
-            events_completed=self.environment.completed,
-            frames_sent=len(self.intake.transmitted),
-            bytes_sent=sum(map(len, self.intake.transmitted.values())),
-            frames_received=len(self.links),
-            frames_duplicated=reception.duplicated,
-            frames_in_flight=len(self.intake.transmitted) * others + self.air.under_way,
-            rejected=rejected,
-            transport_lost=lost,
-            frames_dropped=no_frames | reception.dropped,
-            reports_sent=sent,
-            reports_arrived=len(self.forwarded) if uplink else sent,
-            reports_in_flight=uplink.under_way + self._too_late_to_send if uplink else 0,
-            reports_dropped=no_reports | uplink.dropped if uplink else no_reports,
-        )
-
-    def _mean_delta(self) -> float | None:
-        deltas = [status.delta for status in self._tree_statuses.values() if status.delta]
-        return sum(deltas) / len(deltas) if deltas else None
-
     @property
     def columns(self) -> list[str]:
-        """The columns of a step's record: with one for each reason of a drop."""
-        foreign = [reason for reason in self.air.reasons if reason not in DROP_REASONS]
+        """The columns of a step's record: with one for each reason of a drop and each own number."""
+        dropped = [f"dropped_{reason}" for reason in self.air.reasons if reason not in DROP_REASONS]
         end = COLUMNS.index("reports_sent")
-        return [*COLUMNS[:end], *(f"dropped_{reason}" for reason in foreign), *COLUMNS[end:]]
+        return [*COLUMNS[:end], *dropped, *COLUMNS[end:], *self._books.own_columns]
 
     def truth(self, row: StepRecord) -> Truth:
-        """Return the full state of the last closed step for the recorder. Call it once per step, or never."""
-        bodies, present = [], self.participants.present
-        for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
-            status = self._tree_statuses.get(agent, SILENT) if agent in present else GONE
-            bodies.append(AgentState(agent, x_m, y_m, *status))
-        events = tuple(self.environment.states_to_show())
-        return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
+        """Return the full state of the closed step for the recorder; its events are those of `close`, or of now."""
+        shown = self.closed.shown
+        return truth_of(self.closed, row, self.environment.states_to_show() if shown is None else shown)
 
     def explain(self, sender: int, receiver: int | None) -> tuple[list[Diagnosis], list[str]]:
         """Explain one agent's link to another, or to the operator (None), in the last closed step; change nothing.
@@ -339,10 +354,20 @@ class WorldCore(Saved):
             outcomes[outcomes.index("delivered")] = "dropped: frame_full"
         return self.air.explain(sender, receiver, self._speaking), outcomes
 
+    def losses(self) -> tuple[list[tuple[int, int, str]], list[tuple[int, str]]]:
+        """Return why messages were lost: sender, receiver and reason of frames, and sender and reason of reports.
+
+        The frames are those that this step's drops count, and the reports those of the last closed step.
+        """
+        frames = self._carried.losses(self._listening)
+        full = Counter(self._carried.links) - Counter(self.links)
+        frames += [(sender, receiver, "frame_full") for sender, receiver in full.elements()]
+        return frames, self.uplink.losses if self.uplink else []
+
     @property
     def samples(self) -> list[Sample]:
-        """The raw radio frames and reports of the last closed step, in agent order."""
-        return self.intake.samples(self._sent)
+        """The raw radio frames and reports of the closed step, in agent order."""
+        return samples_of(self.closed)
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """Return the world's totals of a run."""
@@ -352,8 +377,8 @@ class WorldCore(Saved):
             "agents_lost": list(self.participants.lost),
             "lost_in_step": list(self.participants.lost_in_step),
             "agent_steps": {"due": self.participants.due, "answered": self.participants.answered},
-            "agents_failed": _rows(self.participants.failed),
-            "agents_late": _rows(self.participants.late),
+            "agents_failed": as_rows(self.participants.failed),
+            "agents_late": as_rows(self.participants.late),
             "deserted": self.participants.is_deserted,
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.participants.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
@@ -361,6 +386,7 @@ class WorldCore(Saved):
             "refused_claims": self.refused_claims,
             "events_cut": self.events_cut,
             "targets": self.environment.targets(),
+            "bodies": self.environment.dynamics.totals,
             "commands": self.turns.log,
             "downlink": self.downlink.totals,
         }

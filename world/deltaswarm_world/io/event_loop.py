@@ -75,7 +75,7 @@ class EventLoop:
         return True
 
     def take_next(self) -> bool:
-        """Block until a sample or a wake-up comes, and take it; return whether it was a sample."""
+        """Block until samples or a wake-up come, and take them; return whether there was no wake-up."""
         if self._transport.receive(self.take_sample):
             return True
         self.take_control()

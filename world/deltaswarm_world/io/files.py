@@ -4,13 +4,12 @@ import csv
 import json
 import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from types import MappingProxyType, TracebackType
+from typing import Any, Self
 
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
-from deltaswarm_world.core.environment import EventRecord
 from deltaswarm_world.core.world import WorldCore
 
 FLUSH_EVERY_S = 1.0
@@ -59,10 +58,10 @@ class WorldOutput:
         for file in self._files:
             file.close()
 
-    def write(self, record: StepRecord, changed: Iterable[EventRecord]) -> None:
+    def write(self, record: StepRecord, changed: Iterable[EventState]) -> None:
         """Write one closed step, and the events that changed in it."""
-        self._rows.writerow(record.columns().values())
-        self._events.writerows(event.state() for event in changed)
+        self._rows.writerow(record.values())
+        self._events.writerows(changed)
         now = time.monotonic()
         if now >= self._flush_due:
             self._flush_due = now + FLUSH_EVERY_S
@@ -88,7 +87,15 @@ class WorldOutput:
             os.fsync(file.fileno())
         return [file.tell() for file in self._files]
 
-    def finish(self, core: WorldCore, complete: bool, overruns: int, *, may_resume: bool = False) -> None:
+    def finish(
+        self,
+        core: WorldCore,
+        complete: bool,
+        overruns: int,
+        *,
+        may_resume: bool = False,
+        timed: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
         """Write events and totals; `world.json` last and atomically. A run that `may_resume` keeps all its tables."""
         self._flush()
         wall_s = self.wall_s
@@ -98,7 +105,7 @@ class WorldOutput:
             rows.writerows(core.environment.states())
         if complete and not may_resume:
             (self._folder / EVENTS_SO_FAR).unlink()
-        totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
+        totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns, **timed}
         part = self._folder / "world.json.part"
         part.write_text(json.dumps(totals, indent=2) + "\n", encoding="utf-8")
         part.rename(self._folder / "world.json")

@@ -4,8 +4,9 @@ import logging
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
-from deltaswarm_scenario.truth import NOBODY_LEFT, StepRecord, encode_truth, encode_wire
+from deltaswarm_scenario.truth import NOBODY_LEFT, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.child import FAILED, GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
@@ -18,6 +19,7 @@ from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, StepMessages
 from deltaswarm_world.io import saving
 from deltaswarm_world.io.event_loop import EventLoop
 from deltaswarm_world.io.files import WorldOutput
+from deltaswarm_world.io.phases import Phases, untimed
 from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.slow_links import SlowLinks, trusted_sessions
 from deltaswarm_world.io.transport import Transport, open_router
@@ -47,6 +49,9 @@ class WorldProcess:
         self._backoff = saved.backoff
         self._saving_backoff = TimeoutBackoff(SAVING_STEPS * self._settings.step_timeout_s)
         self._restarts = saved.restarts
+        self._lap: Callable[[str], None] = untimed
+        self._unbooked = False
+        """Whether the last closed step is not yet on file, and not yet announced."""
         self._overruns_before = saved.overruns
         self._probe_due = 0.0
 
@@ -82,33 +87,52 @@ class WorldProcess:
         self._loop.send_status(first, "running")
         if settings.clock == "realtime":
             self._loop.pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
-        for step in range(first, settings.steps):
-            self._await_operator(step)
-            for order in self._core.inject(step):
-                self._give(order)
-            last = step == settings.steps - 1 or self._wakeup.stop_requested
-            self._transport.frames(self._core.begin(step, last, self._is_probe_due(last)))
-            self._collect()
-            if self._core.is_deserted:
-                self._await_anybody()
-            record = self._core.end()
-            last = self._core.is_last
-            output.write(record, self._core.environment.changed)  # a step is on file before it is announced
-            self._close(record, last)
-            if time.monotonic() >= self._loop.status_due:
-                self._loop.send_status(step, "running")
-            if last:
-                break
-            if is_due(step, self._config.checkpoint_steps):
-                self._save(step, output)
+        phases = Phases() if self._config.time_phases else None
+        if phases:
+            self._lap = self._transport.lap = phases
+        try:
+            step = self._steps(range(first, settings.steps), output)
+        except BaseException:
+            with suppress(TimeoutError, InterruptedError):
+                self._book(output)
+            raise
         complete = step == settings.steps - 1
         # A complete run may have to resume, too, if the disk has no room for its results.
         may_resume = self._config.checkpoint_steps > 0
-        output.finish(self._core, complete, self._overruns, may_resume=may_resume)
+        timed = {"step_times": phases.totals()} if phases else {}
+        output.finish(self._core, complete, self._overruns, may_resume=may_resume, timed=timed)
         self._loop.send_status(step, "ended")
         return complete
 
-    def _await_operator(self, step: int) -> None:
+    def _steps(self, steps: range, output: WorldOutput) -> int:
+        """Run these steps, or fewer; return the last one. Book a step while the agents think about the next one."""
+        core, lap = self._core, self._lap
+        for step in steps:
+            self._await_operator(step, output)
+            for order in core.inject(step):
+                self._book(output)
+                self._give(order)
+            last = step == steps[-1] or self._wakeup.stop_requested
+            lap("held")
+            self._transport.frames(core.begin(step, last, self._is_probe_due(last), lap))
+            lap("frames")
+            self._book(output)
+            lap("bookkeeping")
+            self._collect()
+            if core.is_deserted:
+                self._await_anybody()
+            core.close(with_events=self._config.publish_truth)
+            self._unbooked = True
+            lap("close")
+            if core.is_last:
+                self._book(output)
+                break
+            if is_due(step, self._config.checkpoint_steps):
+                self._book(output)
+                self._save(step, output)
+        return step
+
+    def _await_operator(self, step: int, output: WorldOutput) -> None:
         """Hold a step back until the operator's turn has come and the pace allows the step.
 
         Raises:
@@ -117,6 +141,7 @@ class WorldProcess:
         gate, wakeup = self._loop.gate, self._wakeup
         self._loop.take_control()
         while not gate.may_begin(step) and not wakeup.stop_requested:
+            self._book(output)
             if self._loop.operator_left:
                 self._welcome_operator()
             wait_s = gate.wait_s(step)
@@ -250,13 +275,20 @@ class WorldProcess:
             self._backoff.missed(agent, participants.step)
             log.warning("step %d continues without agent %d, which hangs", participants.step, agent)
 
-    def _close(self, record: StepRecord, last: bool) -> None:
-        """Send the step to recorder and operator; wait for a part that is far behind or being replaced.
+    def _book(self, output: WorldOutput) -> None:
+        """Write down the last closed step and send it to recorder and operator, unless that has been done.
+
+        Wait for a part that is far behind or being replaced.
 
         Raises:
             TimeoutError, InterruptedError: as in `run`.
         """
-        core, transport = self._core, self._transport
+        if not self._unbooked:
+            return
+        self._unbooked = False
+        core, transport, last = self._core, self._transport, self._core.closed.is_last
+        record = core.book()
+        output.write(record, core.closed.changed)  # a step is on file before it is announced
         if self._config.publish_truth:
             transport.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
@@ -270,6 +302,8 @@ class WorldProcess:
         self._loop.is_over = last
         if not last and any(record.step - taken > AHEAD_STEPS for taken in self._loop.persisted.values()):
             self._let_catch_up(record.step)
+        if time.monotonic() >= self._loop.status_due:
+            self._loop.send_status(record.step, "running")
 
     def _welcome_operator(self) -> None:
         """Wait for the operator that replaces the lost one, and send it what it missed."""

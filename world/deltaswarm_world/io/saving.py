@@ -40,6 +40,10 @@ class WorldConfig:
     """Accept commands and pace from a person, without waiting for turns."""
     boards: tuple[int, ...] = ()
     """Agents on machines of their own, which may leave and come back."""
+    time_phases: bool = False
+    """Measure where the steps' wall time goes, for `world.json`."""
+    metrics: tuple[str, ...] = ()
+    """Names of the controller's own numbers."""
 
 
 @dataclass
@@ -60,7 +64,7 @@ class SavedWorld:
     def new(cls, config: WorldConfig) -> Self:
         """Make the state before the first step."""
         scenario = config.scenario
-        return cls(WorldCore(scenario, config.boards), TimeoutBackoff(scenario.run.step_timeout_s))
+        return cls(WorldCore(scenario, config.boards, config.metrics), TimeoutBackoff(scenario.run.step_timeout_s))
 
 
 def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:

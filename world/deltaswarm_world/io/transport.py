@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
@@ -12,6 +12,7 @@ from deltaswarm_wire.messages import Frame, encode_frame
 from deltaswarm_wire.operator_messages import Status, encode_status
 from deltaswarm_wire.orders import ProcessOrder, encode_order, encode_save
 from deltaswarm_wire.session import RouterLink, configured, free_port, router_pairs, use_one_worker_thread
+from deltaswarm_world.io.phases import untimed
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -67,6 +68,7 @@ class Transport:
         self.workload = publisher(keys.counted, "Workload").put
         """Each takes an encoded message."""
         self._token = session.liveliness().declare_token(keys.token(WORLD))
+        self.lap: Callable[[str], None] = untimed
 
     def frames(self, frames: Iterable[tuple[int, Frame]]) -> None:
         """Send each of these agents its frame."""
@@ -96,25 +98,31 @@ class Transport:
         self._status.put(encode_status(status))
 
     def receive(self, taker: Taker) -> bool:
-        """Wait for one sample and pass it on; return False for a wake-up."""
+        """Wait for a sample, and pass on all that are waiting then; return whether no wake-up was among them."""
         with self._lock:
             self._turns += 1
-            sample = self._set_aside.popleft() if self._set_aside else None
-            self._is_receiving = sample is None
-        if sample is None:
+            self._is_receiving = not self._set_aside
+        are_samples = True
+        if self._is_receiving:
             sample = self._handler.recv()
             self._is_receiving = False
-        return self._hand_over(sample, taker)
+            self.lap("waiting")
+            are_samples = self._hand_over(sample, taker)
+        are_samples &= self.receive_waiting(taker)
+        self.lap("intake")
+        return are_samples
 
-    def receive_waiting(self, taker: Taker) -> None:
-        """Pass on the waiting samples, at most one full queue."""
+    def receive_waiting(self, taker: Taker) -> bool:
+        """Pass on the waiting samples, at most one full queue; return whether no wake-up was among them."""
+        are_samples = True
         with self._lock:
             while self._set_aside:
-                self._hand_over(self._set_aside.popleft(), taker)
+                are_samples &= self._hand_over(self._set_aside.popleft(), taker)
             for _ in range(self.room):
                 if (sample := self._handler.try_recv()) is None:
                     break
-                self._hand_over(sample, taker)
+                are_samples &= self._hand_over(sample, taker)
+        return are_samples
 
     def _hand_over(self, sample: zenoh.Sample, taker: Taker) -> bool:
         source = self._leaf_of.get(str(sample.key_expr))

@@ -40,7 +40,7 @@ class Agent(Saved):
         self.found: FoundPlaces | None = None
         if self.finds is not None and settings.return_to_finds:
             self.found = FoundPlaces(steps_of(settings.find_memory_s, context.shared.step_s), self.finds, context)
-        self.walk = Walk(context.shared, settings.leg_max_s, context.rng, self.found)
+        self.walk = Walk(context.shared, settings.leg_max_s, context.rng, self.found, settings.leg_exponent)
         self.sensed: set[int] = set()
         self.sensed_step = -1
         """The events that it sensed in its last step, and that step, kept for `learning.py`."""

@@ -29,7 +29,7 @@ def seek_event(agent: Agent, sensed: tuple[Event, ...], heard: list[PaperFrame])
     elif heard and agent.state is WALKING:
         _join_attending(agent, heard)
     going_to = agent.target if agent.state is GOING and sensed else None
-    if going_to is not None and agent.here.is_at(going_to.x_m, going_to.y_m):
+    if going_to is not None and agent.here.is_at_event(going_to.x_m, going_to.y_m):
         agent.change(Cause.AT_THE_EVENT)
 
 

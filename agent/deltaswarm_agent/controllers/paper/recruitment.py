@@ -59,6 +59,7 @@ def new_order(agent: Agent, table: Sequence[Descendant]) -> RecruitmentOrder | N
         range_m=shared.range_m - RANGE_MARGIN_M,
         d_min_m=agent.settings.d_min_m,
         size_m=(shared.width_m, shared.height_m),
+        margin_m=shared.radius_m,
     )
     place = best_place(here, legal, agent.beliefs.active(), shared.sensing_range_m)
     if place is None and agent.settings.recruitment_places == ANY:
@@ -118,19 +119,27 @@ class Legal:
         range_m: a place is within this of a member.
         d_min_m: and at least this far from each member and from the places taken.
         size_m: width and height of the arena.
+        margin_m: least distance to its edge.
     """
 
     def __init__(
-        self, members: Sequence[Pose], taken: Sequence[Pose], *, range_m: float, d_min_m: float, size_m: Pose
+        self,
+        members: Sequence[Pose],
+        taken: Sequence[Pose],
+        *,
+        range_m: float,
+        d_min_m: float,
+        size_m: Pose,
+        margin_m: float = 0.0,
     ) -> None:
         self._members, self._taken = members, taken
         self._range_m = range_m
         self._near_m2, self._far_m2 = d_min_m**2, range_m**2
-        self._size_m = size_m
+        self._size_m, self._margin_m = size_m, margin_m
 
     def __contains__(self, cell: tuple[int, int]) -> bool:
-        x, y = cell
-        if not (0 <= x <= self._size_m[0] and 0 <= y <= self._size_m[1]):
+        (x, y), margin_m = cell, self._margin_m
+        if not (margin_m <= x <= self._size_m[0] - margin_m and margin_m <= y <= self._size_m[1] - margin_m):
             return False
         within = False
         for x_m, y_m in self._members:

@@ -57,6 +57,13 @@ class PaperSettings:
     leg_max_s: float = key(
         100.0, "maximum duration of a leg of the walk; durations are uniform [s]", source=OURS, above=0
     )
+    leg_exponent: float = key(
+        0.0,
+        "durations of legs follow a power law with this exponent, from 1 s on (a Levy walk: 1 to 3); 0: uniform",
+        source=OURS,
+        low=0,
+        high=10,
+    )
     member_observes: str = key(
         NEAREST,
         "events that a tree member works on at once: all it senses, or the nearest",

@@ -15,20 +15,43 @@ from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
+LEVY_MIN_S = 1.0
+"""Shortest leg of a Levy walk."""
+
+
+def leg_s(rng: Random, leg_max_s: float, exponent: float) -> float:
+    """Draw the duration of a leg: uniform, or by a power law between `LEVY_MIN_S` and the maximum [s]."""
+    if not exponent:
+        return rng.uniform(0.0, leg_max_s)
+    least_s, share = min(LEVY_MIN_S, leg_max_s), rng.random()
+    if exponent == 1:
+        return float(least_s * (leg_max_s / least_s) ** share)
+    power = 1 - exponent
+    return float((least_s**power + share * (leg_max_s**power - least_s**power)) ** (1 / power))
+
 
 class Walk(Saved):
-    """Straight legs of uniform length in time, a uniform new heading, specular walls and obstacles.
+    """Straight legs, a uniform new heading, specular walls and obstacles.
 
     Some legs lead back to where events were `found` (`returning.py`), unless an obstacle is in the way. On a straight
     leg the velocity is the same to the bit in every step, so that an agent need not be asked for it.
     """
 
-    def __init__(self, shared: AgentSettings, leg_max_s: float, rng: Random, found: FoundPlaces | None = None) -> None:
+    def __init__(
+        self,
+        shared: AgentSettings,
+        leg_max_s: float,
+        rng: Random,
+        found: FoundPlaces | None = None,
+        leg_exponent: float = 0.0,
+    ) -> None:
         self._rng = rng
         self._found = found
         self._speed_mps = shared.speed_mps
         self._step_s = shared.step_s
         self._leg_max_s = leg_max_s
+        self._leg_exponent = leg_exponent
+        self._radius_m = shared.radius_m
         self._size_m = (shared.width_m, shared.height_m)
         self._obstacles = ObstacleMap(shared)
         self._vx = self._vy = 0.0
@@ -47,7 +70,7 @@ class Walk(Saved):
         else:
             self.leg = RANDOM
             heading = self._rng.uniform(0.0, math.tau)
-            time_s = self._rng.uniform(0.0, self._leg_max_s)
+            time_s = leg_s(self._rng, self._leg_max_s, self._leg_exponent)
         self._vx = self._speed_mps * math.cos(heading)
         self._vy = self._speed_mps * math.sin(heading)
         self._ends = now + max(1, math.ceil(time_s / self._step_s))
@@ -56,8 +79,8 @@ class Walk(Saved):
         """The velocity of this step, from where the agent is."""
         if now >= self._ends:
             self.turn(now, x_m, y_m)
-        vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0])
-        vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1])
+        vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0], self._radius_m)
+        vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1], self._radius_m)
         to_x_m, to_y_m = x_m + vx_mps * self._step_s, y_m + vy_mps * self._step_s
         if not self._obstacles:
             return vx_mps, vy_mps
@@ -76,8 +99,12 @@ class Walk(Saved):
         return now + max(1, self._obstacles.free_strides(x_m, y_m, dx_m, dy_m, most))
 
 
-def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float) -> tuple[float, float]:
-    """The velocity of a stride that may cross a wall, and that after it; from beyond a wall it leads back."""
+def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float, radius_m: float) -> tuple[float, float]:
+    """The velocity of a stride that may cross a wall, and that after it; from beyond a wall it leads back.
+
+    A body turns where it touches the wall.
+    """
+    at_m, wall_m = at_m - radius_m, wall_m - 2.0 * radius_m
     to_m = at_m + v_mps * step_s
     if 0.0 <= to_m <= wall_m and 0.0 <= at_m <= wall_m:
         return v_mps, v_mps

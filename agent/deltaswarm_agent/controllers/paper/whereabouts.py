@@ -14,6 +14,9 @@ RANGE_MARGIN_M = 0.02
 AT_PLACE_M = 0.01
 """Tolerance of a target position."""
 
+AT_EVENT_RADII = 3.0
+"""A body has arrived at an event within this many radii: there is room beside a body that stands on the event."""
+
 
 class Whereabouts(Saved):
     """The agent's place and its last ones [m; world frame]; places of others are as their frames say."""
@@ -24,6 +27,8 @@ class Whereabouts(Saved):
         self._trail: deque[Pose] = deque(maxlen=trail_steps)
         self._range_m2 = shared.range_m**2
         self._reach_m2 = (shared.range_m - RANGE_MARGIN_M) ** 2
+        self._radius_m = shared.radius_m
+        self._at_event_m2 = max(AT_PLACE_M, AT_EVENT_RADII * shared.radius_m) ** 2
         self._size_m = (shared.width_m, shared.height_m)
         self._obstacles = ObstacleMap(shared)
         self._d_min_m2 = d_min_m**2
@@ -45,6 +50,10 @@ class Whereabouts(Saved):
     def is_at(self, x_m: float, y_m: float) -> bool:
         """Whether the agent has arrived at a position."""
         return self.distance_m2(x_m, y_m) <= AT_PLACE_M**2
+
+    def is_at_event(self, x_m: float, y_m: float) -> bool:
+        """Whether the agent has arrived at an event."""
+        return self.distance_m2(x_m, y_m) <= self._at_event_m2
 
     def sender_m2(self, frame: PaperFrame) -> float:
         """Squared distance to a frame's sender [m2]."""
@@ -72,5 +81,6 @@ class Whereabouts(Saved):
 
     def is_reachable(self, x_m: float, y_m: float) -> bool:
         """Whether a place that another agent named can be gone to: straight on, with no obstacle in the way."""
-        is_inside = 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]
+        least_m = self._radius_m
+        is_inside = least_m <= x_m <= self._size_m[0] - least_m and least_m <= y_m <= self._size_m[1] - least_m
         return is_inside and not self._obstacles.first_crossing(self.x_m, self.y_m, x_m - self.x_m, y_m - self.y_m)

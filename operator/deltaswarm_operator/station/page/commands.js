@@ -250,7 +250,7 @@ export class CommandPanel {
     if (picture?.over && !this.form.hidden) this.answer(t("The run is over: it takes no more orders."));
     this.lists();
     const rows = [...(picture?.commands ?? [])].sort((a, b) => b[0] - a[0]);
-    const create = () => make("li", {}, make("b"), make("span", { class: "what" }), make("span", { class: "state" }));
+    const create = () => make("li", {}, make("b"), make("span", { class: "what" }), make("span", { class: "state" }), make("span", { class: "worth" }));
     keepRows(
       element("fates"),
       rows,
@@ -258,8 +258,9 @@ export class CommandPanel {
       create,
       (line, row) => {
         line.dataset["state"] = row[9];
-        const [title, what, state] = line.children;
-        if (!title || !what || !state) return;
+        const [title, what, state, worth] = line.children;
+        if (!title || !what || !state || !worth) return;
+        setText(worth, hello?.worth?.[String(row[0])] ?? "");
         setText(title, `${row[0]} · ${order(row)}`);
         const told = { target: aim(row[2]), time: clock(row[4]), outcome: fate(row, now_s) };
         const bySystem = row[12] === "system";

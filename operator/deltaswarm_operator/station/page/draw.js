@@ -1,10 +1,11 @@
 /** Draws the map: only what was reported, fading with age. */
 
-import { label, Labels } from "./labels.js";
+import { Labels } from "./labels.js";
 import { t } from "./language.js";
-import { activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { activity, heat as heatColour, inks, mark, markBase, markBody, markEvent, markNew, strength } from "./looks.js";
+import { cross, ordered, ring, roundLength, ruler, trail } from "./overlays.js";
 import { spread } from "./spread.js";
-import { age, eventName, number } from "./words.js";
+import { age, eventName } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Hello} Hello */
@@ -35,10 +36,11 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   if (layers.heat) shade(on, view, heat, (cell) => heatColour(app.model.now_s - (heat.heard_s[cell] ?? NaN)));
   if (layers.activity) shade(on, view, heat, (cell) => activity(heat.active[cell] ?? 0));
   fixed(on, view, hello);
+  const places = spread(app.model.agents, view);
+  if (hello.radius_m) bodies(on, view, app, places, hello.radius_m * view.scale);
   if (layers.trees) trees(on, view, app);
   const labels = layers.labels ? new Labels() : null;
   for (const event of app.model.events) drawEvent(on, view, event, app, labels);
-  const places = spread(app.model.agents, view);
   for (const agent of app.model.agents) drawAgent(on, view, agent, places, app, labels);
   on.globalAlpha = 1;
   ordered(on, view, app);
@@ -82,15 +84,6 @@ function ground(on, view, hello) {
 function line(on, view, x_m, y_m, to_x_m, to_y_m) {
   on.moveTo(...view.toScreen(x_m, y_m));
   on.lineTo(...view.toScreen(to_x_m, to_y_m));
-}
-
-/**
- * Round a length up to the next of 1, 2, 5, 10, ... m.
- * @param {number} length_m
- */
-export function roundLength(length_m) {
-  const power = 10 ** Math.floor(Math.log10(length_m));
-  return power * ([1, 2, 5].find((digit) => digit * power >= length_m) ?? 10);
 }
 
 /**
@@ -144,6 +137,22 @@ function fixed(on, view, hello) {
 }
 
 /**
+ * Draw the agents' bodies below all markers, so that none hides another agent's.
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ * @param {Places} places
+ * @param {number} radius [px]
+ */
+function bodies(on, view, { model }, places, radius) {
+  for (const [id, x_m, y_m, role, , , said_s] of model.agents) {
+    on.globalAlpha = strength(model.now_s - said_s);
+    markBody(on, role, ...(places.get(id) ?? view.toScreen(x_m, y_m)), radius, view.marker_px);
+  }
+  on.globalAlpha = 1;
+}
+
+/**
  * @param {Canvas} on
  * @param {View} view
  * @param {App} app
@@ -169,35 +178,21 @@ function trees(on, view, { model, selection }) {
 
 /**
  * @param {Canvas} on
- * @param {number} x
- * @param {number} y
- * @param {number} size of the marker [px]
- */
-function ring(on, x, y, size) {
-  on.globalAlpha = 1;
-  on.beginPath();
-  on.arc(x, y, size + 7, 0, 2 * Math.PI);
-  on.strokeStyle = inks().accent;
-  on.lineWidth = 3;
-  on.stroke();
-}
-
-/**
- * @param {Canvas} on
  * @param {View} view
  * @param {import("./types.js").EventRow} event
  * @param {App} app
  * @param {Labels | null} labels
  */
-function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection }, labels) {
+function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s, , attending, before], { model, selection }, labels) {
   const [x, y] = view.toScreen(x_m, y_m);
   const age_s = model.now_s - seen_s;
+  const isSelected = selection?.kind === "event" && selection.id === id;
+  if (isSelected) trail(on, view, [...before, [x_m, y_m]]);
   on.globalAlpha = strength(age_s);
   markEvent(on, x, y, view.marker_px + 1);
   if (model.now_s - first_s < NEW_EVENT_S) markNew(on, x, y, view.marker_px + 5);
-  const isSelected = selection?.kind === "event" && selection.id === id;
   const judged = model.judged.get(id);
-  const parts = [(id < 0 ? "" : "e") + eventName(id), ...(judged ? [t(judged)] : []), ...(age_s > OLD_S ? [age(age_s)] : [])];
+  const parts = [(id < 0 ? "" : "e") + eventName(id), ...(judged ? [t(judged)] : []), ...(attending.length > 1 ? [t("{count} agents", { count: attending.length })] : []), ...(age_s > OLD_S ? [age(age_s)] : [])];
   const text = parts.join(" · ");
   labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
   if (isSelected) ring(on, x, y, view.marker_px);
@@ -277,58 +272,4 @@ function seenByThem(on, view, { model }, places) {
   on.setLineDash([4, 3]);
   ring(on, ...((theirs.kind === "agent" && places.get(theirs.id)) || view.toScreen(found[1], found[2])), view.marker_px + 5);
   on.setLineDash([]);
-}
-
-/**
- * Draw the targets of orders that may still be carried out.
- * @param {Canvas} on
- * @param {View} view
- * @param {App} app
- */
-function ordered(on, view, { model }) {
-  for (const [order, name, [kind, x_m = 0, y_m = 0, radius_m = 0], , , , , , expires_s] of model.picture?.commands ??
-    []) {
-    if (expires_s < model.now_s || (kind !== "place" && kind !== "circle")) continue;
-    const [x, y] = view.toScreen(x_m, y_m);
-    on.strokeStyle = inks().accent;
-    on.lineWidth = 1.5;
-    cross(on, x, y, 6);
-    on.setLineDash([4, 4]);
-    on.beginPath();
-    on.arc(x, y, kind === "circle" ? radius_m * view.scale : 9, 0, 2 * Math.PI);
-    on.stroke();
-    on.setLineDash([]);
-    label(on, `${order} · ${t(name)}`, x, y - 12);
-  }
-}
-
-/**
- * @param {Canvas} on
- * @param {number} x
- * @param {number} y
- * @param {number} size
- */
-function cross(on, x, y, size) {
-  on.beginPath();
-  on.moveTo(x - size, y);
-  on.lineTo(x + size, y);
-  on.moveTo(x, y - size);
-  on.lineTo(x, y + size);
-  on.stroke();
-}
-
-/**
- * @param {Canvas} on
- * @param {View} view
- */
-function ruler(on, view) {
-  const length_m = roundLength(60 / view.scale);
-  const [right, bottom] = [view.width - 14, view.height - 12];
-  on.strokeStyle = inks().ink;
-  on.lineWidth = 2;
-  on.beginPath();
-  on.moveTo(right - length_m * view.scale, bottom);
-  on.lineTo(right, bottom);
-  on.stroke();
-  label(on, `${number(length_m, 2)} m`, right - (length_m * view.scale) / 2, bottom - 5);
 }

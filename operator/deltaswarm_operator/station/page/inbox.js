@@ -1,4 +1,4 @@
-/** The inbox: what agents reported, message by message; sort, filter, mark as read. */
+/** The inbox: what agents reported, in the lines of the inbox's policy; sort, filter, mark as read, see what is held back. */
 
 import { button, choice, element, keepRows, make, setText } from "./dom.js";
 import { t } from "./language.js";
@@ -7,14 +7,18 @@ import { clock, message } from "./words.js";
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").InboxRow} InboxRow */
 
-const MAX_SHOWN = 150;
+/** @typedef {import("./types.js").InboxLine} InboxLine */
 
-/** @type {Record<string, (a: InboxRow, b: InboxRow) => number>} */
+const MAX_SHOWN = 150;
+const SEVERITIES = ["alert", "notice", "info"];
+
+/** @type {Record<string, (a: InboxLine, b: InboxLine) => number>} */
 const ORDERS = {
-  newest: (a, b) => b[0] - a[0],
-  oldest: (a, b) => a[0] - b[0],
-  agent: (a, b) => a[2] - b[2] || b[0] - a[0],
-  followers: (a, b) => b[4] - a[4] || b[0] - a[0],
+  newest: (a, b) => b.number - a.number,
+  oldest: (a, b) => a.number - b.number,
+  agent: (a, b) => a.first[2] - b.first[2] || b.number - a.number,
+  followers: (a, b) => b.first[4] - a.first[4] || b.number - a.number,
+  ranked: (a, b) => rank(a.first) - rank(b.first) || a.number - b.number,
 };
 
 export class InboxPanel {
@@ -24,6 +28,8 @@ export class InboxPanel {
     this.list = element("inbox-list");
     this.order = choice("inbox-order");
     this.filter = choice("inbox-filter");
+    this.policyOrder = "newest";
+    this.asked = "";
     this.order.addEventListener("change", () => this.update());
     this.filter.addEventListener("change", () => this.update());
     button("inbox-all-read").addEventListener("click", () => this.readAll());
@@ -31,41 +37,67 @@ export class InboxPanel {
     this.list.addEventListener("keydown", (event) => this.key(event));
   }
 
-  /** @returns {InboxRow[]} */
+  /** @returns {InboxLine[]} */
+  lines() {
+    const { model } = this.app;
+    if (this.filter.value === "held") return model.held.map((item) => lineOf([item], model));
+    /** @type {Map<number, InboxRow[]>} */
+    const lines = new Map();
+    for (const item of model.inbox.values()) {
+      const number = item[8] ?? item[0];
+      const line = lines.get(number);
+      if (line) line.push(item);
+      else lines.set(number, [item]);
+    }
+    return [...lines.values()].map((items) => lineOf(items, model));
+  }
+
+  /** @returns {InboxLine[]} */
   wanted() {
-    const { inbox, read } = this.app.model;
     const { selection } = this.app;
-    const items = [...inbox.values()];
-    /** @type {Record<string, (item: InboxRow) => boolean>} */
+    /** @type {Record<string, (line: InboxLine) => boolean>} */
     const filters = {
-      unread: (item) => !read.has(item[0]),
-      fresh: (item) => Boolean(item[6]),
-      roots: (item) => item[3] === "root",
-      events: (item) => item[5].length > 0,
-      selected: (item) =>
-        selection?.kind === "agent" ? item[2] === selection.id : selection ? item[5].includes(selection.id) : true,
+      unread: (line) => line.isUnread,
+      fresh: ({ items }) => items.some((item) => item[6]),
+      roots: ({ items }) => items.some((item) => item[3] === "root"),
+      events: ({ items }) => items.some((item) => item[5].length > 0),
+      selected: ({ items }) =>
+        !selection || items.some((item) => (selection.kind === "agent" ? item[2] === selection.id : item[5].includes(selection.id))),
     };
-    const wanted = items.filter(filters[this.filter.value] ?? (() => true));
-    return wanted.sort(ORDERS[this.order.value] ?? ORDERS["newest"]);
+    return this.lines()
+      .filter(filters[this.filter.value] ?? (() => true))
+      .sort(ORDERS[this.order.value] ?? ORDERS["newest"]);
+  }
+
+  /** Begin with the order of the inbox's policy; ask again for what is held back if that is listed and has changed. */
+  follow() {
+    const { hello, picture } = this.app.model;
+    const order = hello?.inbox?.order ?? "newest";
+    if (this.policyOrder !== order) this.order.value = this.policyOrder = order;
+    const held = this.filter.value === "held" ? String(picture?.held) : "";
+    if (held && held !== this.asked) this.app.send({ type: "held" });
+    this.asked = held;
   }
 
   update() {
     const { model } = this.app;
+    this.follow();
     const wanted = this.wanted();
     keepRows(
       this.list,
       wanted.slice(0, MAX_SHOWN),
-      (item) => String(item[0]),
+      (line) => `${line.number}`,
       create,
-      (row, item) => {
-        const isRead = model.read.has(item[0]);
-        if (row.dataset["read"] !== String(isRead)) {
-          row.dataset["read"] = String(isRead);
-          const state = row.querySelector(".state");
-          if (state) setText(state, item[6] ? t("new") : "");
-          const hint = row.querySelector(".unseen");
-          if (hint) setText(hint, isRead ? "" : `${t("unread")}: `);
-        }
+      (row, line) => {
+        const state = `${line.count} ${line.isUnread} ${line.first[0]}`;
+        if (row.dataset["state"] === state) return;
+        row.dataset["state"] = state;
+        row.dataset["read"] = String(!line.isUnread);
+        row.dataset["severity"] = line.first[7] ?? "";
+        setIn(row, "time", clock(line.first[1]));
+        setIn(row, ".what", whatOf(line));
+        setIn(row, ".state", line.items.some((item) => item[6]) ? t("new") : "");
+        setIn(row, ".unseen", line.isUnread ? `${t("unread")}: ` : "");
       },
     );
     if (!this.list.querySelector('[tabindex="0"]')) this.list.querySelector("li")?.setAttribute("tabindex", "0");
@@ -74,17 +106,20 @@ export class InboxPanel {
     const isElsewhere = model.hello?.kind === "researcher";
     setText(element("inbox-count"), unread ? t("{count} unread", { count: unread }) : isElsewhere ? "" : t("all read"));
     const hidden = wanted.length - MAX_SHOWN;
+    const held = model.picture?.held?.[0] ?? 0;
     setText(
       element("inbox-note"),
       hidden > 0
         ? t("{count} more are not listed. Filter or sort for others, or select an agent and show its messages alone.", { count: hidden })
         : wanted.length
-          ? ""
+          ? held
+            ? t("{count} messages are held back: {why}", { count: held, why: t(model.hello?.inbox?.held ?? "") })
+            : ""
           : isElsewhere
             ? "The participant's page has the inbox."
             : t("No messages."),
     );
-    document.title = `${unread ? `(${unread}) ` : ""}${t(model.hello?.title ?? "station")}`;
+    document.title = `${unread ? `(${unread}) ` : ""}${element("title").textContent}`;
   }
 
   readAll() {
@@ -97,16 +132,17 @@ export class InboxPanel {
    */
   open(row) {
     if (!row) return;
-    const item = this.app.model.inbox.get(Number(row.dataset["key"]));
-    if (!item) return;
+    const line = this.lines().find(({ number }) => String(number) === row.dataset["key"]);
+    if (!line) return;
     const { read } = this.app.model;
     const canRead = ["live", "replay"].includes(this.app.model.hello?.kind ?? "");
-    if (canRead && !read.has(item[0])) {
-      this.app.send({ type: "read", items: [item[0]] });
-      read.add(item[0]);
+    const items = line.items.map((item) => item[0]).filter((item) => !read.has(item));
+    if (canRead && items.length) {
+      this.app.send({ type: "read", items });
+      for (const item of items) read.add(item);
       this.update();
     }
-    this.app.select({ kind: "agent", id: item[2] }, true, false);
+    this.app.select({ kind: "agent", id: line.first[2] }, true, false);
     this.focus(row);
   }
 
@@ -159,14 +195,47 @@ function rowOf(target) {
 }
 
 /** @param {InboxRow} item */
-function create(item) {
-  const agent = make("b", {}, make("span", { class: "unseen" }), t("agent {number}", { number: item[2] }));
+function rank(item) {
+  return SEVERITIES.indexOf(item[7] ?? "info");
+}
+
+/**
+ * A line is listed as the most severe of its items, the newest of these.
+ * @param {InboxRow[]} items
+ * @param {import("./model.js").Model} model
+ * @returns {InboxLine}
+ */
+function lineOf(items, { read, counts }) {
+  const first = items.reduce((best, item) => (rank(item) <= rank(best) ? item : best));
+  const number = items[0]?.[8] ?? first[0];
+  const isUnread = items.some((item) => !read.has(item[0]));
+  return { number, items, first, count: items.length + (counts.get(number) ?? 0), isUnread };
+}
+
+/** @param {InboxLine} line */
+function whatOf({ first, count }) {
+  return count > 1 ? `${message(first)} (${t("{count} messages", { count })})` : message(first);
+}
+
+/** @param {InboxLine} line */
+function create({ first }) {
+  const agent = make("b", {}, make("span", { class: "unseen" }), t("agent {number}", { number: first[2] }));
   return make(
     "li",
-    { tabindex: "-1", "data-agent": String(item[2]) },
-    make("time", {}, clock(item[1])),
+    { tabindex: "-1", "data-agent": String(first[2]) },
+    make("time", {}),
     agent,
-    make("span", { class: "what" }, message(item)),
+    make("span", { class: "what" }),
     make("span", { class: "state", title: t("It names an event or a root that was not known before.") }),
   );
+}
+
+/**
+ * @param {HTMLElement} row
+ * @param {string} selector
+ * @param {string} text
+ */
+function setIn(row, selector, text) {
+  const part = row.querySelector(selector);
+  if (part) setText(part, text);
 }

@@ -2,7 +2,7 @@
 
 import { make } from "./dom.js";
 import { t } from "./language.js";
-import { ACTIVITY, HEAT, activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { ACTIVITY, HEAT, activity, heat as heatColour, inks, mark, markBase, markBody, markEvent, markNew, strength } from "./looks.js";
 import { LEAST_MARKER_PX as MARKER_PX } from "./view.js";
 
 /** @param {import("./model.js").Model} model */
@@ -11,6 +11,13 @@ export function markers(model) {
   const entries = roles.map((role) => sample(role ? t(role) : t("unknown"), (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
   if (model.agents.some((agent) => !agent[7]))
     entries.push(sample(t("hollow: told by another agent"), (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
+  if (model.hello?.radius_m)
+    entries.push(
+      sample(t("body (to scale when zoomed in)"), (on) => {
+        markBody(on, "free", 10, 10, 9, MARKER_PX - 2);
+        mark(on, "free", 10, 10, true, MARKER_PX - 3);
+      }),
+    );
   if (model.events.length) {
     entries.push(sample(t("event (e7: number 7)"), (on) => markEvent(on, 10, 10, MARKER_PX)));
     entries.push(

@@ -23,6 +23,7 @@ export class Link {
   constructor(onMessage, onChange) {
     this.onMessage = onMessage;
     this.onChange = onChange;
+    /** Whether the run has ended of which the newest hello told. */
     this.hasEnded = false;
     /** Whether messages come all the time, once there is a connection. */
     this.isSteady = false;
@@ -79,7 +80,7 @@ export class Link {
     const message = /** @type {Message} */ (JSON.parse(String(data)));
     if (!this.isBeating || message.type === "beat") this.heardAt_ms = performance.now();
     if (message.type === "ended") this.hasEnded = true;
-    if (message.type === "picture") this.hasEnded = false;
+    if (message.type === "hello") this.hasEnded = false; // the next run has no picture yet
     this.onMessage(message);
     this.beat(); // also here, since a page in the background has few timers
   }

@@ -65,7 +65,7 @@ export const ACTIVITY = [
   [0.3, "0.3", 0.28],
   [0.05, later("less"), 0.14],
 ];
-const ACTIVITY_RGB = { light: "190, 60, 0", dark: "255, 150, 60" };
+const ACTIVITY_RGB = { light: "0, 80, 190", dark: "110, 170, 255" };
 const HEAT_RGB = { light: "0, 120, 110", dark: "60, 210, 190" };
 
 export function isDark() {
@@ -151,6 +151,34 @@ export function trace(on, shape, x, y, size) {
 }
 
 /**
+ * @param {string} role
+ * @param {number} size of markers [px]
+ */
+const markRadius = (role, size) => (role === "root" ? size * 1.35 : size * 1.1);
+
+/**
+ * Draw an agent's body, a disc to scale and no smaller than the marker that stands on it.
+ * @param {CanvasRenderingContext2D} on
+ * @param {string} role
+ * @param {number} x
+ * @param {number} y
+ * @param {number} radius of the body [px]
+ * @param {number} size of markers [px]
+ */
+export function markBody(on, role, x, y, radius, size) {
+  on.beginPath();
+  on.arc(x, y, Math.max(radius, markRadius(role, size)), 0, 2 * Math.PI);
+  const [alpha, { ink }] = [on.globalAlpha, inks()];
+  on.fillStyle = look(role)[0];
+  on.globalAlpha = 0.35 * alpha;
+  on.fill();
+  on.globalAlpha = alpha;
+  on.strokeStyle = ink;
+  on.lineWidth = 1;
+  on.stroke();
+}
+
+/**
  * Draw an agent's marker: filled if the agent reported itself, hollow if another agent named it.
  * @param {CanvasRenderingContext2D} on
  * @param {string} role
@@ -162,7 +190,7 @@ export function trace(on, shape, x, y, size) {
 export function mark(on, role, x, y, own, size) {
   const [colour, shape] = look(role);
   const { ink, halo } = inks();
-  trace(on, shape, x, y, role === "root" ? size * 1.35 : size * 1.1);
+  trace(on, shape, x, y, markRadius(role, size));
   on.lineJoin = "round";
   if (shape === "cross") {
     on.strokeStyle = colour;

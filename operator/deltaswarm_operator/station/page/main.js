@@ -5,18 +5,21 @@ import { CommandPanel } from "./commands.js";
 import { ConductPanel } from "./conduct.js";
 import { choice, element, setText } from "./dom.js";
 import { FormPanel } from "./form.js";
+import { HelpCall } from "./help_call.js";
 import { InboxPanel } from "./inbox.js";
 import { IsaPanel } from "./isa.js";
 import { Keys } from "./keys.js";
 import { KnowledgePanel } from "./knowledge.js";
-import { later, retell, speak, t } from "./language.js";
+import { retell, speak, t } from "./language.js";
 import { Link } from "./link.js";
 import { MapPanel } from "./map.js";
 import { Model } from "./model.js";
 import { PacePanel } from "./pace.js";
 import { Outbox } from "./outbox.js";
 import { PageEvents } from "./page_events.js";
+import { showPlain } from "./plain.js";
 import { SessionPanel } from "./session.js";
+import { ELSEWHERE, shortcuts } from "./shortcuts.js";
 import { Tabs } from "./tabs.js";
 import { TaskPanel } from "./task.js";
 import { startTheme } from "./theme.js";
@@ -49,13 +52,13 @@ const app = {
   },
   select(selection, reveal = false, forOrder = true) {
     app.selection = selection;
+    if (!selection?.byItself) task.selected();
     if (selection && reveal) map.reveal(selection);
     if (forOrder && selection?.kind === "agent") app.pick?.agent(selection.id);
     if (forOrder && selection?.kind === "event") app.pick?.event(selection.id);
     map.tell();
     map.redraw();
     knowledge.update();
-    task.update();
     if (choice("inbox-filter").value === "selected") inbox.update();
   },
   redraw() {
@@ -81,14 +84,16 @@ const inbox = new InboxPanel(app);
 const knowledge = new KnowledgePanel(app);
 const commands = new CommandPanel(app);
 const autonomy = new AutonomyPanel(app);
-const task = new TaskPanel(app);
+const task = new TaskPanel(app, map.view);
+map.onDraw = () => task.place();
 const tabs = new Tabs(() => commands.aim());
 const pace = new PacePanel(app);
 const isa = new IsaPanel(app);
 const tlx = new TlxPanel(app);
 const session = new SessionPanel(app);
 const form = new FormPanel(app);
-const conduct = new ConductPanel(app, () => {
+const help = new HelpCall(app);
+const conduct = new ConductPanel(app, (time_s) => pace.seek(time_s), () => {
   map.update();
   showLists();
 });
@@ -114,12 +119,12 @@ function takeHello(hello) {
     app.say(t("Not noted: the run that it was for is over."));
   isNew = false;
   if (isFirst || isOther) events.begin();
-  setText(element("title"), t(hello.title));
+  setText(element("title"), conduct.title || t(hello.title));
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
   if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
-  tabs.offer("tab-notes", kind === "live" || kind === "conductor");
-  tabs.offer("tab-acts", kind === "conductor");
+  offerPanels(hello);
+  if (isFirst && hello.goal && kind === "live") tabs.show("tab-events");
   conduct.start();
   map.start();
   workload.start();
@@ -130,6 +135,24 @@ function takeHello(hello) {
   showLists();
 }
 
+/**
+ * Offer the panels that the run leaves to this page.
+ * @param {import("./types.js").Hello} hello
+ */
+function offerPanels({ panels, asks }) {
+  const kind = app.model.hello?.kind ?? "live";
+  /** @param {string} panel */
+  const has = (panel) => !["live", "watch"].includes(kind) || (panels?.includes(panel) ?? true);
+  for (const panel of ["workload", "inbox"]) element(panel).hidden = !has(panel);
+  tabs.offer("tab-commands", has("orders"));
+  tabs.offer("tab-agents", has("agents"));
+  tabs.offer("tab-events", has("events"));
+  tabs.offer("tab-notes", has("notes") && ["live", "conductor"].includes(kind));
+  tabs.offer("tab-acts", kind === "conductor" || kind === "replay");
+  element("side").hidden = tabs.isEmpty;
+  element("asks").hidden = !asks || kind !== "live";
+}
+
 /** @param {import("./types.js").Picture} picture */
 function takePicture(picture) {
   app.model.takePicture(picture);
@@ -137,6 +160,8 @@ function takePicture(picture) {
   if (!isFirstPicture) heardAt_ms = performance.now();
   isFirstPicture = false;
   pace.update();
+  help.update();
+  conduct.follow();
   isa.update();
   autonomy.update();
   tlx.update();
@@ -156,7 +181,10 @@ function showRole() {
     researcher: "Researcher's view: shows what no operator knows",
     conductor: `Conductor's view: shows what the participant does not know. Participant: ${conduct.words}`,
   };
-  const { hello, asked } = app.model;
+  const { hello, asked, picture } = app.model;
+  const isCalled = hello?.kind === "conductor" && picture?.help === "asked";
+  element("role").classList.toggle("alarm", isCalled);
+  if (isCalled) return setText(element("role"), "The participant calls for help.");
   const text = hello ? words[hello.kind] : "";
   element("role").hidden = !text;
   setText(element("role"), text && asked ? t("{role}. The participant is asked: {question}", { role: text, question: question(asked) }) : text);
@@ -198,9 +226,12 @@ function showStatus() {
   let [state, words] = ["live", hello?.kind === "replay" ? t("replay") : t("live")];
   if (!picture) [state, words] = ["silent", t("waiting for the run")];
   const atEnd = t(hello?.end_text ?? "");
-  element("ended").hidden = !link.hasEnded || !atEnd;
+  element("ended").hidden = !link.hasEnded || !atEnd || hello?.kind === "conductor";
+  showPlain(app.model, link.hasEnded);
+  if (link.hasEnded) element("help-me").hidden = true;
   setText(element("ended"), atEnd);
   if (link.hasEnded) [state, words] = ["ended", atEnd ? t("the run has ended") : t("the run has ended; this page may be closed")];
+  if (link.hasEnded && hello?.kind === "conductor" && atEnd) words = "the run has ended; the page of the next one follows here";
   else if (!isOpen) [state, words] = ["lost", hello ? t("connection lost, trying again") : t("connecting")];
   else if (picture?.over) [state, words] = ["ended", t("the run is over")];
   else if (pace.state.paused) [state, words] = ["paused", t("paused")];
@@ -225,11 +256,18 @@ function take(message) {
     app.model.takeTruth(message);
     map.update();
     showListsSoon();
+  } else if (message.type === "acts") {
+    if (message.is_first) conduct.forget();
+    conduct.take(message.acts);
+    showListsSoon();
   } else if (message.type === "act") {
     conduct.take([message.act]);
     showListsSoon();
   } else if (message.type === "read") {
     for (const item of message.items) app.model.read.add(item);
+    inbox.update();
+  } else if (message.type === "held") {
+    app.model.held = message.inbox;
     inbox.update();
   } else if (message.type === "accepted") commands.accepted(message.number);
   else if (message.type === "noted") noted(outbox.settle(message.id));
@@ -284,57 +322,7 @@ const link = new Link(take, (nowOpen) => {
 });
 const outbox = new Outbox((message) => link.send(message));
 
-/**
- * @param {string} tab
- * @param {string} id
- */
-function go(tab, id) {
-  if (tab) tabs.show(tab);
-  element(id).focus();
-}
-
-/** @type {import("./keys.js").Shortcut[]} */
-const shortcuts = [
-  { keys: ["p"], words: later("pause, go on"), act: () => pace.toggle() },
-  { keys: ["."], words: later("one step"), act: () => pace.step() },
-  { keys: ["<"], words: later("slower"), act: () => pace.shift(-1) },
-  { keys: [">"], words: later("faster"), act: () => pace.shift(1) },
-  { keys: ["m"], words: later("to the map"), act: () => go("", "map") },
-  { keys: ["i"], words: later("to the inbox"), act: () => inbox.enter() },
-  { keys: ["c"], words: later("to orders"), act: () => go("tab-commands", "command-name") },
-  { keys: ["a"], words: later("to agents"), act: () => go("tab-agents", "tab-agents") },
-  { keys: ["e"], words: later("to events"), act: () => go("tab-events", "tab-events") },
-  { keys: ["v"], words: later("veto a change of delta"), act: () => autonomy.veto() },
-  { keys: ["x"], words: later("judge the selected event: a target"), act: () => task.judge("target") },
-  { keys: ["z"], words: later("judge the selected event: a decoy"), act: () => task.judge("decoy") },
-  { keys: ["q"], words: later("to the question that is asked beside the map"), act: () => form.enter(), always: true },
-  { keys: ["n"], words: later("to notes"), act: () => go("tab-notes", "note-text") },
-  { keys: ["j"], words: later("next message"), act: () => inbox.step(1) },
-  { keys: ["k"], words: later("message before"), act: () => inbox.step(-1) },
-  { keys: ["u"], words: later("open the next unread message: mark as read, show on the map"), act: () => inbox.next() },
-  { keys: ["R"], words: later("mark all messages as read"), act: () => inbox.readAll() },
-  { keys: ["f"], words: later("show the whole arena"), act: () => map.fit() },
-  { keys: ["h"], words: later("heat map of age on or off"), act: () => map.toggle("heat") },
-  { keys: ["y"], words: later("heat map of activity on or off"), act: () => map.toggle("activity") },
-  { keys: ["l"], words: later("labels on or off"), act: () => map.toggle("labels") },
-  { keys: ["t"], words: later("lines of trees on or off"), act: () => map.toggle("trees") },
-  { keys: [later("Escape")], words: later("leave a field; select nothing"), act: () => app.select(null) },
-  { keys: ["?"], words: later("this list"), act: () => element("help-open").click(), always: true },
-  {
-    keys: ["1", "2", "3", "4", "5"],
-    shown: "1 – 5",
-    words: later("answer how busy you are, while you are asked"),
-    act: (key) => isa.isAsking && isa.answer(Number(key)),
-    always: true,
-    inHelp: () => isa.isAsking,
-  },
-];
-new Keys(shortcuts, [
-  ["← → ↑ ↓", later("on the map: move it; + and − zoom")],
-  [`${later("PageDown")} or ${later("PageUp")}`, later("on the map: next agent, agent before")],
-  [later("Enter"), later("on the map: choose what is at its centre; in the inbox: read; in a field of an order: send")],
-  [`${later("Ctrl")} Enter`, later("anywhere in an order: send; in notes: save the note")],
-]);
+new Keys(shortcuts({ app, autonomy, form, inbox, isa, map, pace, tabs, task }), ELSEWHERE);
 startTheme(() => {
   if (app.model.hello) workload.start();
   map.legendOf = "";

@@ -36,6 +36,7 @@ export class MapPanel {
     this.hasMoved = false;
     this.isDirty = false;
     this.legendOf = "";
+    this.onDraw = () => {};
     /** kind of the view: the truth needs no heat map, so it is off there until asked for */
     this.kind = "";
     this.arenaOf = "";
@@ -143,6 +144,7 @@ export class MapPanel {
         trees: trees.checked,
       };
       draw(this.on, this.view, this.app, layers, this.heat, document.activeElement === this.canvas);
+      this.onDraw();
     });
   }
 
@@ -213,11 +215,12 @@ export class MapPanel {
    * @returns {Selection | null}
    */
   nearest(x, y) {
-    let least = NEAR_PX;
+    let least = Infinity;
     /** @type {Selection | null} */
     let near = null;
-    const { agents, events } = this.app.model;
+    const { agents, events, hello } = this.app.model;
     const places = spread(agents, this.view);
+    const reach = { event: NEAR_PX, agent: Math.max(NEAR_PX, (hello?.radius_m ?? 0) * this.view.scale) };
     for (const [kind, rows] of /** @type {["agent" | "event", [number, number, number][]][]} */ (
       /** @type {unknown} */ ([
         ["event", events],
@@ -227,7 +230,7 @@ export class MapPanel {
       for (const [id, x_m, y_m] of rows) {
         const [at_x, at_y] = (kind === "agent" && places.get(id)) || this.view.toScreen(x_m, y_m);
         const distance = Math.hypot(at_x - x, at_y - y);
-        if (distance <= least) [least, near] = [distance, { kind, id }];
+        if (distance <= Math.min(least, reach[kind])) [least, near] = [distance, { kind, id }];
       }
     }
     return near;
@@ -308,6 +311,7 @@ export class MapPanel {
       model.events.length > 0,
       model.agents.some((agent) => !agent[7]),
       model.hello?.base_m,
+      model.hello?.radius_m,
       Boolean(model.shownTruth),
       inks().ink,
     ]);

@@ -29,15 +29,21 @@ export type Hello = {
   obstacles: Point[][];
   base_m: Point | null;
   range_m: number | null;
+  radius_m: number;
   agents: number;
   thresholds_hz: number[];
+  inbox?: { policy: string; order: string; held: string };
   event_numbers: [number, number][];
   commands: Form[];
   goal: string;
   sets_delta?: "operator" | "swarm" | "system" | "budget";
   speeds: number[];
   layers?: string[];
+  panels?: string[];
+  place: number[];
+  asks: boolean;
   end_text: string;
+  worth?: Record<string, string>;
   language: Language | null;
   session: Session | null
 };
@@ -51,7 +57,9 @@ export type Picture = {
   agents: AgentRow[];
   events: EventRow[];
   inbox: InboxRow[];
+  counts: [number, number][];
   judged: [number, string][];
+  held?: [number, number, number | null];
   unread: number;
   closed?: { events: number; after_s: number };
   workload: Workload;
@@ -59,6 +67,8 @@ export type Picture = {
   pace: { paused: boolean; speed: number };
   probe: Probe | null;
   proposal: { delta: number; left_s: number } | null;
+  help: "asked" | "seen" | "over";
+  next?: { what: string; at_s: number } | null;
   replay?: { from_s: number; to_s: number; speed: number; paused: boolean };
   truth?: Truth | null;
   status?: Record<string, unknown>
@@ -68,6 +78,7 @@ export type Picture = {
 export type CatchUp = {
   type: "catch_up";
   inbox: InboxRow[];
+  counts: [number, number][];
   read: number[];
   history: HistoryRow[];
   acts?: Act[]
@@ -77,12 +88,14 @@ export type Message =
   | Hello
   | Picture
   | CatchUp
+  | { type: "held"; inbox: InboxRow[] }
   | { type: "accepted"; id: string; number: number }
   | { type: "beat" }
   | { type: "noted"; id: string }
   | { type: "refused"; id: string | null; why: string; again?: boolean }
   | { type: "read"; items: number[] }
   | { type: "act"; act: Act }
+  | { type: "acts"; acts: Act[]; is_first: boolean }
   | { type: "truth"; time_s: number; agents: Truth["agents"]; events: Truth["events"] }
   | { type: "role"; role: "watch" }
   | { type: "ended" };
@@ -93,11 +106,14 @@ export type Intent =
   | { type: "judge"; event: number; answer: string }
   | { type: "pace"; speed?: number | null; steps?: number | null; paused?: boolean | null }
   | { type: "read"; items?: number[] | null; all?: boolean | null; up_to?: number | null }
+  | { type: "held" }
   | { type: "isa"; number: number; answer: number; shown_s?: number | null }
   | { type: "tlx"; scales: Record<string, number>; weights?: Record<string, number> | null; shown_s?: number | null }
   | { type: "form"; form: string; number?: number | null; answers: Record<string, unknown>; shown_s?: number | null }
   | { type: "ready"; form: string; number: number; shown_s?: number | null }
   | { type: "note"; text: string }
+  | { type: "help"; state: string }
+  | { type: "end" }
   | { type: "page"; event: string; text?: string | null }
   | { type: "beat" }
   | { type: "sheet"; consent: boolean; participant?: string | null; condition?: string | null }

@@ -30,6 +30,10 @@ export class Model {
     this.picture = null;
     /** @type {Map<number, InboxRow>} in the order of their numbers */
     this.inbox = new Map();
+    /** @type {Map<number, number>} how many items each line only counts */
+    this.counts = new Map();
+    /** @type {InboxRow[]} items that the inbox holds back, as they were when the page asked */
+    this.held = [];
     /** @type {Set<number>} */
     this.read = new Set();
     /** @type {HistoryRow[]} */
@@ -88,7 +92,7 @@ export class Model {
   get events() {
     const { picture, now_s, shownTruth } = this;
     if (shownTruth)
-      return shownTruth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, []]);
+      return shownTruth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, [], []]);
     return picture?.events ?? [];
   }
 
@@ -130,9 +134,10 @@ export class Model {
     if (workload && (!last || last[0] < time_s)) this.history.push([time_s, workload.rate_1s_hz, workload.rate_60s_hz]);
     if (this.history.length > MAX_HISTORY) this.history.splice(0, this.history.length - MAX_HISTORY);
     const items = picture.inbox ?? [];
-    const oldest = items.reduce((least, item) => Math.min(least, item[0]), Infinity);
+    const oldest = items.reduce((least, item) => Math.min(least, placeOf(item)), Infinity);
     if (oldest !== Infinity && oldest > this.newest + 1) this.isCaughtUp = false;
     this.addItems(items);
+    for (const [line, count] of picture.counts ?? []) this.counts.set(line, count);
   }
 
   /** @param {import("./types.js").Truth} truth */
@@ -147,7 +152,8 @@ export class Model {
   takeCatchUp(answer) {
     this.isCaughtUp = true;
     this.addItems(answer.inbox);
-    this.inbox = new Map([...this.inbox].sort((a, b) => a[0] - b[0]));
+    this.counts = new Map(answer.counts);
+    this.inbox = new Map([...this.inbox].sort((a, b) => placeOf(a[1]) - placeOf(b[1])));
     this.read = new Set(answer.read); // a replay that went back knows of fewer
     const known = new Map([...answer.history, ...this.history].map((row) => [row[0], row]));
     this.history = [...known.values()].sort((a, b) => a[0] - b[0]).slice(-MAX_HISTORY);
@@ -155,12 +161,13 @@ export class Model {
 
   /** @param {InboxRow[]} items */
   addItems(items) {
-    for (const item of [...items].sort((a, b) => a[0] - b[0])) {
+    for (const item of [...items].sort((a, b) => placeOf(a) - placeOf(b))) {
       if (!this.inbox.has(item[0])) this.inbox.set(item[0], item);
-      this.newest = Math.max(this.newest, item[0]);
+      this.newest = Math.max(this.newest, placeOf(item));
     }
     for (const number of this.inbox.keys()) {
       if (this.inbox.size <= MAX_INBOX) break;
+      this.counts.delete(this.inbox.get(number)?.[8] ?? number);
       this.inbox.delete(number);
       this.read.delete(number);
     }
@@ -176,7 +183,8 @@ export class Model {
       this.inbox.delete(number);
       this.read.delete(number);
     }
-    this.newest = [...this.inbox.keys()].at(-1) ?? -1;
+    const last = [...this.inbox.values()].at(-1);
+    this.newest = last ? placeOf(last) : -1;
     this.history = this.history.filter((row) => row[0] <= time_s);
     this.isCaughtUp = false; // a jump forward may have dropped what came before
   }
@@ -185,10 +193,20 @@ export class Model {
   forget() {
     this.picture = this.truth = this.theirs = null;
     this.inbox.clear();
+    this.held = [];
+    this.counts.clear();
     this.read.clear();
     this.eventNumbers.clear();
     this.history = [];
     this.isCaughtUp = false;
     this.newest = -1;
   }
+}
+
+/**
+ * The place of an item in the order in which items were shown.
+ * @param {InboxRow} item
+ */
+function placeOf(item) {
+  return item[9] ?? item[0];
 }

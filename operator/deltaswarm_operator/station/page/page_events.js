@@ -6,6 +6,12 @@
 const LOOK_EVERY_MS = 50;
 const SETTLE_MS = 300;
 
+/**
+ * What is selected, and whether the page chose it, not the person.
+ * @param {App} app
+ */
+const selected = ({ selection }) => (selection ? `${selection.kind} ${selection.id}${selection.byItself ? " by itself" : ""}` : "");
+
 export class PageEvents {
   /**
    * @param {App} app
@@ -16,7 +22,7 @@ export class PageEvents {
     this.app = app;
     /** @type {Record<string, Watched>} */
     this.watched = {
-      selected: { now: () => (app.selection ? `${app.selection.kind} ${app.selection.id}` : ""), settle_ms: 0, since_ms: 0 },
+      selected: { now: () => selected(app), settle_ms: 0, since_ms: 0 },
       tab: { now: tab, settle_ms: 0, since_ms: 0 },
       size: { now: () => `${window.innerWidth}x${window.innerHeight}`, settle_ms: SETTLE_MS, since_ms: 0 },
       zoom: { now: () => `${zoom().toFixed(2)} px/m`, settle_ms: SETTLE_MS, since_ms: 0 },

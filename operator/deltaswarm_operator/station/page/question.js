@@ -53,13 +53,26 @@ export class Question {
     if (isWanted !== this.dialog.open) {
       if (!isWanted) return this.dialog.close();
       this.show();
-      if (probe?.kind === "form" && probe.left_s !== null) {
+      const isPassing = probe?.kind === "form" && probe.left_s !== null;
+      this.moveTo(isPassing ? element("asks") : document.body);
+      if (isPassing) {
         this.dialog.open = true; // `show()` would take the focus from a person who types
         if (this.isInside && document.activeElement === document.body) this.enter();
         else this.app.say(t("You are asked a question: press q to go to it."));
       } else this.dialog.showModal();
     }
     if (isWanted) this.look();
+  }
+
+  /**
+   * Put the dialog where it is shown; moving it must not move the focus.
+   * @param {HTMLElement} where
+   */
+  moveTo(where) {
+    const title = this.dialog.querySelector("h2");
+    title?.removeAttribute("autofocus");
+    if (this.dialog.parentElement !== where) where.append(this.dialog);
+    title?.toggleAttribute("autofocus", where === document.body);
   }
 
   /** Move to the first field. */

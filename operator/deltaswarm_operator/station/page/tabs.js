@@ -29,6 +29,13 @@ export class Tabs {
    */
   offer(id, isOffered) {
     element(id).hidden = !isOffered;
+    const first = this.tabs.find((tab) => !tab.hidden);
+    if (element(this.chosen).hidden && first) this.show(first.id);
+  }
+
+  /** Whether no tab is offered. */
+  get isEmpty() {
+    return this.tabs.every((tab) => tab.hidden);
   }
 
   /** @param {string} id */

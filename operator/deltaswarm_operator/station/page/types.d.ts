@@ -6,10 +6,29 @@ export type { CatchUp, Hello, Intent, Message, Picture } from "./messages.js";
 
 /** id, x [m], y [m], role, parent, root (-1: none), time of the newest word [s], 1 if by its own report, delta (0: unknown). */
 export type AgentRow = [number, number, number, string, number, number, number, number, number];
-/** id, x [m], y [m], first reported [s], last reported [s], agent that reported it last (-1: nobody), who attends it. */
-export type EventRow = [number, number, number, number, number, number, number[]];
-/** number, time [s], agent, role, followers, events, whether it tells something new. */
-export type InboxRow = [number, number, number, string, number, number[], boolean | number];
+/** id, x [m], y [m], first reported [s], last reported [s], agent that reported it last (-1: nobody), who attends it, earlier places [m]. */
+export type EventRow = [number, number, number, number, number, number, number[], Point[]];
+/** number, time [s], agent, role, followers, events, whether it tells something new; severity, line, place in the order in which items were shown (-1: it was not). */
+export type InboxRow = [
+  number,
+  number,
+  number,
+  string,
+  number,
+  number[],
+  boolean | number,
+  string?,
+  number?,
+  number?,
+];
+/** A line of the inbox: its number, its items, the one that it is listed as, the number of all that it stands for, whether it asks to be read. */
+export interface InboxLine {
+  number: number;
+  items: InboxRow[];
+  first: InboxRow;
+  count: number;
+  isUnread: boolean;
+}
 /** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state, replaced at, some that refused, given by. */
 export type CommandRow = [
   number,
@@ -54,6 +73,9 @@ export interface Form {
 
 export interface Session {
   sheet?: { consent: string; participant: string; condition: string } | null;
+  /** Of the conductor's page alone. */
+  participant?: string;
+  condition?: string;
 }
 
 export interface Language {
@@ -120,6 +142,8 @@ export type Target =
 export interface Selection {
   kind: "agent" | "event";
   id: number;
+  /** Whether the page chose it, not the person. */
+  byItself?: boolean;
 }
 
 /** A command form that waits for a place, a tree or an agent on the map. */

@@ -9,7 +9,6 @@ import { clock, number } from "./words.js";
 
 const SHORT = "#0072b2";
 const SHORT_DARK = "#56b4e9";
-const LONG = "#d55e00";
 
 /** Possible intervals between the times below the chart [s]. */
 const TIMES_S = [1, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200];
@@ -27,7 +26,7 @@ export class WorkloadPanel {
   }
 
   size() {
-    return { width: Math.max(this.where.clientWidth, 100), height: Math.max(this.where.clientHeight, 80) };
+    return { width: Math.max(this.where.clientWidth, 100), height: Math.max(this.where.clientHeight, 50) };
   }
 
   /** Draw the chart again, for another run or other colours. */
@@ -69,14 +68,14 @@ export class WorkloadPanel {
       series: [
         {},
         { stroke: short, width: 1.2, points: { show: false } },
-        { stroke: LONG, width: 2.5, points: { show: false } },
+        { stroke: ink, width: 2.5, points: { show: false } },
       ],
       hooks: { draw: [(/** @type {uPlot} */ plot) => this.drawThresholds(plot, thresholds)] },
     };
     this.plot = new uPlot(options, this.columns(), this.where);
     this.shown_s = -1;
     element("rate-short").style.setProperty("--line", short);
-    element("rate-long").style.setProperty("--line", LONG);
+    element("rate-long").style.setProperty("--line", ink);
   }
 
   /**
@@ -108,17 +107,17 @@ export class WorkloadPanel {
     const { picture, hello, history, now_s } = this.app.model;
     if (!picture?.workload) return;
     const { rate_1s_hz, rate_60s_hz, senders, messages, residue, above_s } = picture.workload;
-    setText(element("rate-short"), `${number(rate_1s_hz)} /s`);
-    setText(element("rate-long"), `${number(rate_60s_hz)} /s`);
+    setText(element("rate-short"), number(rate_1s_hz));
+    setText(element("rate-long"), number(rate_60s_hz));
     setText(element("senders"), String(senders));
     setText(element("messages"), String(messages));
     setText(element("unread"), String(picture.unread));
     setText(element("residue"), number(residue, 2));
     setText(element("events-open"), String(picture.events.length));
     const { events: closed, after_s } = picture.closed ?? { events: 0, after_s: 0 };
-    setText(element("events-closed"), closed ? t("{count} in {seconds} s", { count: closed, seconds: number(after_s) }) : "0");
+    setText(element("events-closed"), closed ? t("{count}, after {seconds} s each", { count: closed, seconds: number(after_s, 0) }) : "0");
     const thresholds = hello?.thresholds_hz ?? [];
-    const above = thresholds.map((limit, at) => t("above {rate} /s for {time}", { rate: number(limit, 2), time: clock(above_s[at] ?? 0) }));
+    const above = thresholds.map((limit, at) => t("above {rate} for {time}", { rate: number(limit, 2), time: clock(above_s[at] ?? 0) }));
     setText(element("above"), above.join(" · "));
     const isOver = thresholds.some((limit) => rate_60s_hz > limit);
     element("rate-long").classList.toggle("over", isOver);

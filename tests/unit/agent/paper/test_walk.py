@@ -12,12 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controller import STAND, Velocity
-from deltaswarm_agent.controllers.paper.walk import Walk, towards
+from deltaswarm_agent.controllers.paper.walk import Walk, leg_s, towards
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.shapes import SIDE_M, Place, places, polygons
+from tests.support.tiers import in_one_test
 
 ENDLESS_S = 1e9
 sizes_m = st.floats(3.0, 60.0)
@@ -230,3 +231,17 @@ def test_an_agent_on_a_long_leg_is_asked_seldom() -> None:
     assert legs.straight_until(0, 5e3, 5e3, velocity) == MAX_POSES
     short = Walk(shared, 10.0, random.Random(1))
     assert short.straight_until(0, 5e3, 5e3, short.velocity(0, 5e3, 5e3)) == short._ends
+
+
+@given(seeds, st.floats(0.2, 1e4), st.floats(0.0, 10.0))
+def test_a_leg_is_no_longer_than_the_longest(seed: int, leg_max_s: float, exponent: float) -> None:
+    """Also where that is below the shortest leg of a Levy walk."""
+    assert 0.0 <= leg_s(random.Random(seed), leg_max_s, exponent) <= leg_max_s * (1 + 1e-9)
+
+
+@in_one_test(("exponent", "longer_than_10_s"), [(0.0, 0.9), (1.0, 0.5), (2.0, 0.0909), (3.0, 0.0099)])
+def test_legs_of_a_levy_walk_follow_a_power_law(exponent: float, longer_than_10_s: float) -> None:
+    """Of legs from 1 to 100 s, the share that is longer than 10 s; of uniform ones, from 0 s on, nine tenths."""
+    rng = random.Random(7)
+    legs_s = [leg_s(rng, 100.0, exponent) for _ in range(20_000)]
+    assert sum(duration_s > 10 for duration_s in legs_s) / 20_000 == pytest.approx(longer_than_10_s, abs=0.01, rel=0.15)

@@ -66,7 +66,8 @@ def test_a_terminals_ctrl_c_while_workers_start(tmp_path: Path, engine: str, wor
         wait_until(lambda: sum(map(heeds, marked(running.mark))) == 1 + workers, "the workers' processes")
         os.killpg(running.process.pid, signal.SIGINT)
         code, _, errors = running.finish()
-        assert (code, len(errors.splitlines())) == (130, 1), errors
+        said = [line for line in errors.splitlines() if not line.startswith("compiled cores would save")]
+        assert (code, len(said)) == (130, 1), errors
         all_gone(running.mark)
 
 
@@ -77,7 +78,8 @@ def test_a_signal_ends_a_sweep_in_order_before_its_first_run_too(tmp_path: Path,
         wait_until(lambda: heeds(running.process.pid, number), "Python")
         running.process.send_signal(number)
         code, _, errors = running.finish()
-        assert (code, len(errors.splitlines())) == (130, 1), errors
+        said = [line for line in errors.splitlines() if not line.startswith("compiled cores would save")]
+        assert (code, len(said)) == (130, 1), errors
 
 
 @pytest.mark.slow

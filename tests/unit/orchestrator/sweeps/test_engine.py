@@ -90,7 +90,7 @@ def test_only_what_the_machine_disturbed_is_tried_again(
     """A run that fails by itself would fail again; either way the reason is told."""
     tried: list[Task] = []
 
-    def fail(task: Task) -> Result:
+    def fail(task: Task, look: object) -> Result:
         tried.append(task)
         raise error
 

@@ -143,6 +143,8 @@ def leaves(settings: Any, prefix: str = "") -> Iterator[str]:
 
 
 CHOICES = (DENSITIES, CLOCKS, RECORDS)
+PLUGGED = {"dynamics": "physics", "policy": "grouped"}
+"""Another value of keys that name a plug-in."""
 
 
 def changed(settings: Any, dotted: str) -> Any:
@@ -154,6 +156,8 @@ def changed(settings: Any, dotted: str) -> Any:
     other: Any
     if name == "mode":
         other = "decentralised"
+    elif name in PLUGGED:
+        other = PLUGGED[name]
     elif isinstance(value, bool):
         other = not value
     elif isinstance(value, int | float):

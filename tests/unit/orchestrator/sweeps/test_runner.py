@@ -12,9 +12,10 @@ import orjson
 import pandas as pd
 import pytest
 
+from deltaswarm.sweeps import each_trace_once
 from deltaswarm_orchestrator.base.seal import SealError
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.sweep import described, each_trace_once
+from deltaswarm_orchestrator.cli.sweep import described
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work

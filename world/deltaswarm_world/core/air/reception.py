@@ -31,7 +31,8 @@ class Reception:
         """The sender of each frame on the air in this step."""
         self._in_reach: Links | None = None
         self._cuts: list[tuple[str, Mask]] = []
-        self._lost: list[tuple[str, Sequence[Arrival]]] = []
+        self._lost: list[tuple[str, str, Sequence[Arrival]]] = []
+        """The reason of a loss, where it happened, and what was lost."""
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what only `outcomes` needs, which would make a checkpoint large."""
@@ -64,7 +65,7 @@ class Reception:
         """Count frames that do not go on, each worth this number of receptions."""
         if arrivals:
             self.drop(reason, len(arrivals) * receptions)
-            self._lost.append((f"dropped: {reason}, {where}", arrivals))
+            self._lost.append((reason, where, arrivals))
 
     def cut(self, reason: str, links: Links, cut: Mask) -> None:
         """Cut links, and count those that were open."""
@@ -81,8 +82,9 @@ class Reception:
     def outcomes(self, sender: int, receiver: int, is_listening: bool) -> list[str]:
         """Return what became in this step of the frames from one agent to another, in the order of their way."""
         found = []
-        for text, arrivals in self._lost:
-            found += [text for end, packet in arrivals if packet.sender == sender and end in (EVERYBODY, receiver)]
+        for reason, where, arrivals in self._lost:
+            lost = [end for end, packet in arrivals if packet.sender == sender and end in (EVERYBODY, receiver)]
+            found += [f"dropped: {reason}, {where}"] * len(lost)
         is_in_reach = (sender, receiver) in self.links
         if (links := self._in_reach) is not None:
             between: Mask = (links.senders == sender) & (links.receivers == receiver)
@@ -92,3 +94,22 @@ class Reception:
         if not is_in_reach:
             found += [f"dropped: {'range' if is_listening else 'dead'}"] * self.on_air.count(sender)
         return found + ["delivered"] * self.links.count((sender, receiver))
+
+    def losses(self, is_listening: Sequence[bool]) -> list[tuple[int, int, str]]:
+        """Return sender, receiver and reason of each dropped reception of this step."""
+        ends, in_reach = range(len(is_listening)), self.links
+        lost: list[tuple[int, int, str]] = []
+        for reason, _, arrivals in self._lost:
+            for receiver, (sender, _, _) in arrivals:
+                receivers = [end for end in ends if end != sender] if receiver == EVERYBODY else [receiver]
+                lost += [(sender, end, reason) for end in receivers]
+        if (links := self._in_reach) is not None:
+            in_reach = list(zip(links.senders.tolist(), links.receivers.tolist(), strict=True))
+            for reason, cut in self._cuts:
+                rows = cut.nonzero()[0].tolist()
+                lost += [(*in_reach[row], reason) for row in rows]
+        near = set(in_reach)
+        for sender in self.on_air:
+            far = [end for end in ends if end != sender and (sender, end) not in near]
+            lost += [(sender, end, "range" if is_listening[end] else "dead") for end in far]
+        return lost

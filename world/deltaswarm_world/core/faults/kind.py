@@ -70,6 +70,8 @@ class Kind:
     kills: ClassVar[bool] = False
     """Whether it ends its targets' processes."""
 
+    # A class attribute `dynamics` names the only `world.dynamics` that it goes with; without it, all.
+
     def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
         self.name = name
         self.agents: frozenset[int] = frozenset()

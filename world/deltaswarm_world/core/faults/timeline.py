@@ -106,12 +106,21 @@ class Faults:
         return set([agent for agent in shuffled if agent in living][:wanted])
 
     @property
+    def active(self) -> Sequence[ActiveFault]:
+        """Return all active faults, by start."""
+        return self._active
+
+    @property
     def affected(self) -> frozenset[int]:
         """Return all agents under a fault in this step."""
         return frozenset(agent for fault in self._active for agent in fault.agents)
 
     def _of(self, name: str) -> list[ActiveFault]:
         return [fault for fault in self._active if fault.fault.kind == name]
+
+    def redraw(self, seed: int) -> None:
+        """Draw the targets and effects of the faults that have not begun anew, as with another seed."""
+        self._seed = seed
 
     # What bodies do and sense in each step
 

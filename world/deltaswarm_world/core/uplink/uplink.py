@@ -36,6 +36,8 @@ class Uplink:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
         self.dropped: dict[str, int] = {}
         """Dropped reports of the last step by reason."""
+        self.losses: list[tuple[int, str]] = []
+        """Sender and reason of each dropped report of the last step."""
         self._outcomes: list[tuple[str, Packet]] = []
         """What became of each report that arrived or was dropped in the last step."""
         self._count = count
@@ -80,7 +82,7 @@ class Uplink:
         sent: Mapping[int, bytes],
     ) -> list[bytes]:
         """Run one step with positions [m], presence and root by agent, and reports; return arrived reports."""
-        self.dropped, self._outcomes = {}, []
+        self.dropped, self.losses, self._outcomes = {}, [], []
         self._state = state = StepState(step, time_s, positions_m, there, roots, self._within(positions_m))
         entering = []
         for sender in sorted(sent):
@@ -162,6 +164,7 @@ class Uplink:
     def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
         """Count a dropped report."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        self.losses.append((packet.sender, reason))
         self._outcomes.append((f"dropped: {reason}{where}", packet))
         if self._relay:
             self._relay.forget(packet.number)

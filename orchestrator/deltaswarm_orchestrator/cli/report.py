@@ -1,29 +1,14 @@
-"""A run as commands do it: every check before it, its progress and its results on the terminal."""
+"""A run as commands do it: its progress and its results on the terminal."""
 
 import json
 import sys
-from contextlib import nullcontext
 
+from deltaswarm.runs import conduct
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import complain, notice
 from deltaswarm_orchestrator.base.output import print_result, results
-from deltaswarm_orchestrator.run.options import RunOptions, check
+from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.scenario import Scenario
-
-
-def check_run(scenario: Scenario, options: RunOptions) -> None:
-    """Make every check of a run.
-
-    Raises:
-        SettingsError, CommandError: the run would be refused.
-    """
-    from deltaswarm_orchestrator.doctor import check_parts_can_start
-
-    if options.engine:
-        check_parts_can_start(0, linked=scenario.agents.count)
-    elif not options.in_process:
-        check_parts_can_start(scenario.agents.count - len(options.boards.agents if options.boards else ()))
-    check(scenario, options)
 
 
 def isa_warning(scenario: Scenario, speed: float) -> str | None:
@@ -42,16 +27,9 @@ def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_j
     """Do a checked run and print its results; return the exit code."""
     from rich.console import Console
 
-    from deltaswarm_orchestrator.base.exits import Reporter
-    from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
-    from deltaswarm_orchestrator.run.progress import Display, result_table
+    from deltaswarm_orchestrator.run.progress import result_table
 
-    with (
-        nullcontext(Reporter())
-        if quiet or options.debug
-        else Display(scenario.run.step_s, scenario.agents.count) as display
-    ):
-        result = run_scenario(scenario, options, display)
+    result = conduct(scenario, options, quiet=quiet or options.debug)
     reasons = result.summary["invalid_because"] if as_json or result.summary["steps"] else []
     for message in result.messages:
         if not any(message in reason for reason in reasons):  # which are printed last

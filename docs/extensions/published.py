@@ -1,0 +1,87 @@
+"""Put what published studies found into pages that tell of it: findings that still hold, and medians with intervals.
+
+A part begins with a comment and ends with `<!-- end -->`; what stands between them is made anew:
+
+- `<!-- findings: NAME -->` lists the findings of a study's page, which drops those that its results no longer support.
+- `<!-- verdicts: NAME -->` counts the verdicts of its claims; for the README, by its path.
+- `<!-- medians`, TOML, `-->` makes a table: `study`, `heading`, `[rows]` (name and variant), `[columns]` (metric and
+  title), and, if you like, `[says.METRIC]` (a row's name and what is put beside it).
+"""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+DOCS = Path(__file__).parents[1]
+PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md")
+STUDIES = DOCS / "studies"
+
+OURS = "Our readings"
+"""The source of claims that are about our readings of a paper."""
+
+PLACE = "docs/studies"
+
+PART = re.compile(r"(<!-- (findings|medians|verdicts)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
+
+
+def findings(given: str) -> Iterator[str]:
+    """List a study's findings as its page has them: between its question and its design."""
+    page = (STUDIES / given.strip() / "page.md").read_text(encoding="utf-8")
+    yield ""
+    yield from (line for line in page.partition("\n## Design\n")[0].splitlines() if line.startswith("- "))
+    yield ""
+
+
+def medians(given: str) -> Iterator[str]:
+    """Make a table of medians with their 95 % intervals."""
+    wanted = tomllib.loads(given)
+    table = pd.read_csv(STUDIES / wanted["study"] / "estimates.csv").set_index(["variant", "metric"])
+    columns, says = wanted["columns"], wanted.get("says", {})
+    yield from ("", f"| {' | '.join([wanted['heading'], *columns.values()])} |", "| --- |" + " ---: |" * len(columns))
+    for name, variant in wanted["rows"].items():
+        cells = [_cell(table.loc[(variant, metric)]) + says.get(metric, {}).get(name, "") for metric in columns]
+        yield f"| {' | '.join([name, *cells])} |"
+    yield ""
+
+
+def _cell(row: "pd.Series[float]") -> str:
+    low, high = (f"{row[end]:.3g}" if pd.notna(row[end]) else "" for end in ("low", "high"))
+    return f"{row['median']:.3g} [{low}, {high}]" if low and high else f"{row['median']:.3g}"
+
+
+def verdicts(given: str) -> Iterator[str]:
+    """Count the verdicts of a study's claims; apart those that were calibrated, and those about our readings."""
+    name = given.strip()
+    table = pd.read_csv(STUDIES / name / "claims.csv")
+    is_ours, is_calibrated = table["source"] == OURS, table["calibrated"].notna()
+    counts = (
+        table[~is_ours & ~is_calibrated]["verdict"].replace({"differs": "refuted", "agrees": "holds"}).value_counts()
+    )
+    held, refuted, undecided = (counts.get(verdict, 0) for verdict in ("holds", "refuted", "undecided"))
+    ours = f" {is_ours.sum()} are about these readings themselves." if is_ours.any() else ""
+    yield ""
+    yield f"Of {counts.sum()} claims of the paper {held} hold, {refuted} are refuted and {undecided} undecided"
+    yield f"([each claim]({PLACE}/{name}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
+    yield f"our readings were chosen, so that they agree is no evidence.{ours}"
+    yield ""
+
+
+MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts}
+
+
+def with_published(text: str) -> str:
+    """Return a page with its parts as the published tables have them now."""
+
+    def made(part: re.Match[str]) -> str:
+        begin, kind, given, _, end = part.groups()
+        return begin + "\n".join(MAKERS[kind](given)) + "\n" + end
+
+    return PART.sub(made, text)
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        page.write_text(with_published(page.read_text(encoding="utf-8")), encoding="utf-8")

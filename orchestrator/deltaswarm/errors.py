@@ -1,0 +1,68 @@
+"""The one exception of this package: its text is what the command line prints, and its code the exit code."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE, CommandError
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.plugin_errors import blamed, distinct
+
+
+class Error(Exception):
+    """A mistake, or something that failed; the text has a line for each.
+
+    Args:
+        lines: what the command line prints, after its name.
+        code: the exit code of the command line: 1 failed, 2 a mistake, 130 interrupted.
+        traces: the tracebacks of plug-ins that raised, each from the plug-in's own frame on.
+    """
+
+    def __init__(self, *lines: str, code: int = USAGE, traces: tuple[str, ...] = ()) -> None:
+        super().__init__("\n".join(lines))
+        self.lines, self.code, self.traces = lines, code, traces
+        for trace in traces:
+            self.add_note(trace)
+
+
+def of_settings(error: SettingsError) -> Error:
+    """Return what the user is told of mistakes in settings."""
+    traces = distinct({str(problem): problem.trace for problem in error.problems if problem.trace})
+    return Error(*map(str, error.problems), traces=(*traces,))
+
+
+def error_of(error: BaseException, command: str) -> Error | None:
+    """Return what the user is told of an error; None of one that only a mistake of deltaswarm itself can cause."""
+    if isinstance(error, Error):
+        return error
+    if isinstance(error, SettingsError):
+        return of_settings(error)
+    if isinstance(error, CommandError):
+        return Error(str(error), code=error.code)
+    if plugin := blamed(error):
+        return Error(str(plugin), code=FAILED, traces=(plugin.trace,) if plugin.trace else ())
+    if isinstance(error, KeyboardInterrupt):
+        return Error("interrupted", code=INTERRUPTED)
+    if isinstance(error, OSError) and error.filename is not None:
+        return Error(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}", code=FAILED)
+    if isinstance(error, ModuleNotFoundError):
+        from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
+
+        if is_of_studies(error):
+            return Error(f"{command} needs {error.name}: {INSTALL_STUDY}")
+    return None
+
+
+@contextmanager
+def one_error(command: str) -> Iterator[None]:
+    """Raise whatever the user is to be told of as `Error`; `command` is what was asked for, for messages.
+
+    Raises:
+        Error: as above; Ctrl-C, and mistakes of deltaswarm itself, pass.
+    """
+    try:
+        yield
+    except Exception as error:
+        if (told := error_of(error, command)) is None:
+            raise
+        raise told from None

@@ -1,0 +1,75 @@
+"""The chance of a run after a step: find every generator in its state, and draw anew from each, step by step.
+
+In a replicate each generator is set anew before each step, from the replicate's seed, the generator's place in the
+state, and the step. So two runs from one state have the same chance in a step, whatever they drew in the steps before:
+what a radio model draws for more frames does not shift its draws for the next step.
+"""
+
+import io
+import pickle
+import random
+from typing import Any
+
+import numpy as np
+
+from deltaswarm_wire.seeds import derived_key
+
+PLACE = "generator"
+
+
+class _Pickler(pickle.Pickler):
+    """Leaves generators out, each by its place."""
+
+    def __init__(self, stream: io.BytesIO) -> None:
+        super().__init__(stream)
+        self.found: dict[int, Any] = {}
+
+    def persistent_id(self, found: Any) -> tuple[str, int] | None:
+        """Return the place of a generator; None for all else."""
+        if not isinstance(found, np.random.Generator | random.Random):
+            return None
+        places = list(self.found)
+        if id(found) not in self.found:
+            self.found[id(found)] = found
+            return PLACE, len(places)
+        return PLACE, places.index(id(found))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, stream: io.BytesIO, generators: list[Any]) -> None:
+        super().__init__(stream)
+        self._generators = generators
+
+    def persistent_load(self, place: Any) -> Any:
+        """Return the generator of a place."""
+        return self._generators[place[1]]
+
+
+class Chance:
+    """The generators in a state of a run, which draw by another seed."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.generators: list[Any] = []
+
+    def load(self, state: bytes) -> Any:
+        """Load a pickled state, and find its generators, which draw as before until `begin_step`."""
+        pickler = _Pickler(stream := io.BytesIO())
+        pickler.dump(pickle.loads(state))
+        self.generators = list(pickler.found.values())
+        return _Unpickler(io.BytesIO(stream.getvalue()), self.generators).load()
+
+    def begin_step(self, step: int) -> None:
+        """Set all generators for a step."""
+        for place, found in enumerate(self.generators):
+            key = (self.seed, place, step)
+            if isinstance(found, np.random.Generator):
+                kind: Any = type(found.bit_generator)
+                found.bit_generator.state = kind(np.random.SeedSequence(key)).state
+            else:
+                found.seed(f"deltaswarm/{key}")
+
+
+def replicate_seed(seed: int, step: int, number: int) -> int:
+    """Return the seed of a replicate of what comes after a step: 63 bits, which nothing else draws by."""
+    return int.from_bytes(derived_key(seed, f"branch at {step}, replicate {number}")[:8], "little") >> 1

@@ -1,0 +1,214 @@
+"""The commands `deltaswarm branch` and `deltaswarm value`: read their options, and print what comes of them."""
+
+import argparse
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deltaswarm_branches.keys import LATER
+from deltaswarm_orchestrator.base.exits import OK, aligned, notice
+from deltaswarm_orchestrator.base.paths import check_out, free_folder
+from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, number, show, whole
+from deltaswarm_scenario.operator_links import CommandSettings
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+
+if TYPE_CHECKING:
+    from deltaswarm_branches.pairs import Work
+
+ADDED = "--add-command"
+
+
+def add_branch(command: argparse.ArgumentParser) -> None:
+    """Go on from a step of a run with something different: an order less or more, a setting, a mode."""
+    command.description = (
+        "Repeat a run, check its digest, and go on from one of its steps in a new run with something different: "
+        "without an order, with another, or with other settings. Events and chance are the same, as far as they are "
+        "common to both. See docs/BRANCHES.md."
+    )
+    command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
+    group = command.add_argument_group("what is different")
+    group.add_argument(
+        "--at",
+        type=number(0.0),
+        metavar="S",
+        help="time from which on it is different [s] (default: when the first dropped order left the base)",
+    )
+    group.add_argument(
+        "--drop-command",
+        type=int,
+        action="append",
+        default=[],
+        metavar="N",
+        help="number of an order that is not given, as in commands.csv",
+    )
+    group.add_argument(
+        ADDED,
+        action="append",
+        default=[],
+        metavar="TOML",
+        help="an order that is given besides, as in a scenario: 'name=\"set delta\", arguments={delta=3}' (at_s: --at)",
+    )
+    group.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting from then on")
+    group.add_argument("--mode", metavar="MODE", help="control mode from then on; short for --set control.mode=MODE")
+    add_later(group)
+    group = command.add_argument_group("output")
+    add_replicates(group, 0, "also do both runs with other chance from that step on, and compare them in pairs")
+    group.add_argument("--processes", action="store_true", help="go on with real processes (default: in one process)")
+    group.add_argument("--out", type=Path, metavar="FOLDER", help="folder of the new run (default: runs/NAME-atS)")
+    group.add_argument("--force", action="store_true", help="replace the folder if it exists")
+    add_json(group)
+    add_quiet(group)
+    command.set_defaults(func=branch, makes_files=True, handles_signals=True)
+
+
+def add_replicates(group: Group, default: int, what: str) -> None:
+    """Add `--replicates` and `--jobs`."""
+    group.add_argument(
+        "--replicates", type=whole(0), default=default, metavar="N", help=f"{what}, N times (default: {default})"
+    )
+    group.add_argument("-j", "--jobs", type=whole(1), metavar="N", help="runs in parallel (default: number of cores)")
+
+
+def add_value(command: argparse.ArgumentParser) -> None:
+    """Say what each order of a run was worth: the run with it, and without it."""
+    command.description = (
+        "Repeat a run with and without each of its orders, under its own chance and in replicates in which chance is "
+        "drawn anew from that step on, and write what each order was worth into RUN/value: waiting, told, completed "
+        "and messages. `deltaswarm replay` shows it beside the order. See docs/BRANCHES.md."
+    )
+    command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
+    command.add_argument(
+        "--command",
+        type=int,
+        action="append",
+        default=[],
+        dest="orders",
+        metavar="N",
+        help="only this order; repeatable",
+    )
+    add_replicates(command, 20, "do both runs with other chance")
+    add_later(command)
+    add_json(command)
+    add_quiet(command)
+    command.set_defaults(func=value, makes_files=True)
+
+
+def value(arguments: argparse.Namespace) -> int:
+    """Compare a run with itself without each of its orders; print and write what each was worth."""
+    from deltaswarm_branches.parent import read_parent
+    from deltaswarm_branches.value import in_words, value_of_command, write
+
+    parent = read_parent(arguments.run)
+    check_out(parent.folder)
+    rows, found, later = value_of_command(
+        parent,
+        arguments.orders,
+        replicates=arguments.replicates,
+        later=arguments.later,
+        jobs=_jobs(arguments),
+        done=_say_done,
+    )
+    files = write(parent, rows, found, replicates=arguments.replicates, later=later)
+    told = [{"order": row.order.number, **row.worth._asdict()} for row in rows]
+    lines = [(f"{row.order.number} {row.order.command.name}", row.worth.measure, in_words(row.worth)) for row in rows]
+    result = {"files": list(map(str, files)), "later_orders": later, "orders": told}
+    show(arguments, result, f"{aligned(lines)}\n{files[0]}")
+    _say_if_too_few(arguments.replicates, len(rows))
+    return OK
+
+
+def _say_done(count: int, of: int) -> None:
+    if count % 20 == 0 or count == of:
+        notice(f"{count} of {of} pairs of runs")
+
+
+def _say_if_too_few(replicates: int, comparisons: int) -> None:
+    from deltaswarm_branches.worth import replicates_needed
+
+    if replicates < (least := replicates_needed(comparisons)):
+        notice(f"--replicates should be at least {least} to decide anything in {comparisons} comparisons")
+
+
+def _jobs(arguments: argparse.Namespace) -> int:
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, default_workers
+
+    return arguments.jobs or default_workers(IN_PROCESS)
+
+
+def add_later(group: Group) -> None:
+    """Add `--later`."""
+    group.add_argument(
+        "--later",
+        choices=LATER,
+        default="",
+        help="later orders: kept: given in the same steps (default); dropped: not given; decided: anew, by the "
+        "simulated person or the system (default if one of them gives orders)",
+    )
+
+
+def branch(arguments: argparse.Namespace) -> int:
+    """Make a branch, and print its results."""
+    from deltaswarm import runs
+    from deltaswarm_branches.handover import prepare
+    from deltaswarm_branches.pairs import Comparison, Work
+    from deltaswarm_branches.parent import read_parent
+    from deltaswarm_branches.plan import Difference, at_step, plan
+    from deltaswarm_branches.trunk import repeat
+    from deltaswarm_orchestrator.cli.report import run_and_report
+    from deltaswarm_orchestrator.results.folder import check_target
+    from deltaswarm_orchestrator.run.options import RunOptions
+
+    parent = read_parent(arguments.run)
+    sets = [*arguments.set, *([f"control.mode={arguments.mode}"] if arguments.mode else [])]
+    difference = Difference(tuple(arguments.drop_command), (), tuple(sets), arguments.later)
+    step = at_step(parent, arguments.at, difference)
+    at_s = step * parent.step_s
+    added = tuple(_added(text, at_s) for text in arguments.add_command)
+    difference = Difference(difference.drop, added, difference.sets, difference.later)
+    planned = plan(parent, step, difference)
+    out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
+    check_target(out, arguments.force)
+    options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)
+    runs.check(planned.scenario, options)
+    notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
+    with runs.display_of(parent.scenario, quiet=arguments.quiet) as display:
+        trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
+    engine = "processes" if arguments.processes else "in-process"
+    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=arguments.force)
+    code = run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
+    if arguments.replicates and code == OK:
+        _compare(Work(parent, trunk, [Comparison(planned, plan(parent, step, Difference()))]), out, arguments)
+    return code
+
+
+def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
+    """Compare a branch with its parent over replicates; write the tables into its folder, and say what is found."""
+    from deltaswarm_branches.pairs import pairs
+    from deltaswarm_branches.value import in_words, write_difference
+    from deltaswarm_branches.worth import worths
+
+    found = pairs(work, arguments.replicates, _jobs(arguments), _say_done)
+    rows = worths(found)
+    record = {"parent": work.parent.identity, "replicates": arguments.replicates}
+    files = write_difference(out, record, rows, found)
+    notice(f"branch minus parent, over {arguments.replicates} replicates:")
+    notice(aligned((row.measure, in_words(row)) for row in rows))
+    notice(str(files[0]))
+    _say_if_too_few(arguments.replicates, len(rows))
+
+
+def _added(text: str, at_s: float) -> CommandSettings:
+    """Read an order from the text of a TOML table, with or without braces; by default it leaves at the branching point.
+
+    Raises:
+        SettingsError: it is no order.
+    """
+    inner = text.strip()
+    inner = inner if inner.startswith("{") else f"{{{inner}}}"
+    try:
+        table = tomllib.loads(f"command = {inner}")["command"]
+    except (ValueError, RecursionError) as error:
+        must = "must be an order as in a scenario, such as 'name=\"set delta\", arguments={delta=3}'"
+        raise SettingsError([Problem(ADDED, f"{text!r}; {error}", must)]) from None
+    return checked.load(CommandSettings, {"at_s": at_s, **table}, ADDED)

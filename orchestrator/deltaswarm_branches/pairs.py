@@ -1,0 +1,128 @@
+"""Do a run's rest twice from one state, with something and without it, under its own chance and in replicates."""
+
+import pickle
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+from deltaswarm_branches.chance import replicate_seed
+from deltaswarm_branches.parent import Parent
+from deltaswarm_branches.plan import Plan
+from deltaswarm_branches.sides import go_on
+from deltaswarm_branches.trunk import Trunk
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.signals import starting_processes
+from deltaswarm_orchestrator.results.metric import Metric
+from deltaswarm_orchestrator.results.metrics import METRICS
+from deltaswarm_orchestrator.results.outcome import Outcome, RunData
+from deltaswarm_scenario.scenario import Scenario
+
+MEASURES = {
+    "waiting": "waiting_time_s.restricted_mean",
+    "told": "told_s.mean",
+    "completed": "completed",
+    "messages": "reports.arrived",
+}
+"""The metric of the summary by the name of each measure: all of them over the whole run."""
+
+BY_KEY: dict[str, Metric] = {metric.key: metric for metric in METRICS}
+
+Measured = dict[str, float | None]
+
+
+class Pair(NamedTuple):
+    """What was measured with something, and without it, under the same chance."""
+
+    comparison: int
+    """Its place among the comparisons."""
+    replicate: int
+    """0: the run's own chance."""
+    with_it: Measured
+    without: Measured
+
+
+class Comparison(NamedTuple):
+    """Two ways in which a run may go on from one step."""
+
+    with_it: Plan
+    without: Plan
+
+
+@dataclass(frozen=True)
+class Work:
+    """All that a worker process needs."""
+
+    parent: Parent
+    trunk: Trunk
+    comparisons: Sequence[Comparison]
+
+    def pair(self, comparison: int, replicate: int) -> Pair:
+        """Do both runs of a pair."""
+        plans = self.comparisons[comparison]
+        seed = replicate and replicate_seed(self.parent.scenario.seed, plans.with_it.at_step, replicate)
+        sides = [measured(self._outcome(plan, seed), self.parent.scenario) for plan in plans]
+        return Pair(comparison, replicate, *sides)
+
+    def _outcome(self, plan: Plan, seed: int) -> Outcome:
+        if not seed and not plan.changes_console and not plan.restarts_agents and self.parent.digest is not None:
+            return self.trunk.past  # which was repeated to its end
+        outcome = go_on(self.parent, plan, self.trunk, seed or None)
+        if outcome.messages:
+            raise CommandError("; ".join(outcome.messages), FAILED)
+        return outcome
+
+
+def measured(outcome: Outcome, scenario: Scenario) -> Measured:
+    """Return each measure of a run; None where nothing could be measured."""
+    run = RunData(outcome, scenario)
+    computes = {name: BY_KEY[key].compute for name, key in MEASURES.items()}
+    return {name: compute(run) if compute else None for name, compute in computes.items()}
+
+
+def pairs(work: Work, replicates: int, jobs: int, done: Callable[[int, int], None]) -> list[Pair]:
+    """Do all pairs, side by side in `jobs` processes; return them in order. `done` gets how many of how many are.
+
+    Raises:
+        CommandError: a run failed.
+    """
+    wanted = [(place, number) for place in range(len(work.comparisons)) for number in range(replicates + 1)]
+    found = []
+    here = (work.pair(*key) for key in wanted)
+    for pair in here if jobs == 1 else _in_processes(work, wanted, jobs):
+        found.append(pair)
+        done(len(found), len(wanted))
+    return sorted(found, key=lambda pair: pair[:2])
+
+
+def _in_processes(work: Work, wanted: Sequence[tuple[int, int]], jobs: int) -> Iterator[Pair]:
+    with tempfile.TemporaryDirectory(prefix="deltaswarm-pairs-") as folder:
+        file = Path(folder) / "work.pickle"
+        file.write_bytes(pickle.dumps(work))
+        pool = ProcessPoolExecutor(min(jobs, len(wanted)), get_context("spawn"), _Worker.begin, (file,))
+        try:
+            with starting_processes():
+                futures = [pool.submit(_Worker.pair, *key) for key in wanted]
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+class _Worker:
+    """A worker process, which loads its work once."""
+
+    work: Work
+
+    @classmethod
+    def begin(cls, file: Path) -> None:
+        """Load the work."""
+        cls.work = pickle.loads(file.read_bytes())
+
+    @classmethod
+    def pair(cls, comparison: int, replicate: int) -> Pair:
+        """Do a pair."""
+        return cls.work.pair(comparison, replicate)

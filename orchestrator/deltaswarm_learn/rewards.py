@@ -1,0 +1,93 @@
+"""Rewards: numbers of a step by name, their weighted sums, and functions of a step's record."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from deltaswarm_scenario.truth import StepRecord
+from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
+from deltaswarm_wire.operator_messages import Report, Workload
+
+
+class StepOutcome(NamedTuple):
+    """What happened in one step, for a reward: the truth, which no observation has."""
+
+    record: StepRecord
+    """The world's row of `series.csv`."""
+    workload: Workload
+    """The operator's counts."""
+    reports: tuple[Report, ...]
+    """The reports that reached the operator in this step, by agent."""
+    numbers: Mapping[str, float]
+    """The numbers by name, as `REWARDS` lists them, without their signs."""
+
+
+REWARDS = {
+    "told": (1, "events of which the operator was told for the first time"),
+    "sensed": (1, "events that an agent sensed for the first time"),
+    "worked": (1, "events on which an agent worked for the first time"),
+    "completed": (1, "events that were completed"),
+    "untold": (
+        -1,
+        "time for which events waited to be told: their number times the step [s]; at most the horizon each",
+    ),
+    "open": (-1, "time for which events were open: their number times the step [s]"),
+    "messages": (-1, "reports that reached the operator"),
+    "frames": (-1, "radio frames that were sent"),
+    "bytes": (-1, "bytes of these frames"),
+}
+"""The rewards of a step by name: their signs (a cost is negative), and what they count."""
+
+Reward = str | Mapping[str, float] | Callable[[StepOutcome], Any]
+"""A name, weights by name, or a function of a step's outcome that returns a number or one for each agent."""
+
+
+def reward_function(reward: Reward, agents: Sequence[str]) -> Callable[[StepOutcome], dict[str, float]]:
+    """Return a function from a step's outcome to each agent's reward.
+
+    Raises:
+        SettingsError: a name or a weight is wrong.
+    """
+    if callable(reward):
+        return partial(_from_function, reward, agents)
+    weights = {reward: 1.0} if isinstance(reward, str) else reward
+    if not isinstance(weights, Mapping) or not weights:
+        raise _wrong(repr(reward), "must be a name, weights by name, or a function")
+    for name, weight in weights.items():
+        if name not in REWARDS:
+            raise _wrong(
+                f"{name!r}; {did_you_mean(name, REWARDS)}".rstrip("; "), f"must be one of {', '.join(REWARDS)}"
+            )
+        if not _is_number(weight):
+            raise _wrong(f"{weight!r} for {name!r}", "must have finite weights")
+    return partial(_from_names, [(name, weight * REWARDS[name][0]) for name, weight in weights.items()], agents)
+
+
+def _wrong(given: str, must: str) -> SettingsError:
+    return SettingsError([Problem("reward", given, must)])
+
+
+def _from_names(signed: Sequence[tuple[str, float]], agents: Sequence[str], outcome: StepOutcome) -> dict[str, float]:
+    return dict.fromkeys(agents, math.fsum(weight * outcome.numbers[name] for name, weight in signed))
+
+
+def _from_function(
+    function: Callable[[StepOutcome], Any], agents: Sequence[str], outcome: StepOutcome
+) -> dict[str, float]:
+    """Return what a user's function says of each agent. Raises ValueError if that is no number."""
+    value = function(outcome)
+    values = value if isinstance(value, Mapping) else dict.fromkeys(agents, value)
+    if missing := [agent for agent in agents if agent not in values]:
+        raise ValueError(f"the reward function must return a number, or one for each agent (got none for {missing[0]})")
+    for agent in agents:
+        if not _is_number(values[agent]):
+            raise ValueError(f"the reward function must return finite numbers (got {values[agent]!r:.80} for {agent})")
+    return {agent: float(values[agent]) for agent in agents}
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        return not isinstance(value, bool) and math.isfinite(value)
+    except TypeError:
+        return False

@@ -1,0 +1,26 @@
+"""The command `deltaswarm new`."""
+
+import argparse
+from pathlib import Path
+
+from deltaswarm.new import new_controller
+from deltaswarm_orchestrator.base.exits import OK, notice
+from deltaswarm_orchestrator.cli.arguments import add_json, show
+
+
+def add_new(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm new`."""
+    command.add_argument("what", choices=("controller",), help="what to make")
+    command.add_argument("name", metavar="NAME", help="of the controller's module, such as my_walk")
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="the folder to make (default: NAME)")
+    add_json(command, "the names of the files")
+    command.set_defaults(func=new, makes_files=True)
+
+
+def new(arguments: argparse.Namespace) -> int:
+    """Make the files, and say how to use them."""
+    folder = arguments.out or Path(arguments.name)
+    files = new_controller(arguments.name, folder)
+    show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
+    notice(f"next: cd {folder}; export PYTHONPATH=$PWD; python -m pytest; deltaswarm run scenario.toml --in-process")
+    return OK

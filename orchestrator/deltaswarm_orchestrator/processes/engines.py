@@ -1,0 +1,29 @@
+"""Where runs are done: on this machine, or by the engine of an installed package."""
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+from deltaswarm_wire.plugins import ENGINES, find
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.processes.elsewhere import RunEngine
+
+LOCAL = "local"
+"""This machine."""
+
+
+def engine_of(
+    name: str, scheduler: str | None, listen: str = "", *, path: str = "--engine", local: Collection[str] = (LOCAL,)
+) -> "RunEngine | None":
+    """Return the engine of this name; None for this machine, which the names in `local` mean.
+
+    `path` says where the name was given, for messages.
+
+    Raises:
+        SettingsError: there is no such engine.
+        CommandError: something that it needs is not installed.
+    """
+    if name in local:
+        return None
+    engine: RunEngine = find(ENGINES, name, path, others=local)(scheduler, listen)
+    return engine

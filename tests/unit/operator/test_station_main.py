@@ -1,0 +1,28 @@
+"""The station's command line, and what its process loads."""
+
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from deltaswarm_operator.station.__main__ import main
+
+
+def test_the_channel_must_be_a_socket_of_the_right_kind(capsys: pytest.CaptureFixture[str]) -> None:
+    """A file is none, and neither is a stream."""
+    one, other = socket.socketpair()
+    with other:
+        assert main(["--channel-fd", str(one.detach())]) == 2
+    assert "SOCK_SEQPACKET" in capsys.readouterr().err
+    assert main(["--channel-fd", "987"]) == 2
+    for wrong in ("8000", "h:99999", ":1", "h:x"):
+        with pytest.raises(SystemExit):
+            main(["--channel-fd", "987", "--listen", wrong])
+
+
+def test_the_station_knows_no_fabric() -> None:
+    """Its process never loads Zenoh, so it cannot know more than its feed."""
+    code = "import deltaswarm_operator.station.__main__, sys; print('zenoh' in sys.modules, 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]

@@ -1,0 +1,120 @@
+"""Tests of sweeps and studies from Python."""
+
+import signal
+from pathlib import Path
+
+import pytest
+
+import deltaswarm
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.sweeps.table import read_table
+
+SWEEP = """
+schema = 1
+name = "pair"
+base = "smoke"
+scenario.run.duration_s = 60.0
+scenario.run.step_s = 2.0
+[sweep]
+repeats = 2
+prove = 0
+axes.control.mode = ["hybrid", "potential"]
+"""
+
+STUDY = """
+[study]
+question = "Does hybrid control send more frames?"
+factors = { mode = "Control" }
+metrics = ["frames_sent"]
+
+[[claim]]
+id = "frames"
+text = "Hybrid control sends more frames than virtual forces."
+metric = "frames_sent"
+more = "mode=hybrid"
+less = "mode=potential"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pair.toml").write_text(SWEEP)
+    return tmp_path / "pair.toml"
+
+
+def test_a_sweep_is_that_of_the_command_line(file: Path) -> None:
+    """The same runs, in the same folder: Python finds all of them done, and returns their table."""
+    assert main(["sweep", str(file), "-q", "--jobs", "1"]) == 0
+    before = {path: path.stat().st_mtime_ns for path in Path("sweeps/pair/runs").iterdir()}
+    table = deltaswarm.sweep(file, jobs=1, progress=False)
+    assert {path: path.stat().st_mtime_ns for path in Path("sweeps/pair/runs").iterdir()} == before
+    assert table.attrs["folder"] == "sweeps/pair"
+    kept = read_table(Path("sweeps/pair/table.csv"))
+    assert list(table["digest_in_process"]) == list(kept["digest_in_process"])
+    assert len(table) == 4
+
+
+def test_metrics_may_be_functions_in_one_process(file: Path) -> None:
+    """Each gets a run with its tables; nothing is kept, as nobody could repeat it from a file; workers are refused."""
+    metrics = {
+        "latest_s": lambda run: run.events["told_s"].max(),
+        "sent": lambda run: run.series["frames_sent"].sum(),
+        "nothing": lambda run: None,
+    }
+    table = deltaswarm.sweep(file, metrics=metrics, replicates=1, progress=False)
+    assert list(table["sent"]) == list(table["frames.sent"])
+    assert table["nothing"].isna().all()
+    assert (table["latest_s"] <= 60).all()
+    assert not Path("sweeps").exists()
+    for given in ({"jobs": 2}, {"engine": "processes"}, {"out": "kept"}):
+        with pytest.raises(deltaswarm.Error, match="must be used in one process that keeps no runs"):
+            deltaswarm.sweep(file, metrics=metrics, **given)  # type: ignore[arg-type]
+    with pytest.raises(deltaswarm.Error, match=r"metrics must have names of their own \(got told_s\)"):
+        deltaswarm.sweep(file, metrics={"told_s": lambda run: 1.0})
+
+
+def test_an_interrupted_sweep_gives_what_there_is(file: Path) -> None:
+    """Ctrl-C after the first run: its row, and a warning with the number of runs that are missing."""
+
+    def interrupt(run: deltaswarm.Run) -> float:
+        interrupt.calls += 1  # type: ignore[attr-defined]
+        if interrupt.calls == 2:  # type: ignore[attr-defined]
+            signal.raise_signal(signal.SIGINT)
+        return 1.0
+
+    interrupt.calls = 0  # type: ignore[attr-defined]
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.warns(UserWarning, match="interrupted with 1 of 4 runs"):
+            table = deltaswarm.sweep(file, metrics={"one": interrupt}, progress=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(table) == 1
+
+
+def test_mistakes_are_errors(file: Path) -> None:
+    """An unknown sweep, a swept key, no jobs."""
+    with pytest.raises(deltaswarm.Error, match="did you mean 'modes'"):
+        deltaswarm.sweep("mode")
+    with pytest.raises(deltaswarm.Error, match="it varies in this sweep"):
+        deltaswarm.sweep(file, {"control.mode": "hybrid"})
+    with pytest.raises(deltaswarm.Error, match=r"jobs must be at least 1 \(got 0\)"):
+        deltaswarm.sweep(file, jobs=0)
+    with pytest.raises(deltaswarm.Error, match="did you mean 'limits'"):
+        deltaswarm.study("limts")
+
+
+def test_a_study_gives_verdicts_and_a_page(file: Path) -> None:
+    """Its claims, its runs and its page; what the command line would complain of is a warning."""
+    file.write_text(SWEEP + STUDY)
+    with pytest.warns(UserWarning, match="pair: "):
+        study = deltaswarm.study(file, jobs=1, progress=False)
+    assert list(study.claims["claim"]) == ["frames"]
+    assert len(study.runs) == 4
+    assert study.page == Path("studies/pair/page.html")
+    assert study.page.exists()
+    assert "<Study pair, 4 runs, claims: 1 " in repr(study)
+    with pytest.warns(UserWarning, match="pair: "):
+        again = deltaswarm.study(file, render=True, progress=False)
+    assert list(again.claims["verdict"]) == list(study.claims["verdict"])

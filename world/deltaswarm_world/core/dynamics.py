@@ -1,0 +1,106 @@
+"""Dynamics: how bodies move in a step. The core's own bodies are points; extension packages bring others.
+
+`world.dynamics` names the dynamics of a run by a short name, by an entry point of the group `deltaswarm.dynamics`, or
+as `module:Class`. Its options are its own frozen dataclass `Settings` and stand in `[world]`.
+"""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.plugins import DYNAMICS, NoSettings, find, own_settings
+from deltaswarm_world.core.arrays import Floats, Mask
+from deltaswarm_world.core.faults.kind import ActiveFault
+from deltaswarm_world.core.obstacles import Obstacles
+
+NOBODY_HIT: frozenset[int] = frozenset()
+
+
+class BodyState(NamedTuple):
+    """What a recording shows of a body besides its position: heading [rad; from x to y], wheel speeds [m/s]."""
+
+    heading_rad: float
+    left_mps: float
+    right_mps: float
+
+
+class Dynamics(Protocol):
+    """The bodies of one run. It is part of a checkpoint, so it must be picklable with all that the next step needs.
+
+    A `Settings` class may have a method `problems_with(scenario: Scenario) -> list[Problem]`, called before the run.
+    """
+
+    Settings: ClassVar[type[Any]]
+    """A frozen dataclass whose fields are made by `deltaswarm_wire.checked.key`.
+
+    A field `radius_m` is also told to the agents, as the radius of their own bodies.
+    """
+    starts_m: Floats | None
+    """Positions (n, 2) of the bodies before the first step [m; world frame]; None: they are drawn."""
+    bumped: frozenset[int]
+    """Agents whose body touched another body, an obstacle or the arena's edge in the last step."""
+    blocked: frozenset[int]
+    """Agents whose body something kept from moving as commanded in the last step."""
+
+    def __init__(self, settings: Any, scenario: Scenario, obstacles: Obstacles) -> None: ...
+
+    def misplaced(self, places_m: Floats) -> Mask:
+        """Return which of the drawn starting positions (n, 2) [m; world frame] must be drawn again."""
+
+    def move(self, positions_m: Floats, velocities_mps: Floats, faults: Sequence[ActiveFault]) -> Floats:
+        """Return the positions (n, 2) [m] after a step, from those before and the commanded velocities [m/s].
+
+        `faults` are all active faults; those that change commands have done so.
+        """
+
+    def states(self) -> Sequence[BodyState] | None:
+        """Return each body's state after the last step; None for points."""
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """Return what the summary of a run says about its bodies; empty for points."""
+
+
+class Points:
+    """Points that move exactly as commanded, and stop at obstacles and the arena's edge."""
+
+    Settings = NoSettings
+    starts_m = None
+    bumped = blocked = NOBODY_HIT
+
+    def __init__(self, settings: NoSettings, scenario: Scenario, obstacles: Obstacles) -> None:
+        self._step_s = scenario.run.step_s
+        self._size_m = np.array([scenario.arena.width_m, scenario.arena.height_m])
+        self._obstacles = obstacles
+
+    def misplaced(self, places_m: Floats) -> Mask:
+        """See `Dynamics`."""
+        return self._obstacles.inside(places_m)
+
+    def move(self, positions_m: Floats, velocities_mps: Floats, faults: Sequence[ActiveFault]) -> Floats:
+        """See `Dynamics`."""
+        moved = positions_m + velocities_mps * self._step_s
+        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much faster than np.clip
+        return self._obstacles.stop(positions_m, moved) if self._obstacles else moved
+
+    def states(self) -> None:
+        """See `Dynamics`."""
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """See `Dynamics`."""
+        return {}
+
+
+def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
+    """Make the dynamics that `world.dynamics` names.
+
+    Raises:
+        SettingsError: there is no such dynamics, or its options have mistakes.
+    """
+    world = scenario.world
+    settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
+    dynamics: Dynamics = find(DYNAMICS, world.dynamics, "world.dynamics")(settings, scenario, obstacles)
+    return dynamics
