@@ -68,25 +68,21 @@ class AutonomySettings:
 
 @dataclass(frozen=True)
 class BudgetSettings:
-    """How the system keeps the message rate below operator.threshold_hz, by delta and by who works outside trees."""
+    """How the system keeps the message rate at operator.threshold_hz, by delta and by who works outside trees."""
 
     aim: float = key(0.9, "share of the budget that the rule aims at", source=OURS, above=0, high=1)
-    average_s: float = key(10.0, "time constant of the average message rate [s]", source=OURS, above=0, high=3600)
-    every_s: float = key(10.0, "time between two orders [s]", source=OURS, low=0, high=3600)
+    every_s: float = key(30.0, "time between two orders [s]", source=OURS, above=0, high=3600)
     gain: float = key(
-        0.8, "an order changes the working share by this power of aim / rate; 0: all work", source=OURS, low=0, high=5
-    )
-    taken_off: float = key(
-        0.05, "share of agents taken off work outside trees at which delta stays", source=OURS, low=0, high=1
-    )
-    delta_per_min: float = key(
-        0.5,
-        "fall of delta per minute while all agents are taken off, and that in proportion",
+        0.2,
+        "change of the level per order, times (aim - rate) / aim, which counts as -2 at the least",
         source=OURS,
         low=0,
-        high=100,
+        high=5,
     )
-    highest_delta: float = key(4.0, "value above which delta is not raised", source=OURS, low=2, high=1000)
+    highest_delta: float = key(3.0, "value above which delta is not raised", source=OURS, low=2, high=1000)
+    highest_rho: float = key(
+        8.0, "value above which the rule does not raise rho, while free agents only walk", source=OURS, low=2, high=1000
+    )
 
 
 NO_ORDERS = ("none",)

@@ -8,6 +8,7 @@ import json
 import re
 from copy import deepcopy
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -103,8 +104,21 @@ class EventSettings:
     """Events that arrive, wait, and are observed until complete."""
 
     rate_hz: float = key(0.05, "Poisson arrivals per second", source=OURS, low=0, high=1000)
+    rates_hz: tuple[float, ...] = key((), "other rates that follow in the run [1/s]", low=0, high=1000)
+    rates_s: tuple[float, ...] = key((), "time from which each of rates_hz holds [s]", above=0, high=1e8)
     work_agent_s: float = key(200.0, "work to complete an event", source=PAPER, above=0)
     density: DensitySettings = key(DensitySettings, "their spatial density")
+
+    def problems(self) -> list[Problem]:
+        """Each later rate has a time, and the times are in order."""
+        if len(self.rates_s) != len(self.rates_hz):
+            counts = f"{len(self.rates_s)} for {len(self.rates_hz)} rates"
+            return [Problem("rates_s", counts, "must have one time for each of rates_hz")]
+        return [
+            Problem(f"rates_s[{index}]", f"{later:.15g}", f"must be above the time before it, {earlier:.15g} s")
+            for index, (earlier, later) in enumerate(pairwise(self.rates_s), 1)
+            if later <= earlier
+        ]
 
 
 @dataclass(frozen=True)
@@ -186,6 +200,9 @@ class Scenario:
             problems.append(Problem("run.accept_lost", f"{self.run.accept_lost:.15g}", allowed))
         if self.run.bound != "none" and (self.arena.obstacles or self.fault or self.world.dynamics != "point"):
             allowed = "must be none with obstacles, faults or dynamics other than point"
+            problems.append(Problem("run.bound", repr(self.run.bound), allowed))
+        if self.run.bound != "none" and self.events.rates_hz:
+            allowed = "must be none if events.rates_hz has rates: a bound knows only one"
             problems.append(Problem("run.bound", repr(self.run.bound), allowed))
         for technique in self.operator.probes.techniques:
             problems += technique.problems_within(self.run.duration_s)

@@ -6,6 +6,9 @@ A part begins with a comment and ends with `<!-- end -->`; what stands between t
 - `<!-- verdicts: NAME -->` counts the verdicts of its claims; for the README, by its path.
 - `<!-- medians`, TOML, `-->` makes a table: `study`, `heading`, `[rows]` (name and variant), `[columns]` (metric and
   title), and, if you like, `[says.METRIC]` (a row's name and what is put beside it).
+- `<!-- best`, TOML, `-->` puts each rule beside the best of the `fixed` variants whose median `rate` is within a
+  bound: `study`, `cells`, `[rules]` (name and bound), `fixed`, `rate`, `by`, `columns` (metric and title).
+- `<!-- shares: NAME -->` tables where the claims of a sensitivity study hold, and the keys that turn them.
 """
 
 import re
@@ -16,7 +19,7 @@ from pathlib import Path
 import pandas as pd
 
 DOCS = Path(__file__).parents[1]
-PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md")
+PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md", DOCS / "READINGS.md")
 STUDIES = DOCS / "studies"
 
 OURS = "Our readings"
@@ -24,7 +27,7 @@ OURS = "Our readings"
 
 PLACE = "docs/studies"
 
-PART = re.compile(r"(<!-- (findings|medians|verdicts)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
+PART = re.compile(r"(<!-- (findings|medians|verdicts|best|shares)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
 
 
 def findings(given: str) -> Iterator[str]:
@@ -65,11 +68,46 @@ def verdicts(given: str) -> Iterator[str]:
     yield ""
     yield f"Of {counts.sum()} claims of the paper {held} hold, {refuted} are refuted and {undecided} undecided"
     yield f"([each claim]({PLACE}/{name}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
-    yield f"our readings were chosen, so that they agree is no evidence.{ours}"
+    yield f"our readings were chosen: what agrees there is no evidence.{ours}"
     yield ""
 
 
-MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts}
+def best(given: str) -> Iterator[str]:
+    """Make a table of rules beside the fixed variant that would have been best within the same bound: medians."""
+    wanted = tomllib.loads(given)
+    table = pd.read_csv(STUDIES / wanted["study"] / "estimates.csv").pivot(index="variant", columns="metric")["median"]
+    columns, titles = list(wanted["columns"]), " | ".join(wanted["columns"].values())
+    numbers = " ---: |" * len(columns)
+    yield from ("", f"| rule | {titles} | best fixed one within it | {titles} |", f"| --- |{numbers} --- |{numbers}")
+    for cell in wanted["cells"]:
+        fixed = table.loc[[f"{cell}, {name}" for name in wanted["fixed"]]]
+        for rule, bound in wanted["rules"].items():
+            kept = fixed[fixed[wanted["rate"]] <= bound].sort_values(wanted["by"])
+            found = [f"{cell}, {rule}", *kept.index[:1]]
+            cells = [text for name in found for text in (name, *(f"{table.loc[name, one]:.3g}" for one in columns))]
+            cells += [] if len(kept) else ["none", *("" for _ in columns)]
+            yield f"| {' | '.join(cells)} |"
+    yield ""
+
+
+def shares(given: str) -> Iterator[str]:
+    """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
+    folder = STUDIES / given.strip()
+    keys = pd.read_csv(folder / "keys.csv").sort_values("rho_holds", key=abs, ascending=False).to_dict("records")
+    yield from ("", "| claim | points where it holds [%] | turned by (share where it is low, and high) |")
+    yield "| --- | ---: | --- |"
+    for row in pd.read_csv(folder / "shares.csv").to_dict("records"):
+        turning = [
+            f"{key['title']} ({100 * key['share_low']:.0f}, {100 * key['share_high']:.0f})"
+            for key in keys
+            if key["claim"] == row["claim"] and key["verdict"] == "turns it"
+        ]
+        share, low, high = (f"{100 * row[name]:.0f}" for name in ("share", "low", "high"))
+        yield f"| {row['text']} | {share} [{low}, {high}] | {'; '.join(turning) or 'nothing that is shown'} |"
+    yield ""
+
+
+MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts, "best": best, "shares": shares}
 
 
 def with_published(text: str) -> str:

@@ -23,6 +23,7 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.scenarios.load import check_table
 from deltaswarm_orchestrator.sweeps.plan import flattened
+from deltaswarm_scenario.operator_settings import BUDGET
 from deltaswarm_scenario.scenario import content_of
 from deltaswarm_studies import FOLDERS
 from deltaswarm_studies.settings import EXPLORATORY, StudyFile, expected_of
@@ -40,6 +41,9 @@ WORDS_ONLY = ("title", "why")
 
 RUN_ONLY = ("schema", "record")
 """Keys of a scenario that do not change what happens in a run."""
+
+UNUSED_UNLESS = {"operator.budget.": ("operator.autonomy.sets_delta", BUDGET)}
+"""Keys of a scenario that do nothing unless another has this value: another default of theirs changes no run."""
 
 ENTRY = {"date": str, "commit": dict, "uncommitted": list, "reason": str, "protocol": dict, "hash": str}
 """The keys of an entry."""
@@ -161,7 +165,7 @@ def _completed(frozen: Content) -> Content:
         name: table for name, table in frozen.items() if name not in ("scenario", *get_type_hints(StudyFile))
     }
     completed["condition"] = {
-        label: {**_defaults({**shared, **own}["control.mode"]), **shared, **own}
+        label: _used({**_defaults({**shared, **own}["control.mode"]), **shared, **own})
         for label, own in frozen["condition"].items()
     }
     for name, kind in get_type_hints(StudyFile).items():
@@ -172,6 +176,11 @@ def _completed(frozen: Content) -> Content:
         else:
             completed[name] = {**_plain(_fixed(kind())), **table}
     return completed
+
+
+def _used(table: Content) -> Content:
+    unused = tuple(prefix for prefix, (key, value) in UNUSED_UNLESS.items() if table.get(key) != value)
+    return {name: value for name, value in table.items() if not name.startswith(unused)}
 
 
 @cache

@@ -105,6 +105,13 @@ def test_what_is_published_follows_from_its_tables(name: str) -> None:
     assert found.incomplete or not found.unsupported
 
 
+@pytest.mark.parametrize("folder", PUBLISHED, ids=lambda folder: folder.name)
+def test_all_runs_of_a_page_are_by_one_digest_of_the_code(folder: Path) -> None:
+    """Else their difference could be that of the code."""
+    told = pd.read_csv(folder / "provenance.csv", dtype=str).set_index("what")["value"]
+    assert re.fullmatch("[0-9a-f]{16}", told["digest of the code"])
+
+
 @pytest.mark.parametrize("name", nightly(*(folder.name for folder in PUBLISHED)))
 def test_todays_code_repeats_a_published_run(name: str) -> None:
     """Every number of it: a page is never older than the code."""

@@ -13,7 +13,6 @@ from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Frame, Heard, Pose,
 from deltaswarm_wire.operator_messages import (
     MAX_MEMBERS,
     MAX_REPORTED,
-    Answer,
     Report,
     decode_report,
     encode_report,
@@ -180,10 +179,8 @@ class AgentCore(Saved):
             relay.note(decision.done, decision.refused, decision.superseded)
         self._root = act.tree_status.root
         items: tuple[bytes, ...] = ()
-        answers: tuple[Answer, ...] = ()
         if relay.known:
             items = relay.due(act.step, MAX_RADIO_BYTES - ENVELOPE_BYTES - len(payload or b""))
-            answers = relay.answers()
             wake = relay.next_step(act.step)
             if wake is not None and wake < act.until:
                 act = act._replace(until=wake)
@@ -203,7 +200,7 @@ class AgentCore(Saved):
                 reported.followers,
                 self._rows(reported.events, MAX_REPORTED, "events"),
                 self._rows(reported.members, MAX_MEMBERS, "members"),
-                answers,
+                relay.answers() if relay.known else (),
                 act.tree_status.delta,
             )
             report_bytes = encode_report(report)

@@ -72,6 +72,8 @@ class CommandRelay(Saved):
         self._verify = verify
         self.known: dict[int, _Known] = {}
         """The commands that are relayed or acknowledged, by number; empty in most steps."""
+        self._of_body: dict[bytes, _Known] = {}
+        """The same by their encoded commands: most of what is heard is a relay of one that is known."""
         self._numbers: set[int] = set()
         self._forgotten_below = 0
         self._newest = 0
@@ -90,15 +92,15 @@ class CommandRelay(Saved):
     def _accept(self, item: bytes, now: int) -> _Known | None:
         try:
             left_steps, signed = decode_relayed(item)
+            if known := self._of_body.get(signed.body):
+                return self._prolonged(known, signed, now + left_steps, now) if left_steps else None
             command = decode_command(signed.body)
         except WireError:
             self.rejected += 1
             return None
         number = command.number
-        if left_steps == 0 or number < self._forgotten_below:
+        if left_steps == 0 or number < self._forgotten_below or number in self._numbers:
             return None
-        if number in self._numbers:
-            return self._prolonged(number, signed, now + left_steps, now)
         if self._verify is not None:
             is_over = number + command.life_s + AHEAD_S < self._operators_clock_s(now)
             if is_over or not self._verify(signed):
@@ -114,7 +116,7 @@ class CommandRelay(Saved):
             signed, command, min(now + left_steps, latest_end), latest_end, now, self._steps(FIRST_INTERVAL_S)
         )
         known.state = HEARD if accepted else REFUSED
-        self.known[number] = known
+        self.known[number] = self._of_body[signed.body] = known
         return known
 
     def _operators_clock_s(self, now: int) -> float:
@@ -123,10 +125,9 @@ class CommandRelay(Saved):
             return 0.0
         return self._newest + (now - self._newest_heard) * self._step_s * (1.0 - CLOCK_DRIFT)
 
-    def _prolonged(self, number: int, signed: Signed, ends: int, now: int) -> _Known | None:
+    def _prolonged(self, known: _Known, signed: Signed, ends: int, now: int) -> _Known | None:
         """Return a known command if it now lives longer: a relay that shortens lives must not silence it."""
-        known = self.known.get(number)
-        if known is None or known.signed != signed or min(ends, known.latest_end) <= known.ends:
+        if known.signed != signed or min(ends, known.latest_end) <= known.ends:
             return None
         known.ends, known.send_at, known.interval = min(ends, known.latest_end), now, self._steps(FIRST_INTERVAL_S)
         return known
@@ -137,7 +138,10 @@ class CommandRelay(Saved):
             newest = sorted(self._numbers)[MAX_KNOWN // 2 :]
             self._forgotten_below = newest[0]
             self._numbers = set(newest)
-            self.known = {number: known for number, known in self.known.items() if number >= newest[0]}
+            self._keep({number: known for number, known in self.known.items() if number >= newest[0]})
+
+    def _keep(self, known: dict[int, _Known]) -> None:
+        self.known, self._of_body = known, {one.signed.body: one for one in known.values()}
 
     def _steps(self, seconds: float) -> int:
         return max(1, round(seconds / self._step_s))
@@ -151,8 +155,8 @@ class CommandRelay(Saved):
         if not self.known:
             return ()
         answered_until = now - self._steps(ANSWERED_S)
-        for number in [number for number, known in self.known.items() if known.ends <= answered_until]:
-            del self.known[number]
+        if any(known.ends <= answered_until for known in self.known.values()):
+            self._keep({number: known for number, known in self.known.items() if known.ends > answered_until})
         newest_first = sorted(self.known.items(), reverse=True)
         wanted = [known for _, known in newest_first if known.send_at <= now and known.ends > now + 1]
         items = fitting((encode_relayed(Relayed(known.ends - now - 1, known.signed)) for known in wanted), room_bytes)

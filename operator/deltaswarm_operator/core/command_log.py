@@ -3,6 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 from deltaswarm_scenario.person_tables import PERSON, CommandRow
@@ -124,6 +125,11 @@ class CommandLog:
 
     def _next_number(self, now_s: float) -> int:
         return self.next if self._first is None else max(self.next, self._first + int(now_s))
+
+    def changes_by(self, by: str) -> int:
+        """Count the commands of somebody that say something else than the one before."""
+        arguments = [sent.command.arguments for sent in self.sent if sent.by == by]
+        return sum(now != before for before, now in pairwise([None, *arguments]))
 
     def skip(self) -> None:
         """Leave out a number: that of a command which is not given, so that later ones keep theirs."""

@@ -206,7 +206,7 @@ class Console:
         if self.autonomy is not None:
             self._act_as_system(self.autonomy, workload.rate_60s_hz)
         if self.budget is not None:
-            self._keep_budget(self.budget, workload.rate_1s_hz)
+            self._keep_budget(self.budget, workload.rate_60s_hz)
         return self.turn()
 
     def see(self) -> Seen:
@@ -252,16 +252,15 @@ class Console:
             self.command(SYSTEM, SET_DELTA, Target(), {DELTA: delta})
 
     def _keep_budget(self, budget: Budget, rate_hz: float) -> None:
-        """Order what the budget's rule wants; an order for which there is no room is not sent."""
-        structure = budget.close_step(self.picture.now_s, rate_hz)
-        if structure is not None and self.command_log.has_room:
+        """Order what the budget's rule wants, once there is room for an order."""
+        if self.command_log.has_room and (structure := budget.order(self.picture.now_s, rate_hz)) is not None:
             self.command(SYSTEM, SET_STRUCTURE, Target(), structure._asdict())
 
     @property
     def totals(self) -> dict[str, Any]:
         """The metrics of the person and of the system that sets delta, for JSON; empty without both."""
-        by_system = sum(sent.by == SYSTEM for sent in self.command_log.sent)
         vetoes = self.autonomy.vetoes if self.autonomy else 0
+        by_system = self.command_log.changes_by(SYSTEM)
         changes = {"autonomy": {"changes": by_system, "vetoes": vetoes}} if self.autonomy or self.budget else {}
         return changes | self._person_totals
 

@@ -12,7 +12,20 @@ from deltaswarm_agent.controller import Controller, Decision, OperatorReport, Pe
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.core.commands import ANSWERED_S, LONGEST_INTERVAL_S, MAX_KNOWN, CommandRelay
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
-from deltaswarm_wire.commands import AGENT, BASE_ID, CIRCLE, PLACE, TREE, CommandForm, Target, decode_relayed
+from deltaswarm_wire.commands import (
+    AGENT,
+    BASE_ID,
+    CIRCLE,
+    PLACE,
+    TREE,
+    CommandForm,
+    Relayed,
+    Signed,
+    Target,
+    decode_relayed,
+    encode_command,
+    encode_relayed,
+)
 from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Frame, Heard
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
@@ -138,6 +151,35 @@ def test_a_relay_that_shortens_a_life_silences_nobody(lefts: list[int], gap: int
     sent = sent_steps(relay, now, 200)
     assert all(step + 1 < ends for step in sent)
     assert not ends or ends <= now + 2 or sent
+
+
+def test_a_command_whose_life_is_over_stays_so() -> None:
+    """A relay with no steps left comes from where it has ended, whatever was heard of it before."""
+    relay = a_relay()
+    relay.hear([item(a_command(life_s=60), left_steps=5)], 100)
+    assert not relay.hear([item(a_command(life_s=60), left_steps=0)], 110)
+    assert not sent_steps(relay, 106, 200)
+
+
+def test_a_relay_that_changed_the_signature_prolongs_nothing() -> None:
+    """Only what the operator signed counts."""
+    relay, command = a_relay(), a_command(life_s=60)
+    relay.hear([item(command, left_steps=5)], 100)
+    other = encode_relayed(Relayed(40, Signed(encode_command(command), b"another")))
+    assert not relay.hear([other], 102)
+    assert not sent_steps(relay, 106, 200)
+
+
+def test_a_command_goes_on_when_another_is_forgotten() -> None:
+    """Its state is answered, it is relayed, and a relay that says that it lives longer is believed."""
+    relay = a_relay()
+    relay.hear([item(a_command(0, life_s=10), 10), item(a_command(1, life_s=5000), 800)], 0)
+    relay.note([1], [])
+    for now in range(700):
+        relay.due(now, 1000)
+    assert relay.answers() == (Answer(1, DONE),)
+    relay.hear([item(a_command(1, life_s=5000), 3000)], 700)
+    assert sent_steps(relay, 900, 1000)
 
 
 def test_what_is_done_is_relayed_on_but_not_carried_out_again() -> None:

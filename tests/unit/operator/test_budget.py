@@ -1,65 +1,128 @@
 """The rule that keeps a budget of messages: what it orders, within which bounds, and what comes of it in a swarm."""
 
+from collections.abc import Iterable
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.budget import Budget, Structure
+from deltaswarm_operator.core.budget import Budget, Structure, structure_at
+from deltaswarm_operator.core.command_log import MAX_QUEUE
+from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.results.summary import summarise
-from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_settings import BudgetSettings
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.commands import Target
+from deltaswarm_wire.operator_messages import Clock, Workload
 
-PLAIN = BudgetSettings(aim=0.5, average_s=1e-9, every_s=10.0, gain=1.0, taken_off=0.1, delta_per_min=0.6)
-"""The newest rate is the average, so that orders can be worked out by hand."""
-
-
-def rule(settings: BudgetSettings = PLAIN, step_s: float = 1.0, **structure: float) -> Budget:
-    """One with a budget of 4 messages per s, and so an aim of 2 under PLAIN."""
-    return Budget(settings, 4.0, step_s, Structure(**{"delta": 3.0, "working": 1.0, **structure}))
+PLAIN = BudgetSettings(aim=0.5, every_s=10.0, gain=0.5, highest_delta=3.0, highest_rho=4.0)
+"""Under a budget of 4 it aims at 2."""
 
 
-def orders(one: Budget, rates: list[float], step_s: float = 1.0) -> dict[float, Structure]:
+def rule(settings: BudgetSettings = PLAIN, delta: float = 2.0, working: float = 1.0) -> Budget:
+    return Budget(settings, 4.0, Structure(delta, working))
+
+
+def orders(one: Budget, rates: Iterable[float], step_s: float = 1.0) -> dict[float, Structure]:
     """The orders by their times, for one rate per step."""
-    given = ((step * step_s, one.close_step(step * step_s, rate)) for step, rate in enumerate(rates))
+    given = ((step * step_s, one.order(step * step_s, rate)) for step, rate in enumerate(rates))
     return {now_s: order for now_s, order in given if order is not None}
 
 
-def test_twice_the_aim_takes_half_of_the_agents_off() -> None:
-    """At 10 s working is 1 x 2/4; delta falls by 0.6 x (0.5 - 0.1) x 10/60 = 0.04; at 20 s all of it once more."""
-    assert orders(rule(), [4.0] * 25) == {10.0: Structure(2.96, 0.5), 20.0: Structure(2.9, 0.25)}
+def test_too_many_messages_take_agents_off_and_then_raise_rho() -> None:
+    """At twice the aim the level falls by a half per order: all work, half of them, nobody; then trees from 2.5 on."""
+    assert orders(rule(), [4.0] * 51) == {
+        10.0: Structure(2.0, 0.5),
+        20.0: Structure(2.0, 0.0),
+        30.0: Structure(2.5, 0.0),
+        40.0: Structure(3.0, 0.0),
+        50.0: Structure(3.5, 0.0),
+    }
 
 
-def test_room_brings_all_back_and_lets_delta_rise() -> None:
-    """Below the aim: 0.5 x 2/1.6 = 0.63, then 0.78, 0.98, 1; at 1 delta rises by 0.6 x 0.1 x 10/60 = 0.01."""
-    given = list(orders(rule(working=0.5), [1.6] * 61).values())
-    assert [order.working for order in given] == [0.62, 0.78, 0.98, 1.0, 1.0, 1.0]
-    assert given[-1].delta - given[-2].delta == pytest.approx(0.01)
+def test_a_flood_counts_as_three_times_the_aim() -> None:
+    """Else a burst would take the swarm down to its lowest level at once."""
+    assert orders(rule(), [1000.0] * 11) == orders(rule(), [6.0] * 11) == {10.0: Structure(2.0, 0.0)}
 
 
-def test_the_same_in_steps_of_half_a_second() -> None:
-    """Orders follow the time and the average follows time too, whatever a step is."""
-    settings = BudgetSettings(average_s=20.0, every_s=7.0)
-    whole = orders(rule(settings), [6.0] * 60)
-    half = orders(rule(settings, step_s=0.5), [6.0] * 120, 0.5)
-    assert list(whole) == list(half)
-    for now_s, order in whole.items():
-        assert order == pytest.approx(half[now_s], abs=0.03)
+def test_room_brings_all_back_and_then_raises_delta() -> None:
+    """Without messages the level rises by a half per order, up to the highest delta."""
+    given = list(orders(rule(delta=3.0, working=0.0), [0.0] * 71).values())
+    assert given[:3] == [Structure(2.5, 0.0), Structure(2.0, 0.0), Structure(2.0, 0.5)]
+    assert given[3:] == [Structure(2.0, 1.0), Structure(2.5, 1.0), Structure(3.0, 1.0), Structure(3.0, 1.0)]
 
 
-def test_what_differs_by_less_than_a_hundredth_is_not_ordered() -> None:
-    """At its aim and at its bound the rule is silent."""
-    assert not orders(rule(delta=4.0), [2.0] * 200)
+def test_an_order_is_repeated_though_nothing_changes() -> None:
+    """At its aim the rule says the same again, for those that did not hear it."""
+    assert orders(rule(), [2.0] * 21) == {10.0: Structure(2.0, 1.0), 20.0: Structure(2.0, 1.0)}
 
 
-@given(rates=st.lists(st.floats(0, 1000), max_size=300), gain=st.floats(0, 5), per_min=st.floats(0, 100))
-def test_orders_are_always_such_as_agents_accept(rates: list[float], gain: float, per_min: float) -> None:
-    """Delta from 2 to its highest, and a share above 0 up to 1, after no matter which rates."""
-    one = rule(BudgetSettings(gain=gain, delta_per_min=per_min, every_s=0.0))
-    for order in orders(one, rates).values():
-        assert 2 <= order.delta <= 4
-        assert 0 < order.working <= 1
+def test_a_delta_above_the_highest_falls_step_by_step() -> None:
+    """It is not raised, and at a rate of twice the aim it falls by a half."""
+    assert orders(rule(delta=10.0), [4.0] * 11) == {10.0: Structure(9.5, 1.0)}
+    assert orders(rule(delta=10.0), [0.0] * 11) == {10.0: Structure(10.0, 1.0)}
+
+
+def test_a_delta_of_1_counts_as_2() -> None:
+    """A swarm with it is no less centralised than one whose agents found trees at 2."""
+    assert orders(rule(delta=1.0), [2.0] * 11) == {10.0: Structure(2.0, 1.0)}
+
+
+@pytest.mark.parametrize("step_s", [0.5, 0.1, 3.0])
+def test_orders_follow_the_time_and_not_the_steps(step_s: float) -> None:
+    """Each interval has one, at most a step late."""
+    times_s = list(orders(rule(), [6.0] * round(60 / step_s), step_s))
+    assert all(10 - 1e-6 <= later - earlier < 10 + step_s for earlier, later in pairwise([0.0, *times_s]))
+
+
+@given(rates=st.lists(st.floats(0, 1000), max_size=300), gain=st.floats(0, 5), delta=st.floats(1, 20))
+def test_orders_are_always_such_as_agents_accept(rates: list[float], gain: float, delta: float) -> None:
+    """After no matter which rates; never above the highest delta unless the swarm began there."""
+    for order in orders(rule(BudgetSettings(gain=gain, every_s=1.0), delta), rates).values():
+        assert 2 <= order.delta <= (max(3.0, delta) + 0.01 if order.working == 1 else 8.0)
+        assert 0 <= order.working <= 1
+
+
+@given(st.floats(-6, 5))
+def test_a_structure_is_that_of_its_level(level: float) -> None:
+    """So a branch that takes over an order goes on from it."""
+    assert structure_at(level).level == pytest.approx(level, abs=0.006)
+
+
+def console_with_budget() -> tuple[Console, Budget]:
+    """With an aim of 4.5 messages per s, and a delta of 2."""
+    keys = ["control.mode=adaptive", "control.delta=2", "operator.autonomy.sets_delta=budget"]
+    console = Console(InProcess(load_scenario("smoke", keys)).briefing)
+    assert console.budget is not None
+    return console, console.budget
+
+
+def close(console: Console, step: int, rate_1s_hz: float, rate_60s_hz: float) -> None:
+    console.close_step(
+        Clock(step, float(step), False), Workload(step, step, 0, 0, rate_1s_hz, rate_60s_hz, *[0] * 4), [], step
+    )
+
+
+def test_the_rule_follows_the_rate_over_a_minute_and_changes_are_counted() -> None:
+    """Three orders, of which the first and the last say something new."""
+    console, _ = console_with_budget()
+    for step, rate_hz in ((30, 4.5), (60, 4.5), (90, 9.0)):
+        close(console, step, 0.0, rate_hz)
+    working = [sent.command.arguments["working"] for sent in console.command_log.sent]
+    assert (working, console.totals["autonomy"]["changes"]) == ([1.0, 1.0, 0.8], 2)
+
+
+def test_an_order_waits_for_room() -> None:
+    """The rule does not count as given what could not be sent."""
+    console, budget = console_with_budget()
+    for _ in range(MAX_QUEUE):
+        console.command("person", "resume", Target(), {})
+    before = budget.structure
+    close(console, 60, 9.0, 9.0)
+    assert (budget.structure, len(console.command_log.sent)) == (before, MAX_QUEUE)
 
 
 def test_a_swarm_keeps_its_budget_better_than_without_the_rule() -> None:

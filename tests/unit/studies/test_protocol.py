@@ -168,6 +168,16 @@ def test_a_key_that_is_new_in_deltaswarm_counts_as_its_default(folder: Path) -> 
     assert [(row.key, row.old, row.new) for row in found] == [("study.window_s", "300.0", "100.0")]
 
 
+def test_a_key_of_a_part_that_is_switched_off_is_no_change() -> None:
+    """A rule for budgets does nothing without a budget, so another default of it changes no run."""
+    old, new = content(made(ASKED)), content(made(ASKED))
+    old["scenario"]["operator.budget.aim"] = 0.5
+    assert not differences(old, new)
+    for one in (old, new):
+        one["scenario"]["operator.autonomy.sets_delta"] = "budget"
+    assert [found.key for found in differences(old, new)] == ["scenario.operator.budget.aim"]
+
+
 def test_a_changed_margin_stands_on_the_page_with_both_values(folder: Path) -> None:
     """In a warning and in a table; the untouched study has neither."""
     for own, count in ((ASKED, 0), (ASKED.replace("margin = 1.1", "margin = 1.3"), 2)):

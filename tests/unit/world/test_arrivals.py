@@ -14,8 +14,8 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.task import TaskSettings
-from deltaswarm_wire.checked import load
-from deltaswarm_world.core.arrivals import Arrival, Arrivals, EventClasses
+from deltaswarm_wire.checked import SettingsError, load
+from deltaswarm_world.core.arrivals import Arrival, Arrivals, EventClasses, Expected
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.obstacles import Obstacles
@@ -190,3 +190,52 @@ def test_a_run_with_classes_is_repeatable_and_goes_on_after_a_checkpoint() -> No
     assert sum(event.completed_s is not None for event in one.events) > 5
     with_classes = [*sets[1:], TASK]
     assert digests(with_classes, every=23) == digests(with_classes, every=301)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_rate_that_changes_stretches_the_times_from_then_on(seed: int) -> None:
+    """As an integral of the rate, by hand: 0.2 until 50 s, nothing until 80 s, then 0.4."""
+    alone = [arrival.time_s for arrival in arrivals(scenario(seed))]
+    changing = arrivals(scenario(seed, events={"rates_hz": [0.0, 0.4], "rates_s": [50.0, 80.0]}), 125.0)
+    expected = [time_s if time_s <= 50 else 80 + (time_s - 50) / 2 for time_s in alone]
+    assert [arrival.time_s for arrival in changing] == pytest.approx([time_s for time_s in expected if time_s <= 125])
+    assert any(arrival.time_s > 80 for arrival in changing)
+
+
+def test_a_number_is_reached_when_its_rate_ends() -> None:
+    """Ten events are expected by 50 s, and as many until 80 s."""
+    expected = Expected(scenario(1, events={"rates_hz": [0.0, 0.4], "rates_s": [50.0, 80.0]}).events)
+    assert [expected.by(time_s) for time_s in (50.0, 65.0, 80.0, 90.0)] == pytest.approx([10, 10, 10, 14])
+    assert [expected.time_s(number) for number in (10.0, 14.0)] == pytest.approx([50, 90])
+
+
+def test_arrivals_drawn_anew_follow_the_rate_of_their_time() -> None:
+    """After 100 s, at once and as many as the later rate says."""
+    of = scenario(5, events={"rates_hz": [1.0], "rates_s": [90.0]})
+    found = Arrivals(of, Places(of.events.density, of.arena, Obstacles(of.arena.obstacles)))
+    list(found.until(100.0))
+    found.redraw(6, 100.0)
+    times_s = [arrival.time_s for arrival in found.until(1100.0)]
+    assert 100 < times_s[0] < 115
+    assert abs(len(times_s) - 1000) < 5 * 1000**0.5
+
+
+def test_as_many_events_arrive_as_the_rates_say() -> None:
+    """Over 60 seeds: 0.2 x 100 before the change and 1.0 x 100 after it, within five standard errors."""
+    both = [arrivals(scenario(seed, events={"rates_hz": [1.0], "rates_s": [100.0]})) for seed in range(60)]
+    early = sum(arrival.time_s <= 100 for one in both for arrival in one)
+    assert abs(early - 60 * 20) < 5 * (60 * 20) ** 0.5
+    assert abs(sum(map(len, both)) - early - 60 * 100) < 5 * (60 * 100) ** 0.5
+
+
+@pytest.mark.parametrize("times_s", [[50.0], [50.0, 50.0], [80.0, 50.0], [0.0, 50.0]])
+def test_rates_without_times_in_order_are_refused(times_s: list[float]) -> None:
+    """A rate that holds from no time on, or two from the same, mean nothing."""
+    with pytest.raises(SettingsError, match=r"events\.rates_s"):
+        scenario(1, events={"rates_hz": [0.1, 0.2], "rates_s": times_s})
+
+
+def test_a_bound_knows_one_rate() -> None:
+    """So it is refused with several."""
+    with pytest.raises(SettingsError, match=r"run\.bound"):
+        scenario(1, run={"bound": "density"}, events={"rates_hz": [0.1], "rates_s": [50.0]})

@@ -1,19 +1,21 @@
 """Arrivals of events: when, where, under which id, and of which class.
 
 Times are a Poisson process in continuous time with a generator of its own, so the step cannot shift them; another rate
-scales them. Each event's place has a generator of its own, so an obstacle or another density moves only the events
-that it affects. It is drawn from the density at the time of arrival. Neither depends on the swarm, the radio or a
-fault.
+scales them from when it holds on. Each event's place has a generator of its own, so an obstacle or another density
+moves only the events that it affects. It is drawn from the density at the time of arrival. Neither depends on the
+swarm, the radio or a fault.
 """
 
 import hashlib
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
+from itertools import accumulate, pairwise
 from math import floor
 from typing import NamedTuple
 
 import numpy as np
 
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.scenario import EventSettings, Scenario
 from deltaswarm_scenario.task import TaskSettings
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.seeds import derived_key
@@ -55,23 +57,45 @@ class Arrival(NamedTuple):
     time_s: float
 
 
+class Expected:
+    """The number of events that are expected by a time, at rates that may change in the run."""
+
+    def __init__(self, settings: EventSettings) -> None:
+        self._from_s = (0.0, *settings.rates_s)
+        self._rates_hz = (settings.rate_hz, *settings.rates_hz)
+        spans_s = (end_s - start_s for start_s, end_s in pairwise(self._from_s))
+        counts = (span_s * rate_hz for span_s, rate_hz in zip(spans_s, self._rates_hz, strict=False))
+        self._before = tuple(accumulate(counts, initial=0.0))
+        """The number expected before each rate begins."""
+
+    def by(self, time_s: float) -> float:
+        """Return the number expected by a time [s]."""
+        part = bisect_right(self._from_s, time_s) - 1
+        return self._before[part] + (time_s - self._from_s[part]) * self._rates_hz[part]
+
+    def time_s(self, number: float) -> float:
+        """Return when so many are expected [s], for a number that is reached."""
+        part = max(0, bisect_left(self._before, number) - 1)  # where the rate is 0 the number does not grow
+        return self._from_s[part] + (number - self._before[part]) / self._rates_hz[part]
+
+
 class Arrivals:
     """The arrivals of one run, in order."""
 
     def __init__(self, scenario: Scenario, places: Places) -> None:
         self._seed = scenario.seed
-        self._rate_hz = scenario.events.rate_hz
+        self._expected = Expected(scenario.events)
         self._places = places
         self._ids = EventIds(scenario.seed)
         self._times = generator(scenario.seed, TIMES_STREAM)
         self._count = 0
         self._next = float(self._times.standard_exponential())
-        """When the next event arrives, in mean times between events."""
+        """The next event arrives when so many are expected."""
 
     def until(self, time_s: float) -> Iterator[Arrival]:
         """Yield the events that have arrived since the last call, up to a time [s]."""
-        while self._next <= time_s * self._rate_hz:
-            arrived_s = self._next / self._rate_hz
+        while self._next <= self._expected.by(time_s):
+            arrived_s = self._expected.time_s(self._next)
             place_m = self._places.draw(generator(self._seed, PLACES_STREAM, self._count), arrived_s)
             yield Arrival(self._ids.of(self._count), *place_m, arrived_s)
             self._count += 1
@@ -80,7 +104,7 @@ class Arrivals:
     def redraw(self, seed: int, time_s: float) -> None:
         """Draw all arrivals after a time anew, as those of another seed [s]; the ids of events stay."""
         self._seed, self._times = seed, generator(seed, TIMES_STREAM)
-        self._next = time_s * self._rate_hz + float(self._times.standard_exponential())
+        self._next = self._expected.by(time_s) + float(self._times.standard_exponential())
 
 
 CLASS_STREAM, JUMP_STREAM = 5, 6

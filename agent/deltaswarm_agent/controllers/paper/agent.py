@@ -44,6 +44,9 @@ class Agent(Saved):
         self.sensed: set[int] = set()
         self.sensed_step = -1
         """The events that it sensed in its last step, and that step, kept for `learning.py`."""
+        self.passed: frozenset[int] = frozenset()
+        self.passed_step = -1
+        """The same, kept for `decision.py` if it reports finds."""
         self.rejected_frames = 0
         """Received invalid frames."""
         self.rows_cut = 0

@@ -30,7 +30,8 @@ def decision_of(agent: Agent, sensed: tuple[Event, ...]) -> Decision:
     payload = None if frame is None else encode(frame)
     until = agent.now + 1 if frame is not None else until
     place = _place(agent, frame)
-    fields = (velocity, observed, payload, _report(agent, frame), *place, until, (), (), (), agent.delta or 0)
+    finds = _finds(agent, sensed) if agent.settings.report_finds else ()
+    fields = (velocity, observed, payload, _report(agent, frame, finds), *place, until, (), (), (), agent.delta or 0)
     decision: Decision = tuple_of(Decision, fields)
     if agent.done or agent.refused or agent.superseded:
         outcomes = agent.done, agent.refused, agent.superseded
@@ -118,14 +119,22 @@ def _place(agent: Agent, frame: PaperFrame | None) -> tuple[str, int, int, int]:
     return _ROLES[type(frame)], 0, NOBODY, NOBODY
 
 
-def _report(agent: Agent, frame: PaperFrame | None) -> OperatorReport | None:
-    """Return the report: an attending agent's event, or the events known to a root's tree."""
+def _finds(agent: Agent, sensed: tuple[Event, ...]) -> tuple[Event, ...]:
+    """Return the events that an agent outside trees has come upon in this step."""
+    before = agent.passed if agent.passed_step == agent.now - 1 else ()
+    agent.passed, agent.passed_step = frozenset([event.event for event in sensed]), agent.now
+    return () if agent.membership is not None else tuple([event for event in sensed if event.event not in before])
+
+
+def _report(agent: Agent, frame: PaperFrame | None, finds: tuple[Event, ...]) -> OperatorReport | None:
+    """Return the report: an attending agent's event, the events known to a root's tree, or else what was found."""
     attends = agent.state is ATTENDING and agent.target is not None
     tree = frame if agent.state is ROOT and agent.beliefs and type(frame) is Member else None
     if not (attends or tree) or not agent.reporting.is_due(agent.now * agent.shared.step_s):
-        return None
+        return OperatorReport(finds) if finds else None
     if tree is None:
         assert agent.target is not None
-        return OperatorReport((agent.target,))
+        others = [event for event in finds if event.event != agent.target.event] if finds else ()
+        return OperatorReport((agent.target, *others))
     members = tuple([_member(row[:4]) for row in tree.table]) if agent.settings.report_members else ()
     return OperatorReport(tuple(agent.beliefs.active()), len(tree.table), members)

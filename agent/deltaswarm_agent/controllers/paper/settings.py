@@ -73,6 +73,9 @@ class PaperSettings:
     report_every_s: float = key(
         1.0, "interval of reports while there is something to report, at least one step [s]", source=PAPER, above=0
     )
+    report_finds: bool = key(
+        False, "a free agent reports an event once when it comes upon it, whether it goes there or not", source=OURS
+    )
     report_members: bool = key(True, "a root's report names its followers, with parents and places", source=OURS)
 
     def problems_with(self, shared: AgentSettings) -> list[Problem]:

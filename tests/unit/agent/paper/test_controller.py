@@ -75,6 +75,39 @@ def test_an_event_is_observed_at_the_event_only() -> None:
         assert (decision.report.sequence, decision.report.step) == (step - 4, step)
 
 
+def reported(decision: StepAnswer) -> list[int]:
+    return [] if decision.report is None else [found.event for found in decision.report.events]
+
+
+@pytest.mark.parametrize("mode", ["hierarchical", "hybrid", "decentralised"])
+@pytest.mark.parametrize("step_s", [1.0, 0.5])
+def test_a_find_is_reported_once_by_whoever_is_outside_trees(mode: str, step_s: float) -> None:
+    """On the way to it or past it, in the step in which it is sensed first; when met again, again."""
+    lone = Lone(at=(50.0, 46.5), mode=mode, report_finds=True, rho=9, delta=9, step_s=step_s)
+    here = event(1, 50, 50)
+    assert [reported(lone.step(events=sensed)) for sensed in ((), (here,), (here,), (), (here,))] == [
+        [],
+        [1],
+        [],
+        [],
+        [1],
+    ]
+    assert reported(lone.step(events=[here], skip=3)) == [1]
+
+
+def test_an_agent_at_an_event_reports_another_beside_it_once() -> None:
+    """Its own event goes on in each step."""
+    lone, own, other = at_event(mode="decentralised", report_finds=True), event(1, 50, 50), event(2, 51, 50)
+    assert [reported(one) for one in lone.steps(3, events=[own, other])] == [[1, 2], [1], [1]]
+    assert reported(Lone(mode="decentralised", report_finds=True).step(events=[own])) == [1]
+
+
+def test_a_member_leaves_reports_to_its_root() -> None:
+    """What it senses is in its frame."""
+    lone = a_member(report_finds=True)
+    assert lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101), events=[event(7, 59, 50)]).report is None
+
+
 @pytest.mark.parametrize("member_observes", ["all", "nearest"])
 def test_a_free_agent_observes_one_event_at_a_time(member_observes: str) -> None:
     """Even where two are at one place, and whatever members of trees may do."""
