@@ -15,6 +15,9 @@ from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.plugins import INBOX_POLICIES, own_settings
 
+LEAST_BUDGET_HZ = 0.01
+"""A message in 100 s."""
+
 OPERATOR, SWARM, SYSTEM, BUDGET = "operator", "swarm", "system", "budget"
 RATE, ISA_ANSWER = "rate", "isa"
 
@@ -74,7 +77,7 @@ class BudgetSettings:
     every_s: float = key(30.0, "time between two orders [s]", source=OURS, above=0, high=3600)
     gain: float = key(
         0.2,
-        "change of the level per order, times (aim - rate) / aim, which counts as -2 at the least",
+        "change of the level per order, times (aimed - measured rate) / aimed rate, which is never taken below -2",
         source=OURS,
         low=0,
         high=5,
@@ -277,8 +280,9 @@ class OperatorSettings:
 
     def problems(self) -> list[Problem]:
         """A budget must leave room for a message."""
-        if self.autonomy.keeps_budget and not self.threshold_hz:
-            return [Problem("threshold_hz", "0", "must be above 0 with autonomy.sets_delta = 'budget'")]
+        if self.autonomy.keeps_budget and self.threshold_hz < LEAST_BUDGET_HZ:
+            allowed = f"must be at least {LEAST_BUDGET_HZ:g} with autonomy.sets_delta = 'budget'"
+            return [Problem("threshold_hz", f"{self.threshold_hz:g}", allowed)]
         return []
 
 

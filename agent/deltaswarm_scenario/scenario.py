@@ -201,8 +201,8 @@ class Scenario:
         if self.run.bound != "none" and (self.arena.obstacles or self.fault or self.world.dynamics != "point"):
             allowed = "must be none with obstacles, faults or dynamics other than point"
             problems.append(Problem("run.bound", repr(self.run.bound), allowed))
-        if self.run.bound != "none" and self.events.rates_hz:
-            allowed = "must be none if events.rates_hz has rates: a bound knows only one"
+        if self.run.bound != "none" and (self.events.rates_hz or self.operator.autonomy.commands):
+            allowed = "must be none with events.rates_hz, since it knows one rate, and with orders by the system"
             problems.append(Problem("run.bound", repr(self.run.bound), allowed))
         for technique in self.operator.probes.techniques:
             problems += technique.problems_within(self.run.duration_s)

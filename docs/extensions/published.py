@@ -27,6 +27,9 @@ OURS = "Our readings"
 
 PLACE = "docs/studies"
 
+USUAL = " (What does not differ is equivalent within 1.1 times.)"
+"""The usual margin of equivalence, which the page beyond the paper names once."""
+
 PART = re.compile(r"(<!-- (findings|medians|verdicts|best|shares)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
 
 
@@ -34,7 +37,8 @@ def findings(given: str) -> Iterator[str]:
     """List a study's findings as its page has them: between its question and its design."""
     page = (STUDIES / given.strip() / "page.md").read_text(encoding="utf-8")
     yield ""
-    yield from (line for line in page.partition("\n## Design\n")[0].splitlines() if line.startswith("- "))
+    lines = page.partition("\n## Design\n")[0].splitlines()
+    yield from (line.removesuffix(USUAL) for line in lines if line.startswith("- "))
     yield ""
 
 
@@ -68,7 +72,7 @@ def verdicts(given: str) -> Iterator[str]:
     yield ""
     yield f"Of {counts.sum()} claims of the paper {held} hold, {refuted} are refuted and {undecided} undecided"
     yield f"([each claim]({PLACE}/{name}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
-    yield f"our readings were chosen: what agrees there is no evidence.{ours}"
+    yield f"our settings were chosen, so agreement there is no evidence.{ours}"
     yield ""
 
 
@@ -78,7 +82,7 @@ def best(given: str) -> Iterator[str]:
     table = pd.read_csv(STUDIES / wanted["study"] / "estimates.csv").pivot(index="variant", columns="metric")["median"]
     columns, titles = list(wanted["columns"]), " | ".join(wanted["columns"].values())
     numbers = " ---: |" * len(columns)
-    yield from ("", f"| rule | {titles} | best fixed one within it | {titles} |", f"| --- |{numbers} --- |{numbers}")
+    yield from ("", f"| rule | {titles} | best fixed | {titles} |", f"| --- |{numbers} --- |{numbers}")
     for cell in wanted["cells"]:
         fixed = table.loc[[f"{cell}, {name}" for name in wanted["fixed"]]]
         for rule, bound in wanted["rules"].items():
@@ -94,7 +98,10 @@ def shares(given: str) -> Iterator[str]:
     """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
     folder = STUDIES / given.strip()
     keys = pd.read_csv(folder / "keys.csv").sort_values("rho_holds", key=abs, ascending=False).to_dict("records")
-    yield from ("", "| claim | points where it holds [%] | turned by (share where it is low, and high) |")
+    yield from (
+        "",
+        "| claim | points where it holds [%] | keys that turn it (share in the lowest and the highest third) |",
+    )
     yield "| --- | ---: | --- |"
     for row in pd.read_csv(folder / "shares.csv").to_dict("records"):
         turning = [
@@ -103,7 +110,7 @@ def shares(given: str) -> Iterator[str]:
             if key["claim"] == row["claim"] and key["verdict"] == "turns it"
         ]
         share, low, high = (f"{100 * row[name]:.0f}" for name in ("share", "low", "high"))
-        yield f"| {row['text']} | {share} [{low}, {high}] | {'; '.join(turning) or 'nothing that is shown'} |"
+        yield f"| {row['text']} | {share} [{low}, {high}] | {'; '.join(turning) or 'no significant key'} |"
     yield ""
 
 

@@ -17,7 +17,8 @@ from deltaswarm_wire.checked import Problem, SettingsError, check, plain
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import find_controller
 
-RULES = ("operator.person", "operator.autonomy", "operator.budget")
+BUDGET_KEYS = "operator.budget"
+RULES = ("operator.person", "operator.autonomy", BUDGET_KEYS)
 """Keys of what gives orders by a rule."""
 
 
@@ -108,9 +109,14 @@ def plan(parent: Parent, step: int, difference: Difference) -> Plan:
     if problems:
         raise SettingsError(problems)
     restarts = table["control"] != plain(parent.scenario)["control"]
-    ruled = _has_rule(table)
-    later = difference.later or (DECIDED if ruled else KEPT)
-    if later == DECIDED and not ruled:
+    operator, _ = check(OperatorSettings, table["operator"])  # None if it is wrong, which is told below
+    ruled = operator is not None and operator.commands
+    was_ruled = ruled or parent.has_rule  # a rule that is switched off gives no more orders
+    later = difference.later or (DECIDED if was_ruled else KEPT)
+    if operator is not None and not operator.autonomy.keeps_budget:
+        allowed = "must be given with operator.autonomy.sets_delta = 'budget': no rule keeps a budget in this branch"
+        problems += [Problem("--set", text, allowed) for text in difference.sets if text.startswith(BUDGET_KEYS)]
+    if later == DECIDED and not was_ruled:
         problems.append(Problem("--later", DECIDED, "must be kept or dropped: no rule gives orders in this run"))
     is_muted = ruled and later != DECIDED
     if is_muted:
@@ -176,12 +182,6 @@ def _accepted(commands: Sequence[CommandSettings], table: dict[str, Any]) -> lis
         for command in commands
         if (form := named(forms, command.name)) and not form.problem(command.command(0).target, command.arguments)
     ]
-
-
-def _has_rule(table: dict[str, Any]) -> bool:
-    """Whether a simulated person or the system gives orders; False if the table is wrong, which is told later."""
-    operator, _ = check(OperatorSettings, table["operator"])
-    return operator is not None and operator.commands
 
 
 def _leaving(order: Order, step_s: float) -> CommandSettings:

@@ -63,7 +63,13 @@ def _tables(study: Study, result: Sensitivity) -> Iterator[Table]:
     shares = result.shares.copy()
     shares["interval"] = [_interval(row) for _, row in shares.iterrows()]
     shares["turned"] = [_turned(result, claim) for claim in shares["claim"]]
-    headings = {"text": "Claim", "n": "Points with runs", "missing": "Without", "holds": "Holds at", "ties": "Ties"}
+    headings = {
+        "text": "Claim",
+        "n": "Points with runs",
+        "missing": "Points without",
+        "holds": "Holds at",
+        "ties": "Ties",
+    }
     yield table(shares, {**headings, "interval": "Share [%]", "turned": "Turned by"}, "Where each claim holds")
     shown = result.keys[result.keys["verdict"] != NEITHER]
     if len(shown):
@@ -77,9 +83,9 @@ def _tables(study: Study, result: Sensitivity) -> Iterator[Table]:
         )
         headings = {"text": "Claim", "title": "Drawn", "of_effect": "With the effect", "of_holds": "With holding"}
         headings |= {"low": "Holds low [%]", "high": "Holds high [%]", "verdict": "What it does"}
-        yield table(rows, headings, f"Rank correlations that are shown, of {tests_in(result.keys)} tested together")
+        yield table(rows, headings, f"Significant rank correlations, of {tests_in(result.keys)} tested together")
     space = pd.DataFrame([{"title": one.label, "from": one.distribution} for one in result.settings.range])
-    yield table(space, {"title": "Drawn", "from": "From"}, "The space, of which a share is a share")
+    yield table(space, {"title": "Drawn", "from": "From"}, "The space that the points were drawn from")
 
 
 def _turned(result: Sensitivity, claim: str) -> str:
@@ -91,7 +97,7 @@ def _turned(result: Sensitivity, claim: str) -> str:
         for _, row in turning.iterrows()
         for low, high in [ends[row["title"]]]
     ]
-    return "; ".join(words) or "nothing that is shown"
+    return "; ".join(words) or "no significant key"
 
 
 def _interval(row: Any) -> str:

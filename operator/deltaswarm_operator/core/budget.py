@@ -43,13 +43,14 @@ class Budget:
     Args:
         settings: the rule's parameters.
         budget_hz: the message rate to keep [1/s].
-        structure: what the swarm begins with.
+        structure: what the swarm has.
+        ordered_s: when it was ordered [s].
     """
 
     settings: BudgetSettings
     budget_hz: float
     structure: Structure
-    _ordered_s: float = 0.0
+    ordered_s: float = 0.0
 
     def order(self, now_s: float, rate_hz: float) -> Structure | None:
         """Return the structure to order now, at a message rate [1/s], or None.
@@ -57,9 +58,10 @@ class Budget:
         It is ordered at each interval, whether it has changed or not, since agents may not have heard the last order.
         """
         settings = self.settings
-        if now_s - self._ordered_s < settings.every_s - 1e-9:
+        due_s = self.ordered_s + settings.every_s
+        if now_s < due_s - 1e-9:
             return None
-        self._ordered_s = now_s
+        self.ordered_s = due_s if due_s + settings.every_s > now_s else now_s
         level, aim_hz = self.structure.level, settings.aim * self.budget_hz
         room = max(-2.0, (aim_hz - rate_hz) / aim_hz)
         highest = max(settings.highest_delta - 1, level)  # one above it is not raised, but need not fall at once

@@ -9,6 +9,7 @@ from deltaswarm_operator.core.script import Script, Scripted
 from deltaswarm_operator.core.simulated_operator import person_of
 from deltaswarm_operator.inbox.policy import RANKED
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
+from deltaswarm_scenario.person_tables import SYSTEM
 from deltaswarm_wire.commands import ALL
 
 STRUCTURES, WORKING = (SET_DELTA, SET_STRUCTURE), "working"
@@ -49,8 +50,10 @@ def go_on_with(console: Console, briefing: Briefing, commands: Iterable[Scripted
         console.autonomy.threshold_hz = now.threshold_hz
     if (now.autonomy, now.budget) != (before.autonomy, before.budget):
         console.budget = budget_of(briefing)
-        if console.budget is not None and structure is not None:
-            console.budget.structure = structure
+        if console.budget is not None:
+            by_rule_s = [sent.sent_s for sent in console.command_log.sent if sent.by == SYSTEM]
+            console.budget.ordered_s = by_rule_s[-1] if by_rule_s else console.picture.now_s
+            console.budget.structure = structure or console.budget.structure
     elif console.budget is not None:
         console.budget.budget_hz = now.threshold_hz
 
@@ -59,4 +62,5 @@ def _ordered(console: Console) -> Structure | None:
     """Return the structure that all agents were ordered last; None if there was no such command."""
     given = [sent.command for sent in console.command_log.sent]
     about = [command.arguments for command in given if command.name in STRUCTURES and command.target.kind == ALL]
-    return Structure(float(about[-1][DELTA]), float(about[-1].get(WORKING, 1.0))) if about else None
+    shares = [float(arguments[WORKING]) for arguments in about if WORKING in arguments]  # set delta leaves the share
+    return Structure(float(about[-1][DELTA]), shares[-1] if shares else 1.0) if about else None

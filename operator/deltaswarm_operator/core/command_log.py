@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
-from deltaswarm_scenario.person_tables import PERSON, CommandRow
+from deltaswarm_scenario.person_tables import PERSON, SYSTEM, CommandRow
 from deltaswarm_wire.commands import (
     AGENT,
     MAX_IN_TURN,
@@ -174,8 +174,8 @@ class CommandLog:
         return rows
 
     def outcomes(self, now_s: float) -> dict[str, Any]:
-        """Return the numbers of commands by outcome, for JSON."""
-        states = [sent.state(now_s) for sent in self.sent]
+        """Return the numbers of commands by outcome, without those of the system, for JSON."""
+        states = [sent.state(now_s) for sent in self.sent if sent.by != SYSTEM]
         return {"commands_by_state": {state: states.count(state) for state in (SENT, KNOWN, CARRIED_OUT, EXPIRED)}}
 
     def table(self, now_s: float) -> list[CommandRow]:

@@ -70,7 +70,7 @@ class Console:
         self.person = person_of(briefing, is_ranked=self.ledger.order == RANKED)
         self.autonomy = autonomy_of(briefing)
         self.budget = budget_of(briefing)
-        """The rule by which the system sets delta; None: it does not."""
+        """The rule by which the system keeps a message budget; None: it does not."""
         self.attention: Attention | None = None
         """What the person at the station reads and misses; None without a station."""
         self.is_attended = False

@@ -253,9 +253,10 @@ METRICS = (
     ),
     Metric(
         "delta.mean",
-        "mean delta of the agents that have one, which `adaptive` chooses while it runs",
+        "mean number of events sensed at once that make an agent a root, of the agents that have one: delta, or rho "
+        "while free agents only walk; `adaptive` chooses it while it runs",
         compute=mean("delta"),
-        title="Delta that agents use",
+        title="Delta or rho that agents use",
         study="delta",
         over=OverTime("delta"),
     ),

@@ -303,7 +303,7 @@ PERSON = (
     ),
     Metric("inbox.policy", "the scenario's `operator.inbox.policy`"),
     *(Metric(f"inbox.{name}", meaning, **{"is_whole": True, **more}) for name, meaning, more in _INBOX),
-    Metric("autonomy.changes", "changes of delta by the system", is_whole=True),
+    Metric("autonomy.changes", "orders of the system that differ from its last one", is_whole=True),
     Metric("autonomy.vetoes", "vetoes of the person against them", is_whole=True),
 )
 """What the operator's process and the person's tables tell of a person at the console, if there was one."""

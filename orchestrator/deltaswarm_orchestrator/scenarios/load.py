@@ -101,7 +101,7 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     if not scenario.has_commander and not operator.page.orders and operator.autonomy.sets_delta == OPERATOR:
         return []
     forms = forms_of(find_controller(scenario.control.mode))
-    names = ", ".join(form.name for form in forms) or "none"
+    names = ", ".join(form.name for form in forms if scenario.control.mode not in form.refused_in) or "none"
     problems = []
     needed = SET_STRUCTURE if operator.autonomy.keeps_budget else SET_DELTA
     form = named(forms, needed)

@@ -1,6 +1,7 @@
 """Branches in one process: without a difference they are their parents, and with one they differ from its step on."""
 
 import shutil
+import tomllib
 from pathlib import Path
 from random import Random
 
@@ -9,6 +10,7 @@ import pytest
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.plan import DECIDED, KEPT, Difference
 from deltaswarm_branches.sides import go_on
+from deltaswarm_operator.core.budget import Structure
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.run_tables import read_outcome, read_rows
 from tests.support.branching import AIR, FAULTS, SCRIPT, branched, manifest_of, ran, summary_of, trunk_of
@@ -23,6 +25,7 @@ PARENTS = {
         *AIR,
     ),
     "the system, long steps": ("operator.autonomy.sets_delta=system", "run.step_s=2", "run.duration_s=400", SCRIPT),
+    "a budget": ("operator.autonomy.sets_delta=budget", "control.mode=adaptive", "run.duration_s=200"),
     "nobody": ("control.mode=decentralised", "run.duration_s=150"),
 }
 
@@ -91,6 +94,37 @@ def test_a_dropped_order_of_a_rule_is_taken_for_given(tmp_path: Path) -> None:
         assert all(command["at_s"] > first.command.at_s for command in given)
         if later == KEPT:
             assert [command["at_s"] for command in given] == [order.step * 1.0 for order in parent.orders[1:]]
+
+
+def test_a_rule_for_a_budget_goes_on_from_its_last_order(tmp_path: Path) -> None:
+    """At its times, whatever of it has changed; and from the structure that was ordered, not from the first one."""
+    run = ran(
+        tmp_path / "run",
+        "control.mode=adaptive",
+        "operator.autonomy.sets_delta=budget",
+        "operator.threshold_hz=0.5",
+        "operator.budget.every_s=20",
+        "run.duration_s=300",
+    )
+    assert [float(row["sent_s"]) for row in read_rows(run / "commands.csv")] == [20.0 * place for place in range(1, 15)]
+    levels = levels_of(run)
+    for name, key, share in (
+        ("slower", "operator.budget.gain=0.1", 0.5),
+        ("looser", "operator.threshold_hz=100", -0.5),
+    ):
+        branch = branched(run, tmp_path / name, "--at", "155", "--set", key)
+        assert [float(row["sent_s"]) for row in read_rows(branch / "commands.csv")] == [
+            float(row["sent_s"]) for row in read_rows(run / "commands.csv")
+        ]
+        found = levels_of(branch)
+        assert found[:7] == levels[:7]
+        assert found[7] - found[6] == pytest.approx(share * (levels[7] - levels[6]), abs=0.02)
+
+
+def levels_of(run: Path) -> list[float]:
+    """The levels that a rule for a budget has ordered, by its orders."""
+    orders = tomllib.loads((run / "commands.toml").read_text())["command"]
+    return [Structure(**order["arguments"]).level for order in orders]
 
 
 def test_orders_that_wait_can_be_dropped_too(tmp_path: Path) -> None:

@@ -56,6 +56,7 @@ def test_every_key_has_one_rule() -> None:
         (Difference(sets=("operator={page={title='x'}}",)), 50.0, "--set must be a key that can change within a run"),
         (Difference(sets=("control.nonsense=1",)), 50.0, "control.nonsense: unknown key"),
         (Difference(sets=("control.delta",)), 50.0, "--set must be key=value"),
+        (Difference(sets=("operator.budget.gain=1",)), 50.0, "--set must be given with operator.autonomy.sets_delta"),
         (
             Difference(sets=("control.mode=potential",)),
             50.0,
@@ -93,7 +94,7 @@ def test_without_a_time_a_branch_begins_with_the_first_dropped_order(scripted: P
 
 
 def test_the_orders_of_a_rule_are_decided_anew_or_given_by_a_script(ruled: Parent) -> None:
-    """Decided by default; kept and dropped orders need no rule, which is then off."""
+    """Decided by default; kept and dropped orders need no rule, which is then off. A rule that is gone gives none."""
     first, second = ruled.orders[:2]
     planned = plan(ruled, first.step, Difference(drop=(0,)))
     assert (planned.later, planned.rule_drops, planned.commands) == (DECIDED, 1, ())
@@ -102,6 +103,9 @@ def test_the_orders_of_a_rule_are_decided_anew_or_given_by_a_script(ruled: Paren
         planned = plan(ruled, first.step, Difference(later=later))
         assert not planned.scenario.operator.commands
         assert [given.is_dropped for given in planned.commands] == [later == DROPPED] * len(ruled.orders)
+    planned = plan(ruled, first.step, Difference(sets=("operator.autonomy.sets_delta=operator",)))
+    assert (planned.later, planned.commands, planned.changes_console) == (DECIDED, (), True)
+    assert not planned.scenario.operator.commands
     for difference in (Difference(drop=(1,)), Difference(drop=(0, 1)), Difference(drop=(1,), later=DECIDED)):
         with pytest.raises(SettingsError, match="must be the first order from --at on, number 0"):
             plan(ruled, first.step, difference)

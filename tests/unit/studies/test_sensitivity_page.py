@@ -81,7 +81,7 @@ def test_a_page_on_which_nothing_turns_a_claim_says_so() -> None:
     """And has no table of correlations that are shown."""
     study, evidence = found(lambda values, number: noise(number))
     page = pages(study, evidence, PROVENANCE)[1]
-    assert "nothing that is shown" in page
+    assert "no significant key" in page
     assert "Rank correlations that are shown" not in page
 
 

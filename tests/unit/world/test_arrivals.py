@@ -235,7 +235,9 @@ def test_rates_without_times_in_order_are_refused(times_s: list[float]) -> None:
         scenario(1, events={"rates_hz": [0.1, 0.2], "rates_s": times_s})
 
 
-def test_a_bound_knows_one_rate() -> None:
-    """So it is refused with several."""
+def test_a_bound_knows_one_rate_and_obeys_nobody() -> None:
+    """So it is refused with several rates, and with a rule that gives orders."""
     with pytest.raises(SettingsError, match=r"run\.bound"):
         scenario(1, run={"bound": "density"}, events={"rates_hz": [0.1], "rates_s": [50.0]})
+    with pytest.raises(SettingsError, match=r"run\.bound"):
+        scenario(1, run={"bound": "density"}, operator={"autonomy": {"sets_delta": "budget"}})

@@ -41,12 +41,11 @@ class Agent(Saved):
         if self.finds is not None and settings.return_to_finds:
             self.found = FoundPlaces(steps_of(settings.find_memory_s, context.shared.step_s), self.finds, context)
         self.walk = Walk(context.shared, settings.leg_max_s, context.rng, self.found, settings.leg_exponent)
-        self.sensed: set[int] = set()
+        self.sensed: frozenset[int] = frozenset()
         self.sensed_step = -1
-        """The events that it sensed in its last step, and that step, kept for `learning.py`."""
-        self.passed: frozenset[int] = frozenset()
-        self.passed_step = -1
-        """The same, kept for `decision.py` if it reports finds."""
+        """The events that it sensed when it last noted them, and that step."""
+        self.new: tuple[Event, ...] = ()
+        """Those that it did not sense in the step before, if a rule needs them."""
         self.rejected_frames = 0
         """Received invalid frames."""
         self.rows_cut = 0
@@ -104,6 +103,12 @@ class Agent(Saved):
     def rank(self) -> float:
         """Its place from 0 to 1 among all agents, by its number alone: any share of a swarm is spread evenly."""
         return self.id * GOLDEN_RATIO % 1
+
+    def note(self, sensed: tuple[Event, ...]) -> None:
+        """Note the events that are new in this step."""
+        before = self.sensed if self.sensed_step == self.now - 1 else ()
+        self.new = tuple([event for event in sensed if event.event not in before])
+        self.sensed, self.sensed_step = frozenset([event.event for event in sensed]), self.now
 
     def steps(self, seconds: float | str) -> int:
         """A time in steps."""

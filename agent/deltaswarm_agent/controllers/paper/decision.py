@@ -30,7 +30,7 @@ def decision_of(agent: Agent, sensed: tuple[Event, ...]) -> Decision:
     payload = None if frame is None else encode(frame)
     until = agent.now + 1 if frame is not None else until
     place = _place(agent, frame)
-    finds = _finds(agent, sensed) if agent.settings.report_finds else ()
+    finds = agent.new if agent.settings.report_finds and agent.membership is None else ()
     fields = (velocity, observed, payload, _report(agent, frame, finds), *place, until, (), (), (), agent.delta or 0)
     decision: Decision = tuple_of(Decision, fields)
     if agent.done or agent.refused or agent.superseded:
@@ -117,13 +117,6 @@ def _place(agent: Agent, frame: PaperFrame | None) -> tuple[str, int, int, int]:
         assert agent.membership is not None
         return "relocating", 0, NOBODY, agent.membership.root
     return _ROLES[type(frame)], 0, NOBODY, NOBODY
-
-
-def _finds(agent: Agent, sensed: tuple[Event, ...]) -> tuple[Event, ...]:
-    """Return the events that an agent outside trees has come upon in this step."""
-    before = agent.passed if agent.passed_step == agent.now - 1 else ()
-    agent.passed, agent.passed_step = frozenset([event.event for event in sensed]), agent.now
-    return () if agent.membership is not None else tuple([event for event in sensed if event.event not in before])
 
 
 def _report(agent: Agent, frame: PaperFrame | None, finds: tuple[Event, ...]) -> OperatorReport | None:

@@ -7,15 +7,12 @@ from deltaswarm_agent.controllers.paper.states import WALKING
 from deltaswarm_wire.messages import Event
 
 
-def learn(agent: Agent, finds: Finds, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
-    """Take what the agent senses and hears: new events, where they are, and the averages of others.
+def learn(agent: Agent, finds: Finds, heard: list[PaperFrame]) -> None:
+    """Take what the agent senses and hears: its new events, where they are, and the averages of others.
 
     An event near an agent that is attending or in a tree, by its frames, is not a find: it was known already.
     """
-    now, found = agent.now, agent.found
-    before = agent.sensed if agent.sensed_step == now - 1 else ()
-    new = [event for event in sensed if event.event not in before]
-    agent.sensed, agent.sensed_step = {event.event for event in sensed}, now
+    now, found, new = agent.now, agent.found, agent.new
     if new:
         finds.update(now)
         finds.find(sum(not _is_known(agent, event, heard) for event in new))

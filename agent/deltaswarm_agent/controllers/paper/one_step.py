@@ -26,8 +26,10 @@ def decide(agent: Agent, percept: Percept) -> Decision:
     agent.now = percept.step
     agent.here.move_to(percept.pose, percept.poses)
     sensed, heard = percept.events, _decoded(agent, percept.heard)
+    if agent.finds is not None or agent.settings.report_finds:
+        agent.note(sensed)
     if agent.finds is not None:
-        learning.learn(agent, agent.finds, sensed, heard)
+        learning.learn(agent, agent.finds, heard)
     if percept.commands or agent.goto is not None:
         commands.obey(agent, percept.commands)
     if agent.membership is None:
