@@ -71,7 +71,7 @@ class AutonomySettings:
 
 @dataclass(frozen=True)
 class BudgetSettings:
-    """How the system keeps the message rate at operator.threshold_hz, by delta and by who works outside trees."""
+    """How the system keeps the message rate near operator.threshold_hz, by delta and by who works outside trees."""
 
     aim: float = key(0.9, "share of the budget that the rule aims at", source=OURS, above=0, high=1)
     every_s: float = key(30.0, "time between two orders [s]", source=OURS, above=0, high=3600)

@@ -113,6 +113,7 @@ def test_the_rule_follows_the_rate_over_a_minute_and_changes_are_counted() -> No
         close(console, step, 0.0, rate_hz)
     working = [sent.command.arguments["working"] for sent in console.command_log.sent]
     assert (working, console.totals["autonomy"]["changes"]) == ([1.0, 1.0, 0.8], 2)
+    assert set(console.command_log.outcomes(90.0)["commands_by_state"].values()) == {0}  # these are the person's
 
 
 def test_an_order_waits_for_room() -> None:
@@ -139,8 +140,9 @@ def test_a_swarm_keeps_its_budget_better_than_without_the_rule() -> None:
 @pytest.mark.parametrize("mode", ["decentralised", "potential"])
 def test_a_swarm_without_such_an_order_cannot_keep_a_budget(mode: str) -> None:
     """Where every agent refuses the order, the run would say nothing; it is refused before."""
-    with pytest.raises(SettingsError, match=r"operator\.autonomy\.sets_delta"):
+    with pytest.raises(SettingsError, match=r"operator\.autonomy\.sets_delta") as caught:
         load_scenario("smoke", [f"control.mode={mode}", "operator.autonomy.sets_delta=budget"])
+    assert "set structure," not in str(caught.value).partition("accepts:")[2]
 
 
 @pytest.mark.parametrize("budget_hz", ["0", "5e-324", "0.009"])
