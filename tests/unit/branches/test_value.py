@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_branches.pairs import MEASURES
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.value import value_of_command
 from deltaswarm_orchestrator.base import seal
@@ -41,7 +42,12 @@ def test_the_value_of_orders_is_written_beside_the_run(scripted: Path, capsys: P
     assert set(record["texts"]) == {"0", "1", "2"}
     assert worth_of(scripted) == scripted / "value" / "seal.json"
     assert main(["info", str(scripted)]) == 0
-    assert len(read_rows(scripted / "value" / "replicates.csv")) == 9
+    drawn = read_rows(scripted / "value" / "replicates.csv")
+    assert [(row["order"], row["replicate"]) for row in drawn] == [(one, run) for one in "012" for run in "012"]
+    for side, column in (("with", "with_it"), ("without", "without")):
+        assert [drawn[0][f"{name}_{side}"] for name in MEASURES] == [row[column] for row in rows[:4]]
+    assert drawn[0]["messages_with"] != drawn[0]["messages_without"]
+    assert len({row["messages_with"] for row in drawn[:3]}) == 3
 
 
 def test_what_an_order_was_worth_is_the_run_minus_the_branch_without_it(scripted: Path, tmp_path: Path) -> None:

@@ -119,28 +119,38 @@ def test_bounds_are_those_of_all_points_of_a_sensitivity_sweep() -> None:
 
 
 REFUSED = {
-    "waiting-hierarchical": (34.0, 12.0, 10, [30.2, 38.0]),
-    "waiting-hybrid": (26.4, 8.8, 10, [22.6, 30.2]),
-    "waiting-no-recruitment": (45.9, 8.8, 20, [41.3, 50.5]),
-    "waiting-no-dissolution": (27.6, 10.8, 20, [24.8, 30.4]),
+    "hierarchical": (34.0, 12.0, 10, [30.2, 38.0]),
+    "hybrid 3": (26.4, 8.8, 10, [22.6, 30.2]),
+    "no recruitment": (45.9, 8.8, 20, [41.3, 50.5]),
+    "no dissolution": (27.6, 10.8, 20, [24.8, 30.4]),
 }
-"""Values of the paper that were claims with tolerances, which their own errors exceed."""
+"""The paper's waiting times with their spread and a tolerance that their own errors exceed, by variant."""
 
 
-def test_four_of_the_papers_values_cannot_have_their_former_tolerances() -> None:
-    """Whichever way they are put: as a value with its error, or as a published number that agrees within them."""
+@pytest.mark.parametrize(("kind", "possible"), [("value", {"no recruitment"}), ("published", set())])
+def test_the_papers_waiting_times_cannot_be_claims(kind: str, possible: set[str]) -> None:
+    """Neither as published numbers that agree within a tolerance, nor, but for one, as values with an error."""
     table, _ = read_file("paper", "study", COLLECTIONS)
     sweep = load_study("paper").sweep
     tables = {key: table[key] for key in ("study", "metric", "claim")}
-    for kind in ("value", "published"):
-        claims = []
-        for claim in tables["claim"]:
-            published, iqr, n, within = REFUSED.get(claim["id"], (None, None, None, None))
-            own = {"published": published} if kind == "published" else {}
-            spread = {"kind": kind, "within": within, "iqr": iqr, "n": n, **own}
-            left = {key: value for key, value in claim.items() if key != "published" or published is None}
-            claims.append({**left, **spread} if published else claim)
-        with pytest.raises(SettingsError) as error:
-            make_study("paper", checked.load(StudyFile, {**tables, "claim": claims}), sweep)
-        refused_ids = {id for id in REFUSED for problem in error.value.problems if repr(id) in str(problem)}
-        assert (refused_ids, len(error.value.problems)) == (set(REFUSED), 4)
+    claims = [
+        {
+            "id": f"waiting of {variant}",
+            "text": "Waiting",
+            "source": "the paper",
+            "says": f"{published} s",
+            "kind": kind,
+            "metric": "waiting",
+            "of": variant,
+            "within": within,
+            "iqr": iqr,
+            "n": n,
+            **({"published": published} if kind == "published" else {}),
+        }
+        for variant, (published, iqr, n, within) in REFUSED.items()
+    ]
+    with pytest.raises(SettingsError) as error:
+        make_study("paper", checked.load(StudyFile, {**tables, "claim": tables["claim"] + claims}), sweep)
+    refused_of = {of for of in REFUSED for problem in error.value.problems if repr(f"waiting of {of}") in str(problem)}
+    assert refused_of == set(REFUSED) - possible
+    assert len(error.value.problems) == len(refused_of)
