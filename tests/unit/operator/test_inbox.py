@@ -72,6 +72,11 @@ def items_of(stream: Sequence[Sequence[tuple[int, str, list[int]]]], step_s: flo
     return steps
 
 
+def item(number: int, time_s: float, severity: str, events: tuple[int, ...]) -> Item:
+    """Make an item that tells nothing new."""
+    return Item(number, float(time_s), 0, "free", 0, events, is_new=False, severity=severity)
+
+
 @pytest.mark.parametrize("table", POLICIES, ids=str)
 @given(stream=streams, step_s=steps_s, seed=st.integers(0, 99))
 def test_each_item_is_held_back_or_shown_once_and_stays_on_its_line(
@@ -261,6 +266,33 @@ def test_alerts_read_too_late_are_missed_and_times_are_by_event() -> None:
     early = inbox(policy="all", patience_s=15.0)
     early.close_step(0.0, items_of([[(0, ALERT, [1])]], 1.0)[0])
     assert early.totals(14.0)["alerts_missed_share"] is None
+
+
+def test_the_books_are_what_a_person_counts() -> None:
+    """An alert read just in time is not missed, one not yet due is on neither side, an event counts once."""
+    ledger = inbox(policy="all", patience_s=15.0)
+    alerts_s = {5: 1, 8: 2, 10: 3, 16: 4}
+    items = {at_s: item(number, at_s, ALERT, (event,)) for number, (at_s, event) in enumerate(alerts_s.items())}
+    items[18] = item(4, 18, INFO, (1,))
+    for step in range(30):
+        ledger.close_step(float(step), [items[step]] if step in items else [])
+        if step in (20, 24):
+            ledger.read([{20: 0, 24: 1}[step]], float(step))
+    found, later = ledger.totals(30.0), ledger.totals(31.0)
+    assert (found["alerts"], found["alerts_missed"], found["alerts_missed_share"]) == (4, 2, pytest.approx(2 / 3))
+    assert (later["alerts_missed"], later["alerts_missed_share"]) == (3, 0.75)
+    assert (found["alerts_never_shown"], found["shown_after_s"], found["alerts_read_after_s"]) == (0, 0.0, 15.5)
+    assert ledger.by_event({901: 1, 903: 3}) == {"shown_s": {901: 5.0, 903: 10.0}, "read_s": {901: 20.0}}
+    assert [ledger.waiting(before_s) for before_s in (10.0, 10.5, 20.0)] == [0, 1, 3]
+
+
+def test_an_item_that_the_person_opened_at_once_was_held_back() -> None:
+    """The person asked for it; the policy did not show it."""
+    ledger = inbox(policy="digest")
+    ledger.close_step(3.0, [item(0, 3, INFO, (1,))])
+    ledger.open([0], 3.0)
+    assert (ledger.totals(3.0)["shown"], ledger.totals(3.0)["held_back"]) == (1, 1)
+    assert ledger.why_held(0)
 
 
 @in_one_test(

@@ -92,6 +92,45 @@ def test_a_robot_at_a_wall_is_blocked_and_one_in_the_open_is_not() -> None:
     assert environment.positions_m[2].tolist() == pytest.approx([80.0, 50.0], abs=1e-6)
 
 
+def test_blocked_time_and_jams_are_counted() -> None:
+    """In half steps. Who slides along a wall is not blocked; who is, but gets on along it, is not jammed."""
+    starts = [(1.0, 20.0), (50.0, 50.0), (1.0, 10.0), (1.0, 70.0)]
+    environment = world("run.step_s=0.5", "run.duration_s=200", "world.drive=holonomic", starts=starts)
+    jams = []
+    for _ in range(160):
+        for robot, (vx_mps, vy_mps) in enumerate([(-1.0, 0.0), (0.1, 0.0), (-0.1, 0.45), (-1.0, 0.3)]):
+            environment.command(robot, vx_mps, vy_mps)
+        environment.move()
+        jams.append(environment.dynamics.totals["jams"])
+    assert environment.dynamics.blocked == {0, 3}
+    assert environment.dynamics.totals["blocked_share"] == pytest.approx(0.5, abs=0.02)
+    assert jams[-1] == 1
+    assert 120 <= jams.index(1) <= 125
+
+
+def test_robots_that_stand_in_each_other_or_in_a_wall_are_misplaced() -> None:
+    """Of two it is the one with the higher number; at a diameter apart nobody is."""
+    dynamics = world("world.radius_m=1.0", starts=[(50.0, 50.0)]).dynamics
+    places_m = np.array([[20.0, 20.0], [30.0, 30.0], [21.9, 20.0], [32.1, 30.0], [0.9, 50.0], [1.1, 70.0]])
+    assert dynamics.misplaced(places_m).tolist() == [False, False, True, False, True, False]
+
+
+@pytest.mark.parametrize(("wheel", "side"), [("left", 1), ("right", -1)])
+def test_a_robot_turns_to_the_side_of_the_wheel_that_it_lost(wheel: str, side: int) -> None:
+    """Its wheel on the other side drives it round, and its own speeds say so."""
+    fault = f'fault=[{{kind="wheel-lost",at_s=0,agents=[0],wheel="{wheel}"}}]'
+    run = InProcess(load_scenario("paper-25", ["world.dynamics=physics", "agents.count=1", fault], 5))
+    run.step(0, False)
+    before = run.world.environment.dynamics.states()[0]
+    run.world.inject(1)
+    run.world.environment.command(0, math.cos(before.heading_rad), math.sin(before.heading_rad))
+    run.world.environment.move(run.world._faults.drive, run.world._faults.active)
+    after = run.world.environment.dynamics.states()[0]
+    assert math.remainder(after.heading_rad - before.heading_rad, 2 * math.pi) * side > 0.1
+    speeds_mps = {"left": after.left_mps, "right": after.right_mps}
+    assert abs(speeds_mps.pop(wheel)) < 0.01 < abs(*speeds_mps.values())
+
+
 def test_a_robot_that_lost_a_wheel_turns_about_it() -> None:
     """It goes round in a circle, and never leaves."""
     fault = 'fault=[{kind="wheel-lost",at_s=0,agents=[0],wheel="left"}]'
