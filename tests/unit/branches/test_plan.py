@@ -1,5 +1,7 @@
 """What may differ in a branch: a rule for every key, and a line for everything without a meaning."""
 
+from pathlib import Path
+
 import pytest
 
 from deltaswarm_branches.keys import RULES, problem_of, rule_of
@@ -112,6 +114,19 @@ def test_the_orders_of_a_rule_are_decided_anew_or_given_by_a_script(ruled: Paren
     assert plan(ruled, second.step, Difference(drop=(1,))).rule_drops == 1
     with pytest.raises(SettingsError, match="must be given without --later kept"):
         plan(ruled, first.step, Difference(sets=("operator.autonomy.every_s=9",), later=KEPT))
+
+
+def test_an_order_of_a_script_that_is_dropped_is_none_of_the_rule(tmp_path: Path) -> None:
+    """The rule's own orders all leave, and the script's past orders are given once."""
+    rule = ("operator.autonomy={sets_delta='system', every_s=20, veto_s=0, delta_limit=1}", "operator.threshold_hz=0.5")
+    parent = read_parent(ran(tmp_path / "run", SCRIPT, *rule, "run.duration_s=160"))
+    by_script = [order for order in parent.orders if order.by == "script"]
+    assert len(by_script) == 3
+    assert len(parent.orders) > 3
+    planned = plan(parent, by_script[1].step, Difference(drop=(by_script[1].number,)))
+    assert (planned.later, planned.rule_drops) == (DECIDED, 0)
+    assert [given.is_dropped for given in planned.commands] == [True, False]
+    assert [command.at_s for command in planned.scenario.command] == [40.0, 120.0]
 
 
 @in_one_test(
