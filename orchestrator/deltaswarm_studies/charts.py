@@ -16,7 +16,7 @@ from deltaswarm_studies import looks, style
 from deltaswarm_studies.captions import averaged, n_of, notes, sizes_of
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.evidence import Evidence
-from deltaswarm_studies.panels import OUTLINE, Frame, chosen, handles, hues, levels_in, panels, per_replicate
+from deltaswarm_studies.panels import MANY, OUTLINE, Frame, chosen, handles, hues, levels_in, panels, per_replicate
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats, describe
 from deltaswarm_studies.study import Study
@@ -219,6 +219,8 @@ def _box(axes: Axes, values: Floats, place: float, width: float, look: Look) -> 
         "edgecolors": style.BLACK,
         "linewidths": 0.5,
     }
+    if len(values) > MANY:
+        points |= {"s": 2, "marker": "o", "facecolors": style.BLACK, "linewidths": 0, "alpha": 0.4}
     axes.scatter(place + spread * width * 0.6, values, zorder=3, **points)
 
 

@@ -35,6 +35,9 @@ LETTERS_UP = 36
 
 OUTLINE: dict[str, Any] = {"markeredgecolor": style.BLACK, "markeredgewidth": 0.4}
 
+MANY = 60
+"""With more points of a kind than this they are small and without outlines, or they would hide boxes and ellipses."""
+
 DASHES = ((0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)), (0, (1, 2)))
 """Of the horizontal lines of a figure, in their order."""
 

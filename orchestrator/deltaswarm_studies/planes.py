@@ -18,7 +18,7 @@ from deltaswarm_studies.charts import BOX_FROM, intervals, medians, whiskers
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.labels import Label, place
-from deltaswarm_studies.panels import OUTLINE, Frame, chosen, handle, handles, hues, panels, per_replicate
+from deltaswarm_studies.panels import MANY, OUTLINE, Frame, chosen, handle, handles, hues, panels, per_replicate
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats
 from deltaswarm_studies.study import Study, title_of
@@ -156,5 +156,7 @@ def _cloud(axes: Axes, points: Floats, look: Look) -> None:
             "linewidth": 0.9,
         }
         axes.add_patch(Ellipse(centre, width, height, angle=angle, **colours))
-    edge_of: Mapping[str, Any] = {"edgecolors": style.BLACK, "linewidths": 0.35}
-    axes.scatter(points[:, 0], points[:, 1], s=14, marker=look.marker, color=look.colour, zorder=3, **edge_of)
+    is_dense = len(points) > MANY
+    edge_of: Mapping[str, Any] = {"edgecolors": style.BLACK, "linewidths": 0.0 if is_dense else 0.35}
+    size, above = (3, 1) if is_dense else (14, 3)
+    axes.scatter(points[:, 0], points[:, 1], s=size, marker=look.marker, color=look.colour, zorder=above, **edge_of)
