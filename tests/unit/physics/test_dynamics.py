@@ -182,19 +182,22 @@ def go(run: InProcess, begin: int, end: int) -> None:
         run.close_step(Clock(step, record.time_s, step == steps - 1))
 
 
-def test_a_run_goes_on_from_a_checkpoint_in_a_jam_to_the_bit() -> None:
-    """From three moments, at all of which robots touch each other or are blocked."""
+@pytest.mark.parametrize("avoidance", ["proximity", "none"])
+def test_a_run_goes_on_from_a_checkpoint_in_a_jam_to_the_bit(avoidance: str) -> None:
+    """From three moments, at all of which many robots are blocked, or touch each other if they keep no distance."""
     steps, moments = 100, (30, 55, 80)
-    whole = crowd(steps)
+    given = {"world.avoidance": f"'{avoidance}'"}
+    whole = crowd(steps, **given)
     saved, begin = {}, 0
     for moment in (*moments, steps):
         go(whole, begin, moment)
         begin = moment
         if moment < steps:
-            assert len(whole.world.environment.dynamics.blocked) > 10
+            dynamics = whole.world.environment.dynamics
+            assert len(dynamics.bumped if avoidance == "none" else dynamics.blocked) > 10
             saved[moment] = pickle.dumps((whole.world, whole.agents, whole.operator))
     for moment, data in saved.items():
-        again = crowd(steps)
+        again = crowd(steps, **given)
         again.world, again.agents, again.operator = pickle.loads(data)
         go(again, moment, steps)
         assert again.world.digest.hex() == whole.world.digest.hex(), moment
