@@ -1,7 +1,7 @@
 """Figures with a metric along each axis: planes of all replicates, and frontiers of medians."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -156,7 +156,7 @@ def _cloud(axes: Axes, points: Floats, look: Look) -> None:
             "linewidth": 0.9,
         }
         axes.add_patch(Ellipse(centre, width, height, angle=angle, **colours))
-    is_dense = len(points) > MANY
-    edge_of: Mapping[str, Any] = {"edgecolors": style.BLACK, "linewidths": 0.0 if is_dense else 0.35}
-    size, above = (3, 1) if is_dense else (14, 3)
-    axes.scatter(points[:, 0], points[:, 1], s=size, marker=look.marker, color=look.colour, zorder=above, **edge_of)
+    dots: dict[str, Any] = {"s": 14, "color": look.colour, "edgecolors": style.BLACK, "linewidths": 0.35, "zorder": 3}
+    if len(points) > MANY:
+        dots |= {"s": 3, "linewidths": 0, "zorder": 1}
+    axes.scatter(points[:, 0], points[:, 1], marker=look.marker, **dots)
