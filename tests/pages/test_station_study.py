@@ -338,7 +338,10 @@ def test_activity_is_the_number_of_agents_heard_in_a_place(page: Page) -> None:
         assert found["left"] < 0.001
         assert found["faded"] == pytest.approx(0.05 * found["stays"], abs=0.01)
         assert found["elsewhere"] == found["back"] == 0
-    page.until(lambda: page.texts("#agents-list > li"))
+    heard = [[agent, 50.0, 50.0, "attending", -1, -1, 100, 1, 0] for agent in range(3)]
+    for now_s, count in ((101.0, 1), (131.0, 2), (161.0, 3)):
+        page.player.show(now_s, agents=heard[:count], events=[])
+        page.until(lambda count=count: len(page.all("#agents-list li")) == count)
     before = page.drawn()
     page.press("y")
     page.until(lambda: page.drawn() != before and page.at("activity-legend").is_displayed())
