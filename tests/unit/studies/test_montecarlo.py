@@ -45,10 +45,17 @@ def test_the_error_of_bootstrap_estimates_by_hand() -> None:
     assert math.isnan(montecarlo.of_resampled(np.array([1.0, math.inf])))
 
 
-@pytest.mark.parametrize("n", [2, 5, 20, 61])
+@pytest.mark.parametrize("n", [2, 5, 20, 61, 150])
 def test_the_errors_are_those_of_scipys_bootstrap(n: int) -> None:
     """To the last digit: published tables have them."""
     values = np.random.default_rng(n).lognormal(size=n).round(2)
     options = {"n_resamples": montecarlo.RESAMPLES, "method": "percentile", "vectorized": True, "random_state": 0}
     expected = bootstrap((values,), np.median, axis=-1, **options).standard_error
     assert montecarlo.of_median(pd.Series(values)) == expected
+
+    def shift(drawn: np.ndarray, axis: int) -> np.ndarray:
+        i, j = np.triu_indices(drawn.shape[axis])
+        return np.median((drawn[..., i] + drawn[..., j]) / 2, axis=axis)
+
+    expected = bootstrap((values - 1.0,), shift, axis=-1, **options).standard_error
+    assert montecarlo.of_shift(pd.Series(values), pd.Series(np.ones(n)), DIFFERENCE) == expected
