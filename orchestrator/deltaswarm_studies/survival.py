@@ -82,8 +82,7 @@ class Survival:
     @cached_property
     def runs(self) -> dict[int, pd.DataFrame]:
         """The times of each replicate."""
-        numbers = sorted(self.times["replicate"].unique().tolist())
-        return {number: self.times[self.times["replicate"] == number] for number in numbers}
+        return {int(number): rows for number, rows in self.times.groupby("replicate")}
 
     @cached_property
     def _without(self) -> list[Any]:

@@ -233,6 +233,6 @@ def same_arrivals(study: Study, runs: pd.DataFrame) -> list[str]:
             continue
         wide = runs.pivot(index="replicate", columns="variant", values=name)
         pairs = [wide[[a, b]].dropna() for a, b in sorted(sides) if a in wide and b in wide]
-        total, equal = sum(map(len, pairs)), sum(int((pair.nunique(axis=1) == 1).sum()) for pair in pairs)
+        total, equal = sum(map(len, pairs)), sum(int((pair.iloc[:, 0] == pair.iloc[:, 1]).sum()) for pair in pairs)
         clauses.append(f"{what} of arrivals are the same in {equal} of {total} pairs of runs that are compared")
     return clauses
