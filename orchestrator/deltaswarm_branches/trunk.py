@@ -71,9 +71,13 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
             listens=begun is None or begun.cores.console is not None,
         )
     first = len(begun.step_records) if begun else 0
-    if parent.digest not in (None, past.digest):
-        because = "; ".join(past.messages) or "it was disturbed, or made by another version"
-        raise CommandError(f"RUN must repeat to its digest {parent.digest} (got {past.digest}: {because})", FAILED)
+    for what, was, now in (
+        ("digest", parent.digest, past.digest),
+        ("events_digest", parent.manifest.get("events_digest"), past.events_digest),
+    ):
+        if was not in (None, now):
+            because = "; ".join(past.messages) or "it was disturbed, or made by another version"
+            raise CommandError(f"RUN must repeat to its {what} {was} (got {now}: {because})", FAILED)
     return Trunk(past, states, first)
 
 

@@ -82,8 +82,9 @@ def _places(rank: int, counts: Indices, first: Indices, second: Indices) -> Indi
     Args:
         rank: from 0, among a sample's own pairs, which include each drawn value with itself.
         counts: (samples, n) how often a sample has each of the sorted values.
-        first, second: (pairs,) the places of each pair's values, in the order of the means. A value's pairs with itself
+        first: (pairs,) the place of each pair's smaller value, in the order of the means. A value's pairs with itself
             and with larger values lie there in the order of the larger ones, so some first ones are in the lower half.
+        second: (pairs,) the place of the larger value.
     """
     samples, n = counts.shape
     upto = np.zeros((samples, n + 1), int)

@@ -27,7 +27,12 @@ MAX_INVALID = 0.2
 Samples = Callable[[str], pd.Series]
 """A function from a variant to its values of a metric by replicate."""
 
-ORIGIN = {"digest": "digest", "arrival_times": "arrivals.times", "arrival_places": "arrivals.places"}
+ORIGIN = {
+    "digest": "digest",
+    "events_digest": "events_digest",
+    "arrival_times": "arrivals.times",
+    "arrival_places": "arrivals.places",
+}
 """Columns of a study's runs that identify what happened in them, with their columns in the sweep's table."""
 
 

@@ -108,6 +108,14 @@ class Outcome:
         world, operator = self.world.get("digest"), self.operator.get("digest")
         return digest.combine(world, operator) if world and operator else None
 
+    @property
+    def events_digest(self) -> str | None:
+        """A hash over the events themselves, of which the digest covers only what agents say; None without a digest."""
+        if self.digest is None:
+            return None
+        told = repr([tuple(event) for event in sorted(self.events)])
+        return hashlib.blake2b(told.encode(), digest_size=digest.SIZE_BYTES).hexdigest()
+
 
 @dataclass(eq=False)
 class RunData:

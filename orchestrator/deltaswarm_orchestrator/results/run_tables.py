@@ -55,6 +55,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "started": provenance.now(),
         "exit_reason": RUNNING,
         "digest": None,
+        "events_digest": None,
         "versions": provenance.versions(),
         "commit": provenance.commit(),
         "host": provenance.host(),

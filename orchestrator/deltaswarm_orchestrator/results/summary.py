@@ -150,6 +150,11 @@ ACCOUNT = (
         label="digest",
     ),
     Metric(
+        "events_digest",
+        "hash over all events: place, arrival, first sensing, first work, completion and work done, by the world",
+        compute=lambda run: run.outcome.events_digest,
+    ),
+    Metric(
         "agent_steps.due",
         "agent-steps of which an answer is due: all of the steps done that no fault of the scenario takes",
         compute=lambda run: run.outcome.world.get("agent_steps", {}).get("due"),

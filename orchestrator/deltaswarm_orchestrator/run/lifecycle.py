@@ -299,7 +299,7 @@ class _Run:
             "operator_restarts": self.ending.operator_restarts,
             "resumed": self.manifest["resumed"],
         }
-        self.manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
+        self.manifest |= {**ending, **{name: summary[name] for name in ("digest", "events_digest", "complete")}}
         return {**summary, **ending}
 
     def _note_causes(self, outcome: Outcome) -> None:

@@ -23,6 +23,9 @@ InvalidRun = dict[Any, Any]
 DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
 """Digest columns by means. The digests of one run by both means must be equal; the table has both."""
 
+EVENTS_DIGESTS = {means: f"events_{column}" for means, column in DIGESTS.items()}
+"""The same of the digests over events; empty in runs of versions that had none."""
+
 MAX_NAMED = 8
 """Maximum number of variants named in a line."""
 
@@ -48,8 +51,11 @@ def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
     """Make a row per run: variant, swept keys, replicate, seed, origin, digests, metrics of its summary."""
     rows = []
     for job, result in runs:
-        results = {column: folder.result(job, means) for means, column in DIGESTS.items()}
-        digests = {column: str(kept["summary"]["digest"]) if kept else None for column, kept in results.items()}
+        digests: dict[str, str | None] = {}
+        for means in DIGESTS:
+            kept = folder.result(job, means)
+            digests[DIGESTS[means]] = str(kept["summary"]["digest"]) if kept else None
+            digests[EVENTS_DIGESTS[means]] = kept["summary"].get("events_digest") if kept else None
         origin = {name: result.get(name) for name in ORIGIN}
         rows.append({**_head(job), **origin, **digests, **metrics_of(result)})
     return pd.DataFrame(rows)
@@ -158,8 +164,11 @@ def differing(table: pd.DataFrame) -> list[str]:
     """List the runs whose digests by different means differ; there must be none."""
     if table.empty:
         return []
-    both = table.dropna(subset=list(DIGESTS.values()))
-    wrong = both[both[DIGESTS[IN_PROCESS]] != both[DIGESTS[PROCESSES]]]
+    is_wrong = pd.Series(False, index=table.index)
+    for columns in (DIGESTS, EVENTS_DIGESTS):
+        both = table.dropna(subset=list(columns.values()))
+        is_wrong |= (both[columns[IN_PROCESS]] != both[columns[PROCESSES]]).reindex(table.index, fill_value=False)
+    wrong = table[is_wrong]
     return [f"{row['variant']}, replicate {row['replicate']}" for _, row in wrong.iterrows()]
 
 

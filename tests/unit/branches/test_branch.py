@@ -183,15 +183,17 @@ def test_another_chance_is_common_to_both_sides(tmp_path: Path) -> None:
 
 
 def test_a_run_that_cannot_be_repeated_is_refused(scripted: Path, tmp_path: Path, capsys: Printed) -> None:
-    """One with another digest; a branch; a folder that is no run: one line each."""
+    """One with another digest of messages or of events; a branch; a folder that is no run: one line each."""
     branch = branched(scripted, tmp_path / "branch", "--at", "77")
-    other = shutil.copytree(scripted, tmp_path / "other")
-    manifest = (other / "manifest.json").read_text().replace('"seal"', '"was"')
-    (other / "manifest.json").write_text(manifest.replace(summary_of(scripted)["digest"], "0" * 32))
+    for what in ("digest", "events_digest"):
+        other = shutil.copytree(scripted, tmp_path / what)
+        manifest = (other / "manifest.json").read_text().replace('"seal"', '"was"')
+        (other / "manifest.json").write_text(manifest.replace(summary_of(scripted)[what], "0" * 32))
     capsys.readouterr()
     for run, says in (
         (branch, "must be no branch itself"),
-        (other, "must repeat to its digest 0000"),
+        (tmp_path / "digest", "must repeat to its digest 0000"),
+        (tmp_path / "events_digest", "must repeat to its events_digest 0000"),
         (tmp_path, "run"),
     ):
         assert main(["branch", str(run), "--at", "77", "--out", str(tmp_path / "new"), "--quiet"]) in (1, 2)

@@ -1,6 +1,7 @@
 """The metrics of a run: from what happened, and again by a script that knows nothing but the tables."""
 
 import csv
+import dataclasses
 import math
 import tomllib
 from pathlib import Path
@@ -30,7 +31,7 @@ from deltaswarm_orchestrator.results.summary import EVERY_KEY, computed
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DROP_REASONS
+from deltaswarm_scenario.truth import DROP_REASONS, EventState
 from deltaswarm_wire.checked import load
 from tests.support.swarms import run
 from tests.unit.orchestrator.test_results import STEP_S, event, whole, workload
@@ -233,6 +234,18 @@ def test_digests_of_arrivals_do_not_depend_on_what_became_of_them() -> None:
     assert arrival_digests([events[0], events[1]._replace(arrived_s=1.6)]) != (times, places)
     moved = arrival_digests([events[0], events[1]._replace(x_m=9.0)])
     assert (moved[0] == times, moved[1] == places) == (True, False)
+
+
+def test_the_digest_of_events_covers_all_that_became_of_each() -> None:
+    """Every field of every event counts, and not the order; without a digest of the run there is none."""
+    events = [event(1, 0.5, 1.0), event(2, 1.5, None)]
+    outcome = dataclasses.replace(whole(), events=events)
+    assert outcome.events_digest is not None
+    assert dataclasses.replace(outcome, events=events[::-1]).events_digest == outcome.events_digest
+    others = [[events[0], events[1]._replace(**{name: 9})] for name in EventState._fields]
+    found = {dataclasses.replace(outcome, events=each).events_digest for each in [events, events[:1], *others]}
+    assert len(found) == 2 + len(EventState._fields)
+    assert dataclasses.replace(outcome, operator={}).events_digest is None
 
 
 def test_digests_of_arrivals_are_those_of_earlier_versions() -> None:

@@ -198,23 +198,25 @@ def test_a_damaged_file_of_a_run_is_named(tmp_path: Path, capsys: Printed) -> No
 # The proof
 
 
-def forge(folder: Path, sweep: Sweep, means: str) -> str:
+def forge(folder: Path, sweep: Sweep, means: str, what: str = "digest") -> str:
     """Another digest in the file of the run that real processes did too; its name."""
     (proven,) = sweep.sample(sweep.jobs())
     kept = SweepFolder(folder)
     result = kept.result(proven, means)
     assert result is not None
-    result["summary"]["digest"] = "0" * 32
+    result["summary"][what] = "0" * 32
     kept.save(proven, means, result)
     return proven.name
 
 
-@pytest.mark.parametrize("means", [IN_PROCESS, PROCESSES])
-def test_a_difference_between_the_means_is_found(tmp_path: Path, means: str) -> None:
-    """Whichever of the two is forged."""
+@pytest.mark.parametrize(
+    ("means", "what"), [(IN_PROCESS, "digest"), (PROCESSES, "digest"), (PROCESSES, "events_digest")]
+)
+def test_a_difference_between_the_means_is_found(tmp_path: Path, means: str, what: str) -> None:
+    """Whichever of the two is forged, and in what was said or in what happened."""
     sweep = planned(prove=1)
     assert conducted(sweep, tmp_path / "out", Here()).manifest["proofs"] == {"checked": 1, "equal": 1}
-    name = forge(tmp_path / "out", sweep, means)
+    name = forge(tmp_path / "out", sweep, means, what)
     result = conducted(sweep, tmp_path / "out", Here())
     assert result.differing == [name]
     assert result.manifest["proofs"] == {"checked": 1, "equal": 0}
