@@ -39,10 +39,12 @@ class Removed(NamedTuple):
 
 
 def note_tables(sessions: Path, out: Path) -> None:
-    """Note where tables will be written, so that a withdrawal finds them."""
-    roster, folder = ledger.read(sessions), str(out.resolve())
-    if folder not in roster.tables:
-        ledger.write(sessions, roster._replace(tables=(*roster.tables, folder)))
+    """Note where tables will be written, so that a withdrawal finds them, and of whom: folders may have been copied."""
+    roster = ledger.read(sessions)
+    there = [file.parent.name.rpartition("-")[2] for file in sessions.glob(f"participant-*/{RECORD}")]
+    tables = dict.fromkeys((*roster.tables, str(out.resolve())))
+    begun = dict.fromkeys((*roster.begun, *sorted(int(text) for text in there if text.isdecimal())))
+    ledger.write(sessions, roster._replace(tables=tuple(tables), begun=tuple(begun)))
 
 
 def note_begun(sessions: Path, participant: int) -> None:
@@ -81,8 +83,8 @@ def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
         raise CommandError(f"--withdraw must be a participant with a session in {sessions} (got {participant})")
     if not is_known:
         row = Withdrawn(participant, provenance.now(), " ".join(reason.split()))
-        begun = tuple(number for number in roster.begun if number != participant)
-        roster = roster._replace(withdrawn=(*roster.withdrawn, row), begun=begun)
+        roster = roster._replace(withdrawn=(*roster.withdrawn, row))
+    roster = roster._replace(begun=tuple(number for number in roster.begun if number != participant))
     tables = [Path(name) for name in roster.tables]
     there = [one for one in tables if any(one.glob("*.tsv"))]
     removed = Removed(folder if folder.exists() else None, there, [one for one in tables if one not in there])
