@@ -9,7 +9,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.advice import as_given
-from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
 from deltaswarm_orchestrator.base.output import results_on
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.cli.arguments import (
@@ -304,9 +304,16 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
     """Delete a participant's data and write the tables again; return what was reached and what was not."""
     removed = roster.withdraw(out, participant, arguments.reason)
     for folder in removed.tables:
-        write_tables(out, folder, settings.exclude, is_wide=(folder / f"{WIDE}.tsv").exists())
-        for kind in [kind for kind in KINDS if any((folder / f"{kind}{end}").exists() for end in ("", PART))]:
-            export(kind, folder, Path(arguments.session).stem)
+        try:
+            write_tables(out, folder, settings.exclude, is_wide=(folder / f"{WIDE}.tsv").exists())
+            for kind in [kind for kind in KINDS if any((folder / f"{kind}{end}").exists() for end in ("", PART))]:
+                export(kind, folder, Path(arguments.session).stem)
+        except (OSError, CommandError) as error:
+            raise CommandError(
+                f"the withdrawal of {participant} is not finished: the tables in {folder} cannot be written again "
+                f"({error}); mend that, then give the command again",
+                FAILED,
+            ) from None
     ledger.write(out, ledger.read(out)._replace(unfinished=()))
     return {
         "deleted": str(removed.folder) if removed.folder else None,

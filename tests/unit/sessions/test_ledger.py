@@ -5,14 +5,14 @@ import multiprocessing
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import ledger, staging
 from deltaswarm_sessions.folder import RECORD, read_record
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
@@ -173,6 +173,36 @@ def test_a_withdrawal_that_cannot_remove_the_folder_is_not_done(
     monkeypatch.undo()
     assert main([*command, "--table", str(tmp_path / "data")]) == 0
     assert "1" not in {row["participant"] for row in rows_of(tmp_path / "data" / "runs.tsv")}
+
+
+def test_a_full_disk_leaves_the_tables_as_they_were(
+    command: list[str], tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With their seal and exports; a withdrawal says that it is not finished, and the next command finishes it."""
+    data = tmp_path / "data"
+    assert main([*command, "--table", str(data), "--format", "bids"]) == 0
+    before = {file: file.read_bytes() for file in data.rglob("*") if file.is_file()}
+    real, tables = staging.write_whole, len([*data.glob("*.tsv")])
+    for room in (0, 5, tables):
+        left = iter(range(room))
+
+        def write(file: Path, content: bytes, left: Iterator[int] = left) -> None:
+            if next(left, None) is None:
+                raise OSError(28, "No space left on device", str(file))
+            real(file, content)
+
+        monkeypatch.setattr(staging, "write_whole", write)
+        assert main([*command, "--withdraw", "1"]) == 1
+        assert "the withdrawal of 1 is not finished" in capsys.readouterr().err
+        there = {file: file.read_bytes() for file in data.rglob("*") if file.is_file()}
+        assert [
+            file for file in before if there[file] != before[file] and (room < tables or "bids" in file.parts)
+        ] == []
+        assert set(there) == set(before)
+    monkeypatch.undo()
+    assert main([*command, "--next"]) == 0
+    assert "1" not in {row["participant"] for row in rows_of(data / "bids" / "sub-003" / "sub-003_scans.tsv")}
+    assert not (data / "bids" / "sub-001").exists()
 
 
 def test_a_folder_of_a_withdrawn_participant_is_in_no_table(
