@@ -27,7 +27,7 @@ from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
 from deltaswarm_sessions import commitment, ledger, roster
-from deltaswarm_sessions.datasets import KINDS, export
+from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
@@ -306,8 +306,9 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
     for folder in removed.tables:
         try:
             write_tables(out, folder, settings.exclude, is_wide=(folder / f"{WIDE}.tsv").exists())
-            for kind in [kind for kind in KINDS if any((folder / f"{kind}{end}").exists() for end in ("", PART))]:
-                export(kind, folder, Path(arguments.session).stem)
+            for kind in KINDS:
+                if (folder / kind / DESCRIPTION).exists() or (folder / f"{kind}{PART}").exists():
+                    export(kind, folder, Path(arguments.session).stem)
         except (OSError, CommandError) as error:
             raise CommandError(
                 f"the withdrawal of {participant} is not finished: the tables in {folder} cannot be written again "

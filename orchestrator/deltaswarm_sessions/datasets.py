@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,10 +36,11 @@ def export(kind: str, tables: Path, name: str) -> Path:
     for row in _rows(tables / "dictionary.tsv"):
         dictionary.setdefault(row["table"], {})[row["column"]] = row
     with staged(out) as part:
-        KINDS[kind](tables, part, name, dictionary)
+        (part / "new").mkdir()
+        KINDS[kind](tables, part / "new", name, dictionary)
         if out.exists():
-            shutil.rmtree(out)
-        part.rename(out)
+            out.rename(part / "old")
+        (part / "new").rename(out)
     return out
 
 

@@ -93,7 +93,7 @@ def held(sessions: Path, *, only_reads: bool = False) -> Iterator[bool]:
     lock = _locked(sessions, only_reads)
     try:
         if problem := doubt(sessions):
-            if "missing" in problem and not only_reads:
+            if not only_reads and not (sessions / ROSTER).exists():
                 raise CommandError(f"{problem}; restore it")
             notice(problem)
         yield lock is not None

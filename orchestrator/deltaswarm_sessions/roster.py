@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_sessions import ledger
 from deltaswarm_sessions.folder import RECORD, folder_name, intact_record, read_record
@@ -25,6 +26,9 @@ PILOT = "pilot"
 
 BEYOND_REACH = "copies, back-ups, exports, repositories, and whatever was published"
 """Where a withdrawn participant's data may also be."""
+
+OF_TABLES = (seal.RECORD, "participants.tsv", f"tables{PART}")
+"""What tells that a folder has tables, even if a command that wrote them was killed."""
 
 
 class Removed(NamedTuple):
@@ -86,7 +90,7 @@ def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
         roster = roster._replace(withdrawn=(*roster.withdrawn, row))
     roster = roster._replace(begun=tuple(number for number in roster.begun if number != participant))
     tables = [Path(name) for name in roster.tables]
-    there = [one for one in tables if any(one.glob("*.tsv"))]
+    there = [one for one in tables if any((one / name).exists() for name in OF_TABLES)]
     removed = Removed(folder if folder.exists() else None, there, [one for one in tables if one not in there])
     with _held(folder):
         ledger.write(sessions, roster._replace(unfinished=(participant,)))

@@ -14,7 +14,7 @@ from deltaswarm_wire.files import write_whole
 
 @contextmanager
 def staged(out: Path) -> Iterator[Path]:
-    """Make a new folder beside `out`, from which the caller moves what is complete; delete it at the end."""
+    """Make a new folder beside `out`, from which the caller moves what is complete; delete the rest at the end."""
     part = out.with_name(f"{out.name}{PART}")
     if part.exists():
         shutil.rmtree(part)  # of a command that was killed
@@ -22,7 +22,7 @@ def staged(out: Path) -> Iterator[Path]:
     try:
         yield part
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(part)
 
 
 def write_rows(file: Path, columns: Iterable[str], rows: Iterable[Mapping[str, Any]], delimiter: str) -> None:

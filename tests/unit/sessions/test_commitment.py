@@ -142,6 +142,11 @@ def test_what_is_missing_or_older_than_the_freeze_is_not_verified(
         shutil.rmtree(here / f"2-{record['runs'][2]['condition']}")
         write_sealed(here / "session.json", record, {})
 
+    def with_a_run_cut_off() -> None:
+        record = json.loads((here / "session.json").read_text())
+        record["runs"][2]["attempts"][0]["complete"] = False
+        write_sealed(here / "session.json", record, {})
+
     def begun_early() -> None:
         record = json.loads((here / "session.json").read_text())
         write_sealed(here / "session.json", record | {"begun": "2001-01-01T00:00:00+00:00"}, {})
@@ -152,6 +157,7 @@ def test_what_is_missing_or_older_than_the_freeze_is_not_verified(
         ((out / "roster.json").unlink, "roster.json is missing"),
         (lambda: main([*command, "--withdraw", "2"]), "participant 2 withdrew on"),
         (without_a_run, "planned, and not done"),
+        (with_a_run_cut_off, "planned, and not complete"),
         (begun_early, "must be begun after the plan was frozen"),
     ):
         change()
