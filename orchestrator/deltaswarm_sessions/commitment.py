@@ -14,15 +14,13 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario, content_of
-from deltaswarm_sessions.folder import RECORD
+from deltaswarm_sessions import ledger
+from deltaswarm_sessions.ledger import COMMITMENT
 from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.settings import SessionSettings
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 from deltaswarm_wire.files import write_whole
-
-FILE = "commitment.json"
-"""In the folder of all sessions: keep it secret until the study is published."""
 
 ENTRY = {"date": str, "code": dict, "nonce": str, "plan": dict, "hash": str}
 
@@ -62,25 +60,30 @@ def freeze(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[Pat
     Raises:
         CommandError: there is one already, or a session has begun.
     """
-    if (sessions / FILE).exists():
-        raise CommandError(
-            f"{sessions / FILE} must not be there yet: the plan was frozen; to change it, use another --out"
-        )
-    if begun := sorted(sessions.glob(f"participant-*/{RECORD}")):
-        raise CommandError(
-            f"the plan must be frozen before the first session (got {begun[0].parent}); use another --out"
-        )
     entry = {
         "date": provenance.now(),
         "code": _code(),
         "nonce": secrets.token_hex(32),
         "plan": plan_of(settings, beside),
     }
-    sessions.mkdir(parents=True, exist_ok=True)
     found = hash_of(entry)
     data = json.dumps(entry | {"hash": found}, indent=2, ensure_ascii=False).encode() + b"\n"
-    write_whole(sessions / FILE, data, 0o600)
-    return sessions / FILE, found
+    sessions.mkdir(parents=True, exist_ok=True)
+    with ledger.held(sessions):
+        if was := read(sessions):
+            raise CommandError(
+                f"{sessions / COMMITMENT} must not be there yet: the plan was frozen on {was['date']} with the hash "
+                f"{was['hash']}; to change it, use another --out"
+            )
+        roster = ledger.read(sessions)
+        begun = [folder.name for folder in sorted(sessions.glob("participant-*"))]
+        if begun := begun or [f"participant {number}" for number in sorted(roster.used)]:
+            raise CommandError(
+                f"the plan must be frozen before the first session (got {begun[0]} in {sessions}); use another --out"
+            )
+        write_whole(sessions / COMMITMENT, data, 0o600)
+        ledger.write(sessions, roster)
+    return sessions / COMMITMENT, found
 
 
 def hash_of(entry: Mapping[str, Any]) -> str:
@@ -96,7 +99,7 @@ def read(sessions: Path) -> dict[str, Any]:
     Raises:
         CommandError: it cannot be read, or was changed.
     """
-    file = sessions / FILE
+    file = sessions / COMMITMENT
     if not file.exists():
         return {}
     try:

@@ -1,14 +1,15 @@
 """Exports of the tables of sessions as datasets: BIDS (behaviour, .tsv) and Psych-DS (.csv)."""
 
-import csv
 import json
 import re
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_sessions.staging import staged, write_rows
+from deltaswarm_wire.cells import rows_by_column
+from deltaswarm_wire.files import write_whole
 
 BIDS, PSYCH_DS = "bids", "psych-ds"
 BIDS_VERSION = "1.10.0"
@@ -26,23 +27,27 @@ def export(kind: str, tables: Path, name: str) -> Path:
 
     Raises:
         CommandError: a folder of this name is there that is no dataset.
+        OSError: it cannot be written; an earlier one is as it was.
     """
     out = tables / kind
     if out.exists() and not (out / DESCRIPTION).exists():
         raise CommandError(f"{out} must be a dataset that was exported before, or not be there; move it away")
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir()
     dictionary: dict[str, dict[str, Row]] = {}
     for row in _rows(tables / "dictionary.tsv"):
         dictionary.setdefault(row["table"], {})[row["column"]] = row
-    KINDS[kind](tables, out, name, dictionary)
+    with staged(out) as part:
+        (part / "new").mkdir()
+        KINDS[kind](tables, part / "new", name, dictionary)
+        if out.exists():
+            out.rename(part / "old")
+        (part / "new").rename(out)
     return out
 
 
 def _bids(tables: Path, out: Path, name: str, dictionary: Mapping[str, Columns]) -> None:
     """Write participants, and for each participant the runs (scans) with the answers of each (beh)."""
     _json(out / DESCRIPTION, {"Name": name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"})
-    (out / "README.md").write_text(README, encoding="utf-8")
+    write_whole(out / "README.md", README.encode())
     people = [{"participant_id": _subject(row), **row} for row in _rows(tables / "participants.tsv")]
     _tsv(out / "participants.tsv", ["participant_id", *dictionary["participants"]], people)
     _json(out / "participants.json", _described(dictionary["participants"]))
@@ -69,7 +74,7 @@ def _psych_ds(tables: Path, out: Path, name: str, dictionary: Mapping[str, Colum
     variables: dict[str, dict[str, str]] = {}
     for table, columns in dictionary.items():
         file = out / "data" / f"study-{study}_description-{table.replace('_', '')}_data.csv"
-        _write(file, columns, _rows(tables / f"{table}.tsv"), ",")
+        write_rows(file, columns, _rows(tables / f"{table}.tsv"), ",")
         for column, row in columns.items():
             told = {"@type": "PropertyValue", "name": column, "description": row["meaning"], "unitText": row["unit"]}
             variables.setdefault(column, {key: value for key, value in told.items() if value})
@@ -97,22 +102,14 @@ def _described(columns: Columns) -> dict[str, Any]:
 
 def _rows(file: Path) -> Sequence[dict[str, str]]:
     with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream, delimiter="\t"))
+        return rows_by_column(stream, "\t")
 
 
 def _tsv(file: Path, columns: Iterable[str], rows: Iterable[Row]) -> None:
     """Write a table of BIDS, which has n/a in empty cells, and neither tabs nor line breaks in them."""
     plain = [{name: " ".join(value.split()) or "n/a" for name, value in row.items()} for row in rows]
-    _write(file, columns, plain, "\t")
-
-
-def _write(file: Path, columns: Iterable[str], rows: Iterable[Row], delimiter: str) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(columns), delimiter=delimiter, extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(file, columns, plain, "\t")
 
 
 def _json(file: Path, content: Mapping[str, Any]) -> None:
-    file.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_whole(file, json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n")

@@ -1,6 +1,9 @@
 """A participant's folder: the record `session.json`, the attempts at each run, and all answers given in it or later."""
 
+import csv
+import math
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +12,31 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.folder import results_in
 from deltaswarm_orchestrator.results.folder_lock import is_held
-from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION, read_rows
+from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.columns import columns_of
+from deltaswarm_scenario.isa import ISA
+from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.situation import shares
 from deltaswarm_scenario.technique import AFTER
 from deltaswarm_scenario.techniques import TECHNIQUES
+from deltaswarm_scenario.tlx import TLX
 from deltaswarm_sessions.plan import PlannedRun
 from deltaswarm_sessions.session import Attempt, Session, changed_keys
+from deltaswarm_wire.cells import rows_by_column
+from deltaswarm_wire.reading import decoded
 
 RECORD, SUMMARY = "session.json", "summary.json"
 
 Row = dict[str, str]
+
+NEEDED = {
+    "actions": ("kind", "name", "text"),
+    "probes": ("probe", "number", "item", "value", "answered_utc"),
+    "wall_times": ("monotonic_s",),
+}
+"""Columns that a run's table must have; tables of earlier versions lack others."""
 
 
 def folder_name(participant: int) -> str:
@@ -49,14 +65,22 @@ def read_record(folder: Path) -> dict[str, Any]:
     """Return the record in a participant's folder. Runs whose folders have been deleted are no longer vouched for.
 
     Raises:
-        CommandError: it cannot be read, or it, or a file that it seals, has been changed.
+        CommandError: it cannot be read, is another participant's, or it, or a file that it seals, has been changed.
     """
+    record = intact_record(folder)
+    if folder.name != (own := folder_name(record["participant"])):
+        raise CommandError(
+            f"{folder / RECORD} must be of this participant (got participant {record['participant']}); give the folder "
+            f"its name {own}, and correct a wrong number by --renumber"
+        )
+    return record
+
+
+def intact_record(folder: Path) -> dict[str, Any]:
+    """Return the record in a participant's folder whatever the folder's name is. Raises CommandError, as above."""
     sealed = seal.files_of(seal.read_sealed(folder / RECORD))
     deleted = {name for name in sealed if not (folder / name).parent.exists()}
-    record = _having(folder / RECORD, seal.checked(folder / RECORD, deleted=deleted), "runs")
-    if folder.name != folder_name(record["participant"]):
-        raise CommandError(f"{folder / RECORD} must be of this participant (got participant {record['participant']})")
-    return record
+    return _having(folder / RECORD, seal.checked(folder / RECORD, deleted=deleted), "runs")
 
 
 def write_record(folder: Path, session: Session) -> None:
@@ -112,7 +136,7 @@ def summary_of(run: Path) -> dict[str, Any]:
     if _is_killed(run):
         return {"complete": False, "digest": None, "seed": manifest.get("seed")}
     summary = _with_later_answers(run, _having(run / SUMMARY, seal.read_sealed(run / SUMMARY), "complete"))
-    if rows := read_rows(run / SITUATION):
+    if rows := rows_in(run / SITUATION):
         summary["person"] = {**(summary.get("person") or {}), **shares(rows)}
     return summary
 
@@ -126,10 +150,39 @@ def answers(folder: Path) -> list[Row]:
 
 
 def rows_in(file: Path) -> list[Row]:
-    """Return the rows of a table of a run, without a last one that a kill cut off."""
-    rows = read_rows(file)
-    is_cut = bool(rows) and not file.read_bytes().endswith(b"\n")
-    return [row for row in (rows[:-1] if is_cut else rows) if None not in row.values()]
+    """Return the rows of a table of a run, without a last one that a kill cut off.
+
+    Raises:
+        CommandError: it cannot be read, lacks a column, or a cell is not the number that its column demands.
+    """
+    try:
+        data = file.read_bytes() if file.exists() else b""
+        is_cut = bool(data) and not data.endswith(b"\n")  # maybe in the middle of a character
+        rows = rows_by_column(StringIO(data.decode(errors="ignore") if is_cut else decoded(data), newline=""))
+        rows = [row for row in (rows[:-1] if is_cut else rows) if None not in row.values()]
+        _check_cells(rows, file.stem)
+    except (OSError, ValueError, csv.Error) as error:
+        raise CommandError(f"{file} must be a table as a run writes it: {error}; restore it") from None
+    return rows
+
+
+def _check_cells(rows: Sequence[Row], table: str) -> None:
+    numbers = {name for name, (kind, _) in columns_of(TABLES[table]).items() if kind != "text"}
+    for row_number, row in enumerate(rows, 2):  # the header is the first
+        if lacking := [name for name in NEEDED.get(table, ()) if name not in row]:
+            raise ValueError(f"it lacks the columns {', '.join(lacking)}")
+        own = {"value"} if row.get("probe") in (ISA, TLX) else set()
+        for name in (numbers | own) & {*row}:
+            if row[name] and not is_finite(row[name]):
+                raise ValueError(f"row {row_number}, column {name}: must be a finite number (got {row[name]!r:.40})")
+
+
+def is_finite(cell: str) -> bool:
+    """Whether a cell holds a finite number."""
+    try:
+        return math.isfinite(float(cell))
+    except ValueError:
+        return False
 
 
 def folders_of_later_answers(folder: Path) -> list[Path]:
@@ -152,7 +205,7 @@ def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]
 
 def _later(folder: Path) -> list[Row]:
     """Return the answers that were given after a run."""
-    return [row for page in folders_of_later_answers(folder) for row in read_rows(page / PROBES) if row["answered_utc"]]
+    return [row for page in folders_of_later_answers(folder) for row in rows_in(page / PROBES) if row["answered_utc"]]
 
 
 def names_of_attempts(folder: Path, run: str) -> list[str]:

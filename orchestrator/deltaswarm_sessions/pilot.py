@@ -1,6 +1,5 @@
 """The number of participants for a study, from the table of a pilot's runs."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,6 +8,7 @@ import numpy as np
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError, aligned
+from deltaswarm_sessions.folder import is_finite
 from deltaswarm_sessions.plan import group_of
 from deltaswarm_sessions.power import (
     ADJUSTED,
@@ -22,7 +22,8 @@ from deltaswarm_sessions.power import (
     powers,
 )
 from deltaswarm_sessions.settings import CROSSED, SessionSettings
-from deltaswarm_sessions.variables import KEYS, RESTRICTED, RUN_ITSELF
+from deltaswarm_sessions.variables import KEYS, RESTRICTED, RUN, RUN_ITSELF, TEXT
+from deltaswarm_wire.cells import raw
 from deltaswarm_wire.reading import read_text, rows_of
 
 MIN_DEGREES = 3
@@ -54,7 +55,9 @@ def plan_participants(settings: SessionSettings, runs: Path, question: Question)
         CommandError: the question does not fit the session or the table, or the pilot has too few participants.
     """
     first, second = pair = _conditions(settings, question)
-    rows, columns = _read(runs)
+    rows, columns = _read(runs, question.metric)
+    if not columns:
+        raise CommandError(f"{runs} must have complete and valid runs after the training with a measure (got none)")
     if question.metric is not None and question.metric not in columns:
         raise CommandError(f"--metric must be one of {', '.join(columns)} (got {question.metric!r})")
     group = group_of(len(settings.condition), is_crossed=settings.arrivals == CROSSED)
@@ -115,8 +118,12 @@ def _conditions(settings: SessionSettings, question: Question) -> tuple[str, str
     raise CommandError(f"--conditions must be two of {', '.join(labels)} (got {got})")
 
 
-def _read(runs: Path) -> tuple[list[Row], list[str]]:
-    """Return the valid runs after the training, and the columns with numbers that measure them."""
+def _read(runs: Path, metric: str | None = None) -> tuple[list[Row], list[str]]:
+    """Return the valid runs after the training, and the columns with numbers that measure them.
+
+    Raises:
+        CommandError: a cell of the metric, or of a column that is known to hold numbers, is none.
+    """
     seal.checked(runs.with_name(seal.RECORD))
     try:
         columns, lines = rows_of(read_text(runs), "\t")
@@ -126,7 +133,12 @@ def _read(runs: Path) -> tuple[list[Row], list[str]]:
             for name in ("participant", "position"):
                 if not row[name].isdecimal():
                     raise ValueError(f"line {line}, column {name}: must be a whole number (got {row[name]!r:.40})")
-        rows = [row for _, row in lines if _is_valid(row) and int(row["position"]) > 0]
+            for name in columns:
+                is_number = name == metric or (name in RUN and RUN[name].kind != TEXT)
+                if is_number and row[name] and not is_finite(row[name]):
+                    raise ValueError(f"line {line}, column {name}: must be a finite number (got {row[name]!r:.40})")
+        found = [{name: raw(cell) for name, cell in row.items()} for _, row in lines]
+        rows = [row for row in found if _is_valid(row) and int(row["position"]) > 0]
     except (OSError, ValueError) as error:
         raise CommandError(
             f"{runs} must be the table of runs that `deltaswarm session --table` writes: {error}"
@@ -136,16 +148,13 @@ def _read(runs: Path) -> tuple[list[Row], list[str]]:
 
 
 def _is_valid(row: Row) -> bool:
-    return row["complete"] == "1" and row.get("valid", "1") != "0"
+    return float(row["complete"] or 0) == 1 and float(row.get("valid") or 1) != 0
 
 
 def _is_measured(rows: Sequence[Row], metric: str) -> bool:
     """Whether some run has a value, and each value is a number."""
-    try:
-        values = [float(row[metric]) for row in rows if row[metric]]
-    except ValueError:
-        return False
-    return bool(values) and all(map(math.isfinite, values))
+    values = [row[metric] for row in rows if row[metric]]
+    return bool(values) and all(map(is_finite, values))
 
 
 def _pilot(rows: Sequence[Row], pair: tuple[str, str], metric: str, *, is_adjusted: bool) -> Pilot | str:

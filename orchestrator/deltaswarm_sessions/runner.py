@@ -69,8 +69,8 @@ class Runner:
         """Whether the session has been begun, so that its order is no longer concealed."""
         return (self.folder / RECORD).exists()
 
-    def run(self) -> int:
-        """Do what is left of the session, and keep its record; return the exit code.
+    def begin(self) -> None:
+        """Take the folder, and write the record of what is done and planned.
 
         Raises:
             CommandError: another session of this participant is under way, or this one was begun with another design.
@@ -83,14 +83,21 @@ class Runner:
                 f"{self.folder} must be free: another session of this participant is under way"
             ) from None
         try:
+            self._read()
+            check_design(self.folder, self.session)
+            self._write()
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def run(self) -> int:
+        """Do what is left of the session that was begun, and keep its record; return the exit code."""
+        try:
             return self._do_steps()
         finally:
             self._lock.release()
 
     def _do_steps(self) -> int:
-        self._read()
-        check_design(self.folder, self.session)
-        self._write()
         for step in self.session.steps():
             if isinstance(step, DoRun):
                 notice(step.text)

@@ -3,7 +3,6 @@
 Each table has a row per observation and a column per variable; by the columns of `KEYS`, tables are joined.
 """
 
-import csv
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,21 +15,24 @@ from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
+from deltaswarm_sessions import ledger
 from deltaswarm_sessions.exclusion import EXCLUDED, ExclusionSettings, exclusions
 from deltaswarm_sessions.folder import (
     RECORD,
-    SUMMARY,
     answers,
     attempt_number,
+    folder_name,
     names_of_attempts,
     read_record,
     rows_in,
     summary_of,
     unsealed_in,
 )
+from deltaswarm_sessions.ledger import Withdrawn
 from deltaswarm_sessions.observed import consent_of, of_run, questions_of, version_of
 from deltaswarm_sessions.plan import run_folder
-from deltaswarm_sessions.roster import Withdrawn, allocated, withdrawn_in
+from deltaswarm_sessions.roster import allocated
+from deltaswarm_sessions.staging import staged, write_rows
 from deltaswarm_sessions.variables import KEYS, MEASURES, PARTICIPANT, QUESTION, RUN
 
 MAX_NAMED = 8
@@ -54,32 +56,43 @@ def write_tables(
     Raises:
         CommandError: there is no session, or a file of one cannot be read or has been changed.
     """
-    begun = {file.parent.parent for file in sessions.glob(f"participant-*/*/{SUMMARY}")}
+    begun = {file.parent.parent for file in sessions.glob("participant-*/*/*")}
     if lacking := sorted(str(folder) for folder in begun if not (folder / RECORD).exists()):
         raise CommandError(f"{lacking[0]} has runs and no {RECORD}; restore it, or move the folder away")
     folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
-    withdrawn = withdrawn_in(sessions)
+    roster = ledger.read(sessions)
+    withdrawn = roster.withdrawn
     if not folders and not withdrawn:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
+    if back := [one for one in withdrawn if (sessions / folder_name(one.participant)).exists()]:
+        raise CommandError(
+            f"{sessions / folder_name(back[0].participant)} must not be there, since participant "
+            f"{back[0].participant} withdrew on {back[0].date}; --withdraw {back[0].participant} deletes it"
+        )
     records = {folder: read_record(folder) for folder in folders}
     rules = exclude or ExclusionSettings()
     runs = [run for folder, record in records.items() for run in _runs(folder, record, rules)]
-    out.mkdir(parents=True, exist_ok=True)
-    (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
-    files = [
-        _write(out / f"{PARTICIPANTS}.tsv", PARTICIPANT, _participants(records, withdrawn)),
-        _write(out / f"{RUNS}.tsv", {**KEYS, **RUN}, (run for _, run in runs)),
-    ]
-    for name, table in TABLES.items():
-        rows = (keys | row for folder, keys in runs for row in _rows(folder, name))
-        files.append(_write(out / f"{name}.tsv", {**KEYS, **dict.fromkeys(table._fields)}, rows))
-    files.append(_write(out / f"{QUESTIONS}.tsv", QUESTION, _questions(runs)))
-    (out / f"{WIDE}.tsv").unlink(missing_ok=True)
+    tables: dict[str, tuple[Iterable[str], Iterable[Row]]] = {
+        PARTICIPANTS: (PARTICIPANT, _participants(records, withdrawn)),
+        RUNS: ({**KEYS, **RUN}, (run for _, run in runs)),
+    }
+    tables |= {name: ({**KEYS, **dict.fromkeys(of._fields)}, _of_runs(runs, name)) for name, of in TABLES.items()}
+    tables[QUESTIONS] = (QUESTION, _questions(runs))
     if is_wide:
         wide = _wide(runs)
-        files.append(_write(out / f"{WIDE}.tsv", dict.fromkeys(name for row in wide for name in row), wide))
-    files.append(_write(out / f"{DICTIONARY}.tsv", dict.fromkeys(("table", "column", *_TOLD)), _dictionary()))
+        tables[WIDE] = (dict.fromkeys(name for row in wide for name in row), wide)
+    tables[DICTIONARY] = (("table", "column", *_TOLD), _dictionary())
+    files = [out / f"{name}.tsv" for name in tables]
+    with staged(out / "tables") as part:
+        for file, (columns, rows) in zip(files, tables.values(), strict=True):
+            write_rows(part / file.name, columns, rows, "\t")
+        (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
+        (out / f"{WIDE}.tsv").unlink(missing_ok=True)
+        for file in files:
+            (part / file.name).replace(file)
     unsealed = [f"{folder.name}/{name}" for folder, record in records.items() for name in unsealed_in(folder, record)]
+    if dropped := sorted({*roster.begun} - {record["participant"] for record in records.values()}):
+        complain(f"{sessions}: sessions that were begun and are not there: {', '.join(map(str, dropped))}")
     if unsealed:
         notice(f"{sessions}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")
     content = {
@@ -191,6 +204,11 @@ def _wide(runs: Iterable[tuple[Path, Row]]) -> list[dict[str, Any]]:
     return list(found.values())
 
 
+def _of_runs(runs: Iterable[tuple[Path, Row]], name: str) -> Iterator[Row]:
+    """Yield the rows of one table of all runs."""
+    return ({**keys, **row} for folder, keys in runs for row in _rows(folder, name))
+
+
 def _rows(run: Path, name: str) -> list[dict[str, str]]:
     file = run / f"{name}.csv"
     return answers(run) if file.name == PROBES else rows_in(file)
@@ -209,13 +227,3 @@ def _dictionary() -> Iterator[Row]:
     for table, columns in (own | {name: {**KEYS, **columns_of(table)} for name, table in TABLES.items()}).items():
         for name, (kind, column) in columns.items():
             yield {"table": table, "column": name, "type": kind, "unit": column.unit, "meaning": column.meaning}
-
-
-def _write(file: Path, columns: Iterable[str], rows: Iterable[Row]) -> Path:
-    part = file.with_name(f"{file.name}.part")
-    with part.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(columns), delimiter="\t", extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    part.replace(file)
-    return file

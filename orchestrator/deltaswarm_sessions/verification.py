@@ -1,26 +1,41 @@
 """The command `deltaswarm verify`: whether sessions are those of a published hash, and whether their runs repeat."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_sessions.commitment import FILE, code_problems, read, run_problems, settings_of
-from deltaswarm_sessions.folder import RECORD, attempt_number, read_record, summary_of
+from deltaswarm_sessions import ledger
+from deltaswarm_sessions.commitment import code_problems, read, run_problems, settings_of
+from deltaswarm_sessions.folder import (
+    RECORD,
+    attempt_number,
+    folder_name,
+    names_of_attempts,
+    read_record,
+    summary_of,
+    unsealed_in,
+)
+from deltaswarm_sessions.ledger import COMMITMENT
 from deltaswarm_sessions.plan import order_and_numbers, run_folder, seed_of
 from deltaswarm_sessions.roster import allocated
+from deltaswarm_sessions.settings import END, NOT_REACHED, SessionSettings
+
+Row = dict[str, Any]
 
 
 def add_verify(command: argparse.ArgumentParser) -> None:
     """Check sessions against the published hash of their plan, and repeat their runs."""
     command.description = (
         "Check that plan and code of all sessions in a folder are those of a hash that was published before the study "
-        "(deltaswarm session FILE --freeze), and repeat each complete run to its digest."
+        "(deltaswarm session FILE --freeze), that no planned run is missing, and that each complete run repeats to its "
+        "digest."
     )
     command.add_argument("data", type=Path, metavar="DATA", help="folder of all sessions, with the commitment")
     command.add_argument("--against", required=True, metavar="HASH", help="the hash that was published")
@@ -29,42 +44,108 @@ def add_verify(command: argparse.ArgumentParser) -> None:
 
 
 def verify(arguments: argparse.Namespace) -> int:
-    """Print what differs from the plan, and whether each run repeats; return FAILED if anything differs."""
+    """Print what differs from the plan or is missing, and whether each run repeats; return FAILED if there is any."""
     sessions: Path = arguments.data
     if not (entry := read(sessions)):
-        raise CommandError(f"DATA must be a folder of sessions with a {FILE} (got {sessions}); --freeze writes it")
+        raise CommandError(
+            f"DATA must be a folder of sessions with a {COMMITMENT} (got {sessions}); --freeze writes it"
+        )
     problems = []
     if entry["hash"] != arguments.against.strip().lower():
         problems.append(
-            f"--against must be the hash of {sessions / FILE} (got {arguments.against}, not {entry['hash']})"
+            f"--against must be the hash of {sessions / COMMITMENT} (got {arguments.against}, not {entry['hash']})"
         )
-    problems += code_problems(entry)
-    rows = list(_runs(sessions, entry))
+    folders = sorted(folder for folder in sessions.glob("participant-*") if folder.is_dir())
+    problems += [*code_problems(entry), *_absent(sessions, folders)]
+    settings, planned, rows, other = settings_of(entry), 0, list[Row](), set[str]()
+    for folder in folders:
+        if not (folder / RECORD).exists():
+            problems.append(f"{folder.name}: {RECORD} is missing, so nobody can tell what was done; restore it")
+            continue
+        record = read_record(folder)
+        own = [list(_attempts(folder, record, entry, settings, place)) for place in _places(settings, record)]
+        planned += len(own)
+        rows += [row for attempts in own for row in attempts]
+        if wrong := [f"{folder.name}: {problem}" for problem in _of_session(folder, record, entry)]:
+            problems += wrong
+            other.add(folder.name)
     problems += [f"{row['run']}: {row['problem']}" for row in rows if row["problem"]]
-    told = {"hash": entry["hash"], "date": entry["date"], "runs": rows, "problems": problems}
-    repeated = sum(not row["problem"] for row in rows)
+    if not planned:
+        problems.append(f"DATA must have at least one session (got none in {sessions})")
+    complete = {row["of"] for row in rows if row["complete"] and row["of"].split("/")[0] not in other}
+    done = complete - {row["of"] for row in rows if row["problem"]}
+    told = {"hash": entry["hash"], "date": entry["date"], "planned": planned, "runs": rows, "problems": problems}
     lines = [
         f"frozen {entry['date']}: {entry['hash']}",
-        f"{repeated} of {len(rows)} complete runs are as planned and repeat to their digests",
+        f"{len(done)} of {planned} planned runs are complete, as planned, and repeat to their digests",
+        *(f"{row['run']}: not complete, and done again" for row in rows if not row["complete"] and not row["problem"]),
         *problems,
     ]
     show(arguments, told, "\n".join(lines))
     return FAILED if problems else OK
 
 
-def _runs(sessions: Path, entry: dict[str, Any]) -> Iterator[dict[str, str]]:
-    """Yield each complete run with what is wrong with it, which is empty if it is as planned and repeats."""
-    settings = settings_of(entry)
-    for file in sorted(sessions.glob(f"participant-*/{RECORD}")):
-        record = read_record(file.parent)
-        order = order_and_numbers(settings, allocated(record))
-        for run, (label, number) in zip(record["runs"], order, strict=False):
-            for attempt in run["attempts"]:
-                if attempt["complete"]:
-                    folder = file.parent / attempt["folder"]
-                    count = attempt_number(attempt["folder"], run_folder(run["place"], run["condition"]))
-                    problem = _problem(folder, run["condition"], label, entry, seed_of(settings.seed, number, count))
-                    yield {"run": f"{file.parent.name}/{folder.name}", "problem": problem}
+def _absent(sessions: Path, folders: Iterable[Path]) -> Iterator[str]:
+    """Say which participants are no longer there, as far as the roster tells."""
+    if problem := ledger.doubt(sessions):
+        yield problem
+    elif not (sessions / ledger.ROSTER).exists():
+        yield f"{sessions / ledger.ROSTER} is missing, so nobody can tell who withdrew, or who began and is not there"
+    roster = ledger.read(sessions)
+    if roster.unfinished:
+        yield f"a command was interrupted; deltaswarm session FILE {roster.option} finishes it"
+    for one in roster.withdrawn:
+        yield f"participant {one.participant} withdrew on {one.date}, and no run is left to check ({one.reason})"
+    for number in sorted(roster.begun):
+        if sessions / folder_name(number) not in folders:
+            yield f"participant {number} began, and the folder {folder_name(number)} is missing"
+
+
+def _of_session(folder: Path, record: dict[str, Any], entry: dict[str, Any]) -> Iterator[str]:
+    """Say what is wrong with a session, whatever its runs are."""
+    if (frozen := record.get("frozen", "")) != entry["hash"]:
+        yield f"must be begun under the frozen plan (got {frozen or 'a session under none'})"
+    if record.get("begun", entry["date"]) < entry["date"]:
+        yield f"must be begun after the plan was frozen (got {record['begun']})"
+    complete = {one["folder"] for run in record["runs"] for one in run["attempts"] if one["complete"]}
+    unsealed = [RECORD] if seal.SEAL not in record else []
+    unsealed += [name for name in unsealed_in(folder, record) if name.split("/")[0].partition(".again-")[0] in complete]
+    if unsealed:
+        yield f"not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}"
+
+
+def _places(settings: SessionSettings, record: dict[str, Any]) -> range:
+    """Return the places of the runs that were planned: the training only, if the session had to end after it."""
+    criterion = settings.training.criterion
+    ends = criterion is not None and criterion.if_not_reached == END
+    is_over = ends and bool(record["runs"]) and record["runs"][0].get("outcome") == NOT_REACHED
+    return range(1 if is_over else len(settings.condition) + 1)
+
+
+def _attempts(
+    folder: Path, record: dict[str, Any], entry: dict[str, Any], settings: SessionSettings, place: int
+) -> Iterator[Row]:
+    """Yield each attempt at a planned run with what is wrong with it; if none is complete and valid, the run itself."""
+    label, number = order_and_numbers(settings, allocated(record))[place]
+    nothing: Row = {"condition": label, "attempts": []}
+    run = next((one for one in record["runs"] if one["place"] == place), nothing)
+    first = run_folder(place, run["condition"])
+    recorded = {one["folder"]: one for one in run["attempts"]}
+    is_done = False
+    for name in sorted({*recorded, *names_of_attempts(folder, first)}, key=lambda name: attempt_number(name, first)):
+        attempt, path = recorded.get(name) or summary_of(folder / name), folder / name
+        seed = seed_of(settings.seed, number, attempt_number(name, first))
+        problem = _problem(path, run["condition"], label, entry, seed) if attempt["complete"] else ""
+        is_done |= bool(attempt["complete"] and attempt.get("valid", True))
+        yield {
+            "run": f"{folder.name}/{name}",
+            "of": f"{folder.name}/{first}",
+            "complete": attempt["complete"],
+            "problem": problem,
+        }
+    if not is_done:
+        problem = f"planned, and {'not complete' if recorded else 'not done'}"
+        yield {"run": f"{folder.name}/{first}", "of": f"{folder.name}/{first}", "complete": False, "problem": problem}
 
 
 def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], seed: int) -> str:
@@ -72,6 +153,9 @@ def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], see
         return "its folder was deleted"
     if condition != planned:
         return f"the condition must be {planned}, by the frozen order (got {condition})"
+    started = seal.read_sealed(run / seal.MANIFEST).get("started") or ""
+    if started < entry["date"]:
+        return f"must be begun after the plan was frozen (got {started or 'no time'})"
     scenario = load_scenario(str(run / SCENARIO))
     if changed := run_problems(entry, condition, seed, scenario):
         return f"must be as frozen (other values of {', '.join(changed[:8])})"

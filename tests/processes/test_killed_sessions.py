@@ -59,7 +59,7 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     training = [row for row in table(tmp_path, "runs") if row["condition"] == "training"]
     assert [(row["attempt"], row["complete"]) for row in training] == [("1", "0"), ("2", "0"), ("3", "1")]
     verified = told("verify", str(out.parent), "--against", committed.stdout.split()[0])
-    assert (verified.returncode, "2 of 2 complete runs" in verified.stdout) == (0, True), verified.stdout
+    assert (verified.returncode, "2 of 2 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
 
 
 def test_a_killed_replay_leaves_no_process(tmp_path: Path) -> None:

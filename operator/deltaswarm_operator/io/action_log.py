@@ -1,6 +1,5 @@
 """Tables of what the person at the console did, was asked and was shown."""
 
-import csv
 import os
 import time
 from collections.abc import Iterable, Mapping
@@ -10,6 +9,7 @@ from typing import Any
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_scenario.person_tables import TABLES, EventNumberRow, InboxRow, OperatorAction, ProbeRow, WallTimeRow
+from deltaswarm_wire.cells import TableWriter
 
 ACTIONS, PROBES, WALL_TIMES = "actions.csv", "probes.csv", "wall_times.csv"
 
@@ -37,7 +37,7 @@ class ActionLog:
             name: (folder / name).open("a" if sizes else "w", newline="", encoding="utf-8")
             for name in (ACTIONS, PROBES, *([WALL_TIMES] if has_station else []))
         }
-        self._writers = {name: csv.writer(stream) for name, stream in self._streams.items()}
+        self._writers = {name: TableWriter(stream) for name, stream in self._streams.items()}
         if not sizes:
             for name, writer in self._writers.items():
                 writer.writerow(TABLES[Path(name).stem]._fields)
@@ -87,7 +87,7 @@ class ActionLog:
 
     def _whole(self, name: str, rows: Iterable[tuple[Any, ...]]) -> None:
         with (self.folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
+            writer = TableWriter(stream)
             writer.writerow(TABLES[name]._fields)
             writer.writerows(rows)
 

@@ -1,6 +1,5 @@
 """Turn a recording into the steps that reached the operator, for a replay on the station's page."""
 
-import csv
 import json
 import tomllib
 from dataclasses import replace
@@ -17,6 +16,7 @@ from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import AutonomySettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
+from deltaswarm_wire.cells import rows_by_column
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.operator_messages import Clock, encode_report
 from deltaswarm_wire.plugins import find_controller
@@ -90,7 +90,7 @@ def _rows(file: Path) -> list[dict[str, str]]:
     if not file.exists():
         return []
     with file.open(newline="", encoding="utf-8") as stream:
-        return [row for row in csv.DictReader(stream) if None not in row.values()]
+        return [row for row in rows_by_column(stream) if None not in row.values()]
 
 
 def acts_of(actions: list[dict[str, str]], answers: list[dict[str, str]]) -> list[dict[str, Any]]:

@@ -18,6 +18,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import Recorded, ScoredTable
 from deltaswarm_scenario.techniques import SCORED
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
+from deltaswarm_wire.cells import TableWriter, rows_by_column
 from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.operator_messages import Workload
@@ -171,7 +172,7 @@ def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
     """Write a CSV file atomically."""
     part = file.with_name(f"{file.name}.part")
     with part.open("w", newline="", encoding="utf-8") as stream:
-        table = csv.writer(stream)
+        table = TableWriter(stream)
         table.writerow(header)
         table.writerows(rows)
         stream.flush()
@@ -184,7 +185,7 @@ def read_rows(file: Path) -> list[dict[str, str]]:
     if not file.exists():
         return []
     with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+        return rows_by_column(stream)
 
 
 def write_scored(folder: Path, outcome: Outcome, scenario: Scenario) -> None:

@@ -3,7 +3,7 @@
 import hashlib
 import importlib.util
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from deltaswarm_orchestrator.results.outcome import READ, SHOWN, EventLife
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Result
 from deltaswarm_orchestrator.sweeps.plan import Job, Sweep, cell, flattened
+from deltaswarm_wire.cells import guarded, raw
 from deltaswarm_wire.files import write_whole
 
 Finished = list[tuple[Job, Result]]
@@ -184,7 +185,7 @@ def read_table(file: Path, labels: Sequence[str] = ("variant",), needs: Sequence
         raise ValueError(f"{file} must have the columns {', '.join(needs)}; it lacks {', '.join(absent)}")
     texts = {name: str for name in labels if name in columns}
     missing = {name: [""] for name in columns if name not in texts}
-    return pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=missing)
+    return _with_texts(pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=missing), raw)
 
 
 def read_series(file: Path) -> pd.DataFrame:
@@ -195,9 +196,16 @@ def read_series(file: Path) -> pd.DataFrame:
         return pd.DataFrame()
 
 
+def _with_texts(table: pd.DataFrame, change: Callable[[Any], Any]) -> pd.DataFrame:
+    """Return a table with its texts changed. A column of which none changes keeps its type."""
+    texts = table.select_dtypes(exclude=["number", "bool"])
+    changed = {str(name): [change(cell) for cell in texts[name]] for name in texts}
+    return table.assign(**{name: cells for name, cells in changed.items() if cells != [*texts[name]]})
+
+
 def write_table(path: Path, table: pd.DataFrame) -> list[Path]:
     """Write a table as CSV, and as Parquet if pyarrow is installed, each atomically; return the files."""
-    files = {path.with_suffix(".csv"): table.to_csv(index=False).encode()}
+    files = {path.with_suffix(".csv"): _with_texts(table, guarded).to_csv(index=False).encode()}
     if importlib.util.find_spec("pyarrow") is not None:
         files[path.with_suffix(".parquet")] = table.to_parquet(index=False)
     for file, data in files.items():

@@ -11,6 +11,7 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.action_log import ActionLog
+from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_scenario.situation import SITUATION
 from tests.support.commanding import RIGHT, briefing, taken_over
 from tests.unit.operator.test_console import close, report, say, shown
@@ -41,6 +42,23 @@ def test_an_act_has_its_time_by_both_clocks(tmp_path: Path) -> None:
     [step] = rows_of(tmp_path / "wall_times.csv")
     assert float(acts[0]["monotonic_s"]) - float(step["monotonic_s"]) == pytest.approx(4.0)
     assert [row["command"] for row in rows_of(tmp_path / "commands.csv")] == [command["command"]]
+
+
+def test_notes_and_answers_are_no_formulas(tmp_path: Path) -> None:
+    """Whoever reads the tables gets what was typed."""
+    form = {"name": "free", "when": "before", "question": [{"name": "t", "text": "?", "kind": "text"}]}
+    console = Console(briefing(operator={"probes": {"form": [form], "isa_every_s": 0}}))
+    console.attend()
+    console.start(0.0)
+    tables = ActionLog(tmp_path)
+    say(console, "sheet", 1.0, consent=True)
+    say(console, "form", 2.0, form="free", answers={"t": "=1+1"})
+    say(console, "note", 3.0, text="@SUM(A1)")
+    tables.close(console)
+    assert rows_of(tmp_path / "probes.csv")[0]["value"] == "'=1+1"
+    assert rows_of(tmp_path / "actions.csv")[-1]["text"] == "'@SUM(A1)"
+    assert read_rows(tmp_path / "probes.csv")[0]["value"] == "=1+1"
+    assert read_rows(tmp_path / "actions.csv")[-1]["text"] == "@SUM(A1)"
 
 
 def rows_of(file: Path) -> list[dict[str, str]]:

@@ -2,10 +2,12 @@
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
+from deltaswarm_orchestrator.base.seal import write_sealed
 from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.scenario import Scenario
@@ -82,7 +84,7 @@ def test_sessions_are_verified_against_the_hash(command: list[str], tmp_path: Pa
     verify = ["verify", str(out), "--against", published]
     capsys.readouterr()
     assert main(verify) == 0
-    assert "3 of 3 complete runs are as planned" in capsys.readouterr().out
+    assert "3 of 3 planned runs are complete" in capsys.readouterr().out
     assert main(["verify", str(out), "--against", "00" * 32]) == 1
     assert "--against must be the hash" in capsys.readouterr().out
     run = out / "participant-002" / "0-training"
@@ -109,3 +111,64 @@ def test_sessions_are_verified_against_the_hash(command: list[str], tmp_path: Pa
     (out / "commitment.json").write_text(json.dumps(entry))
     assert main(verify) == 2
     assert "was changed or damaged" in capsys.readouterr().err
+
+
+def test_what_is_missing_or_older_than_the_freeze_is_not_verified(
+    command: list[str], tmp_path: Path, capsys: Printed
+) -> None:
+    """Each is named, and the exit code is not 0; nor is it without any session."""
+    early, out = tmp_path / "early", tmp_path / "out"
+    assert main([*command[:-1], str(early), "--participant", "1"]) == 0
+    capsys.readouterr()
+    verify = ["verify", str(out), "--against", frozen(command, capsys)]
+    assert main(verify) == 1
+    assert "at least one session" in capsys.readouterr().out
+    shutil.copytree(early / "participant-001", out / "participant-001")
+    assert main([*command, "--participant", "1"]) == 2, "nor does it go on"
+    assert main(verify) == 1
+    told = capsys.readouterr().out
+    assert "participant-001: must be begun under the frozen plan" in told
+    assert "0 of 3 planned runs are complete, as planned" in told
+    shutil.rmtree(out / "participant-001")
+    assert main([*command, "--participant", "2"]) == 0
+    assert main(verify) == 0
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept)
+    here = out / "participant-002"
+
+    def without_a_run() -> None:
+        record = json.loads((here / "session.json").read_text())
+        record["runs"][2]["attempts"] = []
+        shutil.rmtree(here / f"2-{record['runs'][2]['condition']}")
+        write_sealed(here / "session.json", record, {})
+
+    def with_a_run_cut_off() -> None:
+        record = json.loads((here / "session.json").read_text())
+        record["runs"][2]["attempts"][0]["complete"] = False
+        write_sealed(here / "session.json", record, {})
+
+    def begun_early() -> None:
+        record = json.loads((here / "session.json").read_text())
+        write_sealed(here / "session.json", record | {"begun": "2001-01-01T00:00:00+00:00"}, {})
+
+    for change, named in (
+        (lambda: shutil.rmtree(here), "participant 2 began, and the folder participant-002 is missing"),
+        ((here / "session.json").unlink, "participant-002: session.json is missing"),
+        ((out / "roster.json").unlink, "roster.json is missing"),
+        (lambda: main([*command, "--withdraw", "2"]), "participant 2 withdrew on"),
+        (without_a_run, "planned, and not done"),
+        (with_a_run_cut_off, "planned, and not complete"),
+        (begun_early, "must be begun after the plan was frozen"),
+    ):
+        change()
+        capsys.readouterr()
+        assert main(verify) == 1
+        assert named in capsys.readouterr().out
+        shutil.rmtree(out)
+        shutil.copytree(kept, out)
+    shutil.rmtree(here)
+    (out / "roster.json").unlink()
+    (out / "commitment.json").unlink()
+    for option in (["--participant", "3"], ["--withdraw", "3"]):
+        assert main([*command, *option]) == 0
+    assert main([*command, "--freeze"]) == 2, "somebody began, and withdrew"

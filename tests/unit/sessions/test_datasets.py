@@ -40,6 +40,26 @@ def test_bids_has_all_answers_once(data: Path) -> None:
     assert all("\t\t" not in file.read_text() for file in bids.rglob("*.tsv"))
 
 
+def test_no_text_is_a_formula_in_any_table(tmp_path: Path) -> None:
+    """Of notes, labels and reasons; one apostrophe less is what was typed."""
+    out, data = tmp_path / "out", tmp_path / "data"
+    for number in (1, 2):
+        a_participant(out, number, ["A", "=B+1"])  # type: ignore[arg-type]
+    actions = out / "participant-001" / "0-A" / "actions.csv"
+    actions.write_text(actions.read_text().replace('"tab\tand ""quote""\nof 1"', "\"=cmd|'/C calc'!A0\""))
+    command = ["session", str(a_file(tmp_path)), "--out", str(out)]
+    assert main([*command, "--withdraw", "2", "--reason", "+49 by phone"]) == 0
+    assert main([*command, "--table", str(data), "--wide", "--format", "bids", "--format", "psych-ds"]) == 0
+    cells = [
+        cell
+        for file in (*data.rglob("*.tsv"), *data.rglob("*.csv"))
+        for row in csv.reader(file.read_text().splitlines(), delimiter="," if file.suffix == ".csv" else "\t")
+        for cell in row
+    ]
+    assert [cell for cell in cells if cell[:1] in {*"=+-@"} and not cell[1:2].isdigit()] == []
+    assert {"'=cmd|'/C calc'!A0", "'=B+1", "'+49 by phone"} <= {*cells}
+
+
 VALIDATOR = shutil.which("bids-validator-deno", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,25 @@ def test_later_answers_stand_in_place_of_missing_ones(tmp_path: Path) -> None:
         ("tlx", "mental", "40"),
         ("trust", "why", "It was quick."),
     ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("tlx,0,mental,40", "tlx,0,mental,forty", "row 3, column value: must be a finite number (got 'forty')"),
+        (",60.0,", ",soon,", "row 2, column asked_s: must be a finite number (got 'soon')"),
+        ("answered_utc", "when", "it lacks the columns answered_utc"),
+        ("It was quick.", "\xff", "must be UTF-8"),
+    ],
+)
+def test_a_cell_that_cannot_be_used_is_named(old: str, new: str, said: str, tmp_path: Path) -> None:
+    """With the file, the row and the column; a form's answer may be any text."""
+    run = a_run(tmp_path / "1-A", {}, row("trust", "why", "It was quick."), row("tlx", "mental", 40))
+    file = run / "probes.csv"
+    file.write_bytes(file.read_bytes().replace(old.encode(), new.encode("latin-1"), 1))
+    with pytest.raises(CommandError, match=re.escape(said)) as caught:
+        answers(run)
+    assert str(file) in str(caught.value)
 
 
 @pytest.mark.parametrize(("missing", "left"), [(3, 1), (2, 0), (1, 0), (None, 0)])

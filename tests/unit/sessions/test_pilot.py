@@ -259,6 +259,28 @@ def test_a_question_that_the_pilot_cannot_answer_is_refused(
     assert said in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("column", "cell", "metric"),
+    [("isa", "four", "isa"), ("isa", "four", None), ("far", "inf", "far"), ("complete", "yes", None)],
+)
+def test_a_cell_that_is_no_number_is_named(column: str, cell: str, metric: str | None, tmp_path: Path) -> None:
+    """By line, column and what is there, for the metric that is asked for and for each known measure."""
+    file = a_table(tmp_path)
+    head, first, *rows = (line.split("\t") for line in file.read_text().splitlines())
+    first[head.index(column)] = cell
+    file.write_text("\n".join("\t".join(row) for row in (head, first, *rows)) + "\n")
+    with pytest.raises(CommandError, match=rf"runs.tsv .*line 2, column {column}: must be .*number \(got '{cell}'\)"):
+        planned(tmp_path, file, metric=metric)
+
+
+def test_a_pilot_without_measures_is_no_list_of_none(tmp_path: Path) -> None:
+    """The table is named, not the option."""
+    file = a_table(tmp_path)
+    file.write_text(file.read_text().replace("\t1\t5\t1\t", "\t1\t5\t0\t"))
+    with pytest.raises(CommandError, match=r"runs.tsv must have complete and valid runs"):
+        planned(tmp_path, file, metric="isa")
+
+
 def test_who_lacks_a_run_is_named(tmp_path: Path) -> None:
     """A run without a value counts as lacking."""
     file = a_table(

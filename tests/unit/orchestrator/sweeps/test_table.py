@@ -232,6 +232,17 @@ def test_tables_and_lists_are_cells_of_json(tmp_path: Path) -> None:
     assert list(table["agents_lost"]) == ["[]", "[]"]
 
 
+def test_a_label_is_no_formula(tmp_path: Path) -> None:
+    """In the table for spreadsheets; it is read as it was given, and columns of numbers stay as they are."""
+    table = pd.DataFrame({"variant": ["=1+1", "-5", "a"], "value": [-1.5, 2.0, 3.0], "reason": [None, "'@x", None]})
+    file, *_ = write_table(tmp_path / "table", table)
+    assert file.read_text() == "variant,value,reason\n'=1+1,-1.5,\n-5,2.0,''@x\na,3.0,\n"
+    back = read_table(file)
+    assert [*back["variant"]] == [*table["variant"]]
+    assert back["reason"][1] == "'@x"
+    assert back["value"].dtype == float
+
+
 def test_a_column_of_which_nothing_is_known_is_a_column_of_numbers(tmp_path: Path) -> None:
     """The covered area of a swarm without trees; also beside one that has it."""
     kept, planned = finished(
