@@ -161,5 +161,8 @@ def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], see
         return f"must be as frozen (other values of {', '.join(changed[:8])})"
     orders = run / COMMANDS
     again = load_scenario(str(run / SCENARIO), commands=orders if orders.exists() else None)
-    was, now = summary_of(run)["digest"], run_in_process(again).digest
-    return "" if was == now else f"the digest must repeat (got {now}, not {was})"
+    summary, outcome = summary_of(run), run_in_process(again)
+    for what, now in (("digest", outcome.digest), ("events_digest", outcome.events_digest)):
+        if (was := summary.get(what, now)) != now:  # earlier versions have no digest of events
+            return f"the {what} must repeat (got {now}, not {was})"
+    return ""

@@ -90,6 +90,7 @@ def test_sessions_are_verified_against_the_hash(command: list[str], tmp_path: Pa
     run = out / "participant-002" / "0-training"
     for name, old, new, named in (
         ("summary.json", '"digest": "', '"digest": "0', "the digest must repeat"),
+        ("summary.json", '"events_digest": "', '"events_digest": "0', "the events_digest must repeat"),
         ("scenario.toml", "seed = ", "seed = 1", "other values of seed"),
         ("scenario.toml", "step_s = 0.5", "step_s = 1.0", "other values of run.step_s"),
     ):
