@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from deltaswarm_branches.keys import LATER
 from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder
-from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, number, show, whole
+from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, show
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
+from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def add_branch(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--drop-command",
-        type=int,
+        type=whole(0),
         action="append",
         default=[],
         metavar="N",
@@ -80,7 +81,7 @@ def add_value(command: argparse.ArgumentParser) -> None:
     command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
     command.add_argument(
         "--command",
-        type=int,
+        type=whole(0),
         action="append",
         default=[],
         dest="orders",

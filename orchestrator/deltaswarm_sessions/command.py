@@ -18,9 +18,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     add_markers,
     add_quiet,
     host_and_port,
-    number,
     show,
-    whole,
 )
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
@@ -34,6 +32,7 @@ from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session
 from deltaswarm_sessions.tables import RUNS, WIDE, write_tables
 from deltaswarm_sessions.variables import OF_SWARM
+from deltaswarm_wire.arguments import number, whole
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""

@@ -20,8 +20,10 @@ from deltaswarm_wire.arguments import (
     listens_on,
     run_name,
     tls_of,
+    whole,
 )
 from deltaswarm_wire.child import FAILED, exit_code_of, say_ready
+from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
@@ -75,9 +77,11 @@ def parser() -> argparse.ArgumentParser:
         help="part that must be ready before the first step, besides the agents (default: operator)",
     )
     parser.add_argument(
-        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents every STEPS steps"
+        "--checkpoint", type=whole(0), default=0, metavar="STEPS", help="save world and agents every STEPS steps"
     )
-    parser.add_argument("--resume", type=int, metavar="STEP", help="resume from the checkpoint after this step")
+    parser.add_argument(
+        "--resume", type=whole(0, MAX_STEP), metavar="STEP", help="resume from the checkpoint after this step"
+    )
     parser.add_argument("--station", action="store_true", help="accept commands and pace from a person at the station")
     add_boards_argument(parser)
     parser.add_argument(

@@ -7,9 +7,9 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_wire import __version__
-from deltaswarm_wire.arguments import agent_numbers
+from deltaswarm_wire.arguments import agent_numbers, whole
 
 
 def add_bundle(command: argparse.ArgumentParser) -> None:

@@ -9,7 +9,8 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, named
-from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show
+from deltaswarm_wire.arguments import number, whole
 
 
 def _sizes(text: str) -> list[int]:

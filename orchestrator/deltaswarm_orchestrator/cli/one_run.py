@@ -12,7 +12,9 @@ from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complai
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.signals import stoppable
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, number, show
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
+from deltaswarm_wire.arguments import number, whole
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import OPERATOR
 
 FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
@@ -200,18 +202,18 @@ def add_why(command: argparse.ArgumentParser) -> None:
         "the run in one process up to a time, and says whether B could hear A then."
     )
     command.add_argument("folder", type=Path, metavar="RUN")
-    command.add_argument("sender", nargs="?", type=int, metavar="A", help="the agent that sends")
+    command.add_argument("sender", nargs="?", type=whole(0, BASE_ID - 1), metavar="A", help="the agent that sends")
     command.add_argument("receiver", nargs="?", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
-    command.add_argument("--at", type=float, metavar="T", help="time in the run [s]")
+    command.add_argument("--at", type=number(0.0), metavar="T", help="time in the run [s]")
     add_json(command)
     command.set_defaults(func=why)
 
 
 def _receiver(text: str) -> int | str:
     try:
-        return text if text == OPERATOR else int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be an agent's number or {OPERATOR!r} (got {text!r})") from None
+        return text if text == OPERATOR else whole(0, BASE_ID - 1)(text)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"must be an agent's number or {OPERATOR!r} (got {text!r:.80})") from None
 
 
 def why(arguments: argparse.Namespace) -> int:
