@@ -1,6 +1,7 @@
 """The one exception of this package: its text is what the command line prints, and its code the exit code."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -62,6 +63,8 @@ def error_of(error: BaseException, command: str) -> Error | None:
 def _of_system(error: OSError, command: str) -> str:
     """Say which file could not be read or written and why, and which files were written before."""
     reason, written = error.strerror or str(error), Written.summary()
+    if isinstance(error, shutil.Error):  # of a copied folder: source, target and reason of each file
+        reason = str(error.args[0][0][2])
     if error.filename is None:
         return f"{command} failed: {working_folder_problem() or reason}; {written}"
     if disk.is_refused(error):

@@ -1,5 +1,6 @@
 """Scenario keys from Python: values, classes and functions, as the command line's `--set` takes them."""
 
+import io
 import json
 import math
 import os
@@ -11,6 +12,7 @@ from typing import Any
 from deltaswarm.errors import Error
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.files import write_whole
 
 DENSITY = "events.density"
 
@@ -116,4 +118,5 @@ def _write_grid(density: Callable[[float, float], float], width_m: float, height
     except Exception as error:
         raise Error(f"{DENSITY} must be a function of x and y [m] that returns a number: {error!r}") from error
     file.parent.mkdir(parents=True, exist_ok=True)
-    np.save(file, weights)
+    np.save(data := io.BytesIO(), weights)
+    write_whole(file, data.getvalue())

@@ -9,6 +9,7 @@ from deltaswarm_branches.keys import LATER
 from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder
 from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, show
+from deltaswarm_orchestrator.recording import VALUES
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import number, whole
@@ -101,7 +102,7 @@ def value(arguments: argparse.Namespace) -> int:
     from deltaswarm_branches.value import in_words, value_of_command, write
 
     parent = read_parent(arguments.run)
-    check_out(parent.folder)
+    check_out(parent.folder / VALUES, "RUN/value")
     rows, found, later = value_of_command(
         parent,
         arguments.orders,

@@ -10,7 +10,7 @@ from typing import Any
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.base.output import results_on
-from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
     add_dry_run,
@@ -159,6 +159,7 @@ def session(arguments: argparse.Namespace) -> int:
         return _plan(arguments, settings, asked)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     out = out / roster.PILOT if arguments.pilot else out
+    check_files(out)
     if arguments.reason and arguments.withdraw is None:
         raise CommandError("--reason must be given with --withdraw, without which it has no effect")
     if arguments.freeze:
@@ -265,6 +266,7 @@ def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[
     """Print how many participants are needed to find a difference between two conditions."""
     from deltaswarm_sessions.pilot import Question, plan_participants, text  # imports SciPy
 
+    check_files(arguments.plan)
     effect = asked.get("effect")
     if effect is not None and ("metric" not in asked or not effect):
         raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")

@@ -14,7 +14,7 @@ from deltaswarm.errors import one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
 from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError, notice
-from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.sweeps.folder import copy_runs
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.runner import SweepResult
@@ -138,13 +138,14 @@ def study(
             lines.extend(sweeps.complaints(result))
             return result
 
+        check_files(folder)
         check_out(folder)
         if not render:
             sweeps.check(loaded.sweep, folder / "sweep", means)
             lines += [line for some in beforehand(loaded, folder) for line in some]
         try:
             done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
-        except (OSError, ValueError) as error:
+        except (FileNotFoundError, ValueError) as error:
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
         lines += done.complaints(is_whole=not given and replicates is None)
     if lines:

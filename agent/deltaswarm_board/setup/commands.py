@@ -48,7 +48,7 @@ def bundle(arguments: argparse.Namespace) -> int:
     from deltaswarm_board.setup import bundle as bundles
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
-    check_out(out.parent)
+    check_out(out.parent, is_ours=False)
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
     wheels = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
     show(arguments, {"folder": str(out), "wheels": wheels}, "\n".join([*(f"  {name}" for name in wheels), str(out)]))
@@ -117,7 +117,7 @@ def certificates(arguments: argparse.Namespace) -> int:
             lines += result["files"] or [f"{arguments.out}: all certificates exist"]
             advice.append(f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine")
             advice.append("a board gets ca.pem, its own .pem and its own .key")
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         raise CommandError(str(error)) from None
     show(arguments, result, "\n".join(lines))
     print("\n".join(advice), file=sys.stderr)

@@ -11,6 +11,7 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import must_exist, part_of
+from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
 from deltaswarm_wire.arguments import number, whole
@@ -50,10 +51,7 @@ def export(arguments: argparse.Namespace) -> int:
     if options and arguments.format != "mp4":
         raise CommandError("--longest-s needs --format mp4")
     out = arguments.out or formats.default_out(arguments.run, arguments.format)
-    try:
-        exported = formats.export(arguments.run, arguments.format, out, force=arguments.force, **options)
-    except OSError as error:
-        raise CommandError(f"{error.filename or out} could not be written: {error.strerror or error}", FAILED) from None
+    exported = formats.export(arguments.run, arguments.format, out, force=arguments.force, **options)
     if exported.note:
         notice(exported.note)
     if not exported.is_complete:
@@ -106,6 +104,7 @@ def replay(arguments: argparse.Namespace) -> int:
         print_result(url)
 
     must_exist(arguments.run, "RUN", A_RUN)
+    check_ports({"--listen": f"tcp/{arguments.listen}"})
     _notice_unsealed(arguments.run)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
         steps = Path(folder) / "steps.msgpack"
