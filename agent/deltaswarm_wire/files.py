@@ -1,6 +1,7 @@
 """Writing of files: atomic and safe against loss of power, or secret."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -36,9 +37,9 @@ def naming(file: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename in (None, f"{file}.part"):
-            error.filename, error.filename2 = str(file), None
-        raise
+        if error.filename not in (None, f"{file}.part"):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(file)) from error
 
 
 @contextmanager
@@ -72,6 +73,17 @@ def write_whole(file: Path, data: bytes, mode: int | None = None) -> None:
     """Write a file atomically, as `replacing` does."""
     with replacing(file, mode) as stream:
         stream.write(data)
+
+
+@contextmanager
+def whole_or_none(folder: Path) -> Iterator[None]:
+    """Remove a new folder that the block cannot fill."""
+    try:
+        yield
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        Written.begin()
+        raise
 
 
 def write_secret(file: Path, data: bytes) -> None:

@@ -49,7 +49,7 @@ def error_of(error: BaseException, command: str) -> Error | None:
     if isinstance(error, KeyboardInterrupt):
         return Error("interrupted", code=INTERRUPTED)
     if isinstance(error, OSError | MemoryError | RuntimeError) and (limit := reached(error)):
-        return Error(f"{command} failed: {limit}", code=FAILED)
+        return Error(f"{command} failed: {limit}; {Written.summary()}", code=FAILED)
     if isinstance(error, OSError):
         return Error(_of_system(error, command), code=FAILED)
     if isinstance(error, ModuleNotFoundError):

@@ -4,15 +4,13 @@ import builtins
 import importlib.util
 import keyword
 import re
-import shutil
 import sys
 from importlib import resources
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.disk import no_room
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_wire.files import write_whole
+from deltaswarm_wire.files import whole_or_none, write_whole
 
 FILES = {
     "controller.txt": "NAME.py",
@@ -52,12 +50,9 @@ def new_controller(name: str, folder: Path) -> list[Path]:
         raise CommandError(f"{folder} must not exist; choose another folder by --out")
     check_out(folder)
     files = []
-    try:
+    with whole_or_none(folder):
         folder.mkdir(parents=True)
         for path, text in texts.items():
             files.append(folder / path.replace("NAME", name))
             write_whole(files[-1], text.replace("NAME", name).replace("CLASS", cls).encode())
-    except OSError as error:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise no_room(error, folder) from None
     return files

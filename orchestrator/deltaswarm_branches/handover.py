@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.run import checkpoints
 from deltaswarm_orchestrator.run.in_process import Begun, InProcess
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.files import write_whole
+from deltaswarm_wire.files import whole_or_none, write_whole
 from deltaswarm_wire.operator_messages import Clock
 
 
@@ -44,7 +44,7 @@ def prepare(
     """
     recordings = _recordings(parent)
     scenario = plan.scenario if recordings else _without_recording(plan.scenario)
-    with RunFolder(out, force=force) as folder:
+    with RunFolder(out, force=force) as folder, whole_or_none(folder.path):
         begun = _advance(parent, plan, trunk, folder.path)
         begun.cores.world.scenario = scenario
         manifest = new_manifest(scenario, engine, scenario.record)

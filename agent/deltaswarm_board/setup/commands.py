@@ -128,7 +128,10 @@ def _operator_key(file: Path) -> str:
     """Make the key if it is missing; return its public part."""
     from deltaswarm_wire.signing import make_key, public_key
 
+    if file.is_dir():
+        raise CommandError(f"--operator-key must be a file (got the folder {file})")
     if file.exists():
         return public_key(file)
+    check_out(file.parent, "--operator-key", is_ours=False)
     file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     return make_key(file)

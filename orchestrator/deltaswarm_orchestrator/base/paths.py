@@ -15,7 +15,7 @@ LEVELS = 3
 
 FILE_ENDINGS = {*(".csv", ".tsv", ".parquet", ".json", ".toml", ".html", ".md", ".mcap"), *(".png", ".svg", ".pdf")}
 
-_ODD = "{} must be a file (got a named pipe or a device): move it away"
+_ODD = "{} must be a file or a folder (got a named pipe or a device)"
 
 
 def free_folder(folder: Path) -> Path:
@@ -74,7 +74,7 @@ def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True) -> Non
     Raises:
         CommandError: it cannot.
     """
-    if is_ours:
+    if is_ours and folder.is_dir():
         check_files(folder, 0)
     nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
     try:

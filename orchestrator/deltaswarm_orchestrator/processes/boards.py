@@ -7,6 +7,7 @@ from pathlib import Path
 
 import tomli_w
 
+from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, user_name
@@ -36,6 +37,7 @@ class Boards:
         Raises:
             SettingsError: an agent does not exist, the address is not one that boards can connect to, or a fault
                 signals processes.
+            CommandError: the folder cannot be made or written.
         """
         problems = []
         if self.agents[-1] >= scenario.agents.count:
@@ -49,6 +51,7 @@ class Boards:
         problems += signal_problems(scenario, "some of which are on boards")
         if problems:
             raise SettingsError(problems)
+        check_out(self.folder, "--boards-folder")
 
     def prepare(self, scenario: Scenario) -> None:
         """Make the folder and, if the world is reached over TLS, missing certificates.
@@ -61,7 +64,7 @@ class Boards:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._is_over_tls:
                 self._make_certificates()
-        except (OSError, ValueError) as error:
+        except ValueError as error:
             raise SettingsError([Problem("--boards-folder", str(self.folder), str(error))]) from None
 
     def _make_certificates(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import orjson
 
 from deltaswarm_orchestrator.base import provenance, seal
-from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_files
 from deltaswarm_orchestrator.results.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Result
@@ -96,16 +96,9 @@ class SweepFolder:
         return self.file(job, means).exists() and not self.has(job, means)
 
     def save(self, job: Job, means: str, result: Result) -> None:
-        """Save a finished run; it is on disk when this returns.
-
-        Raises:
-            SweepFolderError: the file cannot be written.
-        """
-        try:
-            kept = {KEY: job.key, **result}
-            write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(kept), **kept}))
-        except OSError as error:
-            raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}", FAILED) from None
+        """Save a finished run; it is on disk when this returns. Raises OSError."""
+        kept = {KEY: job.key, **result}
+        write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(kept), **kept}))
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
         """Read a finished run; return None if it is not finished, or its file is damaged or is that of another run."""
