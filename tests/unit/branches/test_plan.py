@@ -133,6 +133,9 @@ def test_an_order_of_a_script_that_is_dropped_is_none_of_the_rule(tmp_path: Path
     ("text", "says"),
     [
         ("x", "--add-command must be an order as in a scenario"),
+        ("{name='hold'}}", "--add-command must be an order as in a scenario"),
+        ("{name='hold'}\nat_s=100", "--add-command must be an order as in a scenario"),
+        ("name='hold'\ncolour='red'", "--add-command.colour: unknown key"),
         ("name='hold', colour='red'", "--add-command.colour: unknown key"),
         ("name='hold', target='circle'", "--add-command.target must fit"),
     ],
