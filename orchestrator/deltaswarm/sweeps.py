@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm.arguments import COUNTS, SEEDS, public
 from deltaswarm.errors import Error, one_error
 from deltaswarm.keys import MAIN, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES, Run, UnsavedRun
@@ -30,6 +31,7 @@ MAX_TOLD = 5
 MakeEngine = Callable[[], "Engine"]
 
 
+@public(replicates=COUNTS, jobs=COUNTS, seed=SEEDS)
 def sweep(
     sweep: str | os.PathLike[str],
     keys: Mapping[Any, Any] | None = None,
@@ -92,7 +94,7 @@ def sweep(
         table = result.table
         table.attrs |= {"folder": str(folder), "digest": result.manifest["digest"]}
     if lines := [*complaints(result), *_invalid(result)]:
-        warnings.warn("\n".join(lines), stacklevel=2)
+        warnings.warn("\n".join(lines), stacklevel=3)
     return table
 
 

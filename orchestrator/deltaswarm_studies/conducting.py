@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from deltaswarm import sweeps
+from deltaswarm.arguments import COUNTS, public
 from deltaswarm.errors import one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
@@ -92,6 +93,7 @@ class StudyResult:
         return FAILED if evidence.incomplete or evidence.undrawn else MISSED if missed else OK
 
 
+@public(replicates=COUNTS, jobs=COUNTS)
 def study(
     study: str | os.PathLike[str],
     keys: Mapping[Any, Any] | None = None,
@@ -149,7 +151,7 @@ def study(
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
         lines += done.complaints(is_whole=not given and replicates is None)
     if lines:
-        warnings.warn("\n".join(lines), stacklevel=2)
+        warnings.warn("\n".join(lines), stacklevel=3)
     return done
 
 
