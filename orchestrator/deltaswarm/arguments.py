@@ -117,9 +117,10 @@ def _number(value: Any, kind: type, limits: Limits | None) -> Any:
     if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real):
         raise _UnfitError
     low, high = limits or _limits_of(kind)
-    if not low <= value <= high:  # which NaN is not
+    number: Any = value
+    if not low <= number <= high:  # which NaN is not
         raise _UnfitError
-    return value if isinstance(value, int) else kind(value)
+    return number if isinstance(number, int) else kind(number)
 
 
 def _limits_of(kind: type) -> Limits:
