@@ -126,6 +126,6 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         raise LiveError(
             f"--live {options.observer} must be given without --record off, since then nothing collects the truth"
         )
-    check_out(options.out.parent, is_ours=False)
     if not options.resume:
         check_target(options.out, options.force)
+    check_out(options.out, is_ours=False)
