@@ -133,6 +133,8 @@ def _said(kind: Any, limits: Limits | None) -> str:
     if origin in (types.UnionType, Union):
         said = dict.fromkeys(_said(part, limits) for part in parts if part is not types.NoneType)
         return " or ".join(said) + (", or None" if types.NoneType in parts else "")
+    if kind is float and limits is None:
+        return "a finite number"
     if kind is int or kind is float:
         low, high = map(shown_limit, limits or _limits_of(kind))
         return f"{'an integer' if kind is int else 'a number'} from {low} to {high}"
@@ -145,4 +147,4 @@ def _said(kind: Any, limits: Limits | None) -> str:
         return f"a list of {_said(parts[0], limits)}"
     words: dict[Any, str] = {str: "a text without NUL", bool: "True or False", type: "a class", bytes: "bytes"}
     words |= {Any: "anything", os.PathLike: "a path", Callable: "a function"}
-    return words.get(origin or kind) or f"a {kind.__name__}"
+    return words.get(origin or kind) or str(kind.__name__)

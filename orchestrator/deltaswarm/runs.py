@@ -75,7 +75,7 @@ def run(
         temporary = _Temporary() if out is None else None
         folder = Path(out or "") if temporary is None else temporary.path / "run"
         file = None if commands is None else Path(commands)
-        density = folder.with_name(f"{folder.name}-density.npy")
+        density = folder.parent / f"{folder.name}-density.npy"
         loaded, given = scenario_of(os.fspath(scenario), keys or {}, seed, file, density)
         placed = engine_of(engine, scheduler, path="engine", local=(IN_PROCESS, PROCESSES))
         if engine != IN_PROCESS:

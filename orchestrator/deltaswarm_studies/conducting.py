@@ -147,7 +147,7 @@ def study(
             lines += [line for some in beforehand(loaded, folder) for line in some]
         try:
             done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
-        except (FileNotFoundError, ValueError) as error:
+        except ValueError as error:
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
         lines += done.complaints(is_whole=not given and replicates is None)
     if lines:

@@ -87,7 +87,9 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
             exported = write(part)
         except RecordingError as error:
             raise ExportError(str(error)) from None
-        except (OSError, SubprocessError) as error:  # also of an encoder that could not write
+        except (OSError, SubprocessError, RuntimeError) as error:  # also of an encoder that could not write
+            if isinstance(error, RuntimeError) and "(os error " not in str(error):
+                raise
             reason = getattr(error, "strerror", None) or error
             raise ExportError(f"{out} could not be written: {reason}; nothing was written", FAILED) from None
         if os.path.lexists(out):
