@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         logging.getLogger("deltaswarm.agent").critical("%s", error.report)
         return 1
     except Exception as error:
-        logging.getLogger("deltaswarm.agent").critical("%s", described(error), exc_info=True)
+        logging.getLogger("deltaswarm.agent").critical("%s", described(error), exc_info=not isinstance(error, OSError))
         return 1
 
 

@@ -147,7 +147,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_operator(source)
     except Exception as error:
         code = exit_code_of(error)
-        logging.getLogger("deltaswarm.operator").critical("%s", described(error), exc_info=code == FAILED)
+        logging.getLogger("deltaswarm.operator").critical(
+            "%s", described(error), exc_info=code == FAILED and not isinstance(error, OSError)
+        )
         return code
 
 
