@@ -96,8 +96,6 @@ def _is_plain(value: Any, kind: Any, origin: Any) -> bool:
     """Whether a value without parts fits."""
     if kind is Any:
         return True
-    if kind is None:
-        return value is None
     if origin is Callable:
         return callable(value)
     if origin not in (None, os.PathLike) or not isinstance(value, origin or kind):

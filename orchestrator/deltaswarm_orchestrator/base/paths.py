@@ -41,10 +41,11 @@ def check_files(folder: Path, levels: int = LEVELS) -> None:
     if _is_odd(folder):
         raise CommandError(_ODD.format(folder))
     try:
-        names = sorted(os.listdir(folder))
+        with os.scandir(folder) as entries:
+            others = sorted(entry.path for entry in entries if not entry.is_file(follow_symlinks=False))
     except (OSError, ValueError):  # a file, or what those complain of who read it
         return
-    for path in (folder / name for name in names):
+    for path in map(Path, others):
         if _is_odd(path):
             raise CommandError(_ODD.format(path))
         if path.is_dir():
