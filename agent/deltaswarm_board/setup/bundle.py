@@ -142,7 +142,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
     if done.returncode:
         lines = (done.stdout + done.stderr).splitlines()
-        errors = [line.strip() for line in lines if "ERROR" in line or "error:" in line]
+        errors = [line.strip() for line in lines if any(word in line for word in ("ERROR", "error:", "[Errno "))]
         raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join((errors or lines)[-TAIL_LINES:]))
 
 
