@@ -75,7 +75,7 @@ def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True) -> Non
     Raises:
         CommandError: it cannot.
     """
-    if is_ours and folder.is_dir():
+    if is_ours and os.path.isdir(folder):  # unlike `Path.is_dir`, False for an impossible name
         check_files(folder, 0)
     nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
     try:

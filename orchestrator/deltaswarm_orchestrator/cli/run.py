@@ -19,7 +19,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 )
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
-from deltaswarm_scenario.scenario import MAX_SEED, RECORDS, Scenario
+from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, number, override, whole
 
@@ -75,7 +75,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         help=f"TOML file or {', '.join(BUILT_IN)} (default: {DEFAULT_SCENARIO})",
     )
     group.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
-    group.add_argument("--seed", type=whole(0, MAX_SEED), help="seed for all randomness")
+    group.add_argument("--seed", type=int, help="seed for all randomness")
     group.add_argument(
         "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
     )

@@ -12,7 +12,6 @@ from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.provenance import build
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
-from deltaswarm_scenario.scenario import MAX_SEED
 from deltaswarm_wire.arguments import whole
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ def add_sweep(command: argparse.ArgumentParser) -> None:
     from deltaswarm_orchestrator.sweeps.load import built_in_files
 
     command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(built_in_files())}")
-    command.add_argument("--seed", type=whole(0, MAX_SEED), help="seed from which the replicates' seeds are derived")
+    command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
     command.add_argument("--events", action="store_true", help="write events.csv, a row per run and event")
     add_dry_run(command, "the variants")
@@ -40,9 +39,9 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
     """Add the arguments that say which runs to do, and how."""
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
     command.add_argument(
-        "--repeats", type=whole(1), metavar="N", help="replicates of each variant; of a sensitivity sweep, points"
+        "--repeats", type=int, metavar="N", help="replicates of each variant; of a sensitivity sweep, points"
     )
-    command.add_argument("--prove", type=whole(0), metavar="N", help="runs to repeat with real processes")
+    command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
     command.add_argument("-j", "--jobs", type=whole(1), metavar="N", help="runs in parallel (default: number of cores)")
     command.add_argument("--processes", action="store_true", help="every run with real agent processes")
     add_engine(command, "address of the scheduler (default: a local cluster)")

@@ -13,7 +13,8 @@ from deltaswarm_operator.__main__ import parser as operator
 from deltaswarm_orchestrator.cli import all_commands, parser
 from deltaswarm_world.__main__ import parser as world
 
-MAY_BE_NEGATIVE = {"effect"}
+MAY_BE_NEGATIVE = {"effect", "seed", "repeats", "prove"}
+"""The last three are keys of files, and are checked with the others, so that all mistakes are told at once."""
 
 
 def _options(made: argparse.ArgumentParser) -> Iterator[argparse.Action]:
