@@ -9,7 +9,8 @@ from pathlib import Path
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import Parser, add_link_arguments, link_of, program
+from deltaswarm_wire.arguments import Parser, add_link_arguments, link_of, number, program, whole
+from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
@@ -27,17 +28,23 @@ def parser() -> argparse.ArgumentParser:
         description="Run one agent in a world.",
         epilog=f"On a board with its own body: {name} board FILE (package deltaswarm_board); see its --help.",
     )
-    parser.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE_ID - 1}")
+    parser.add_argument(
+        "--id", type=whole(0, BASE_ID - 1), required=True, help=f"the agent's number, 0 to {BASE_ID - 1}"
+    )
     parser.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     parser.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
-    parser.add_argument("--restart", type=int, default=0, metavar="N", help="earlier starts of the agent in this run")
     parser.add_argument(
-        "--world-lost-s", type=float, default=5.0, help="exit after this long without a world [s] (default: 5)"
+        "--restart", type=whole(0), default=0, metavar="N", help="earlier starts of the agent in this run"
+    )
+    parser.add_argument(
+        "--world-lost-s", type=number(0.0), default=5.0, help="exit after this long without a world [s] (default: 5)"
     )
     parser.add_argument(
         "--checkpoints", type=Path, metavar="FOLDER", help="save the agent there at the world's request"
     )
-    parser.add_argument("--resume", type=int, metavar="STEP", help="resume the agent saved after this step")
+    parser.add_argument(
+        "--resume", type=whole(0, MAX_STEP), metavar="STEP", help="resume the agent saved after this step"
+    )
     add_link_arguments(parser)
     return parser
 
@@ -47,8 +54,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
-        if not 0 <= arguments.id < BASE_ID:
-            raise ValueError(f"--id must be from 0 to {BASE_ID - 1} (got {arguments.id})")
         if arguments.resume is not None and arguments.checkpoints is None:
             raise ValueError("--resume needs --checkpoints")
         config = AgentConfig(
@@ -71,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         logging.getLogger("deltaswarm.agent").critical("%s", error.report)
         return 1
     except Exception as error:
-        logging.getLogger("deltaswarm.agent").critical("%s", described(error), exc_info=True)
+        logging.getLogger("deltaswarm.agent").critical("%s", described(error), exc_info=not isinstance(error, OSError))
         return 1
 
 

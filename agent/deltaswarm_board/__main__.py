@@ -21,14 +21,12 @@ from deltaswarm_board.driver import Follower
 from deltaswarm_board.process import BoardRun, run_board
 from deltaswarm_board.service import Notifier, log_to
 from deltaswarm_board.settings import WORLD_BODY, BoardSettings, read_settings
-from deltaswarm_wire.arguments import Parser, program
+from deltaswarm_wire.arguments import Parser, number, program, whole
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import blamed
-
-MAX_ACCELERATE = 10_000.0
 
 
 def parser() -> argparse.ArgumentParser:
@@ -37,10 +35,18 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
     parser.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
     parser.add_argument(
-        "--accelerate", type=float, default=1.0, metavar="N", help="simulated seconds per wall second (default: 1)"
+        "--accelerate",
+        type=number(1e-6, 10_000),
+        default=1.0,
+        metavar="N",
+        help="simulated seconds per wall second (default: 1)",
     )
     parser.add_argument(
-        "--steps", type=int, default=MAX_STEP, metavar="N", help="exit after this many steps (default: never)"
+        "--steps",
+        type=whole(1, MAX_STEP),
+        default=MAX_STEP,
+        metavar="N",
+        help="exit after this many steps (default: never)",
     )
     return parser
 
@@ -58,11 +64,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         settings = read_settings(arguments.file)
         run = BoardRun(settings, arguments.accelerate, arguments.steps)
-        if not 0 < run.accelerate <= MAX_ACCELERATE:
-            given = f"{run.accelerate:.15g}"
-            raise SettingsError([Problem("--accelerate", given, f"must be above 0 and at most {MAX_ACCELERATE:.15g}")])
-        if not 1 <= run.steps <= MAX_STEP:
-            raise SettingsError([Problem("--steps", str(run.steps), f"must be from 1 to {MAX_STEP}")])
         if settings.body.kind == WORLD_BODY:
             begin = partial(run_in_world, settings, follower_options(settings))
         else:

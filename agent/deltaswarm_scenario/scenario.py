@@ -30,6 +30,8 @@ from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 CLOCKS = ("lockstep", "realtime")
+MAX_SEED = 2**63 - 1
+
 RECORDS = ("off", "views", "wire")
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
@@ -162,7 +164,7 @@ class Scenario:
 
     schema: int = key(1, "version of this table", low=1, high=1)
     name: str = key("unnamed", "part of the run folder's name")
-    seed: int = key(1, "seed for all randomness", low=0, high=2**63 - 1)
+    seed: int = key(1, "seed for all randomness", low=0, high=MAX_SEED)
     record: str = key("views", "what is recorded: nothing, what viewers show, or also every raw frame", choices=RECORDS)
     run: RunSettings = key(RunSettings, "duration and pace")
     arena: ArenaSettings = key(ArenaSettings, "the bounded environment")

@@ -4,17 +4,22 @@ import argparse
 import os
 import stat
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from deltaswarm_wire.access import TLS, revoked_beside, user_name
-from deltaswarm_wire.checked import did_you_mean
+from deltaswarm_wire.checked import MAX_NUMBER, did_you_mean, shown_limit
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.reading import paths_that_are_not_utf8, read_text
+from deltaswarm_wire.reading import paths_that_are_not_utf8, read_text, working_folder_problem
 from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls, endpoint_problem, protocol_of
+
+N = TypeVar("N", int, float)
+
+MAX_WHOLE = 10**9
+"""The most that an option takes as a whole number, unless it has a limit of its own."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,6 +34,8 @@ class Parser(argparse.ArgumentParser):
         args = sys.argv[1:] if args is None else args
         self._refuse_unknown(args)
         found = super().parse_known_args(args, namespace)
+        if problem := working_folder_problem():
+            self.error(problem)
         for what, path in paths_that_are_not_utf8(args):
             self.error(f"{what} must be UTF-8, also where it leads (got {path.encode(errors='surrogateescape')!r})")
         return found
@@ -54,6 +61,30 @@ def _long_options(words: Iterable[str]) -> Iterator[str]:
         name = word.partition("=")[0]
         if word.startswith("--") and " " not in name:
             yield name
+
+
+def whole(least: int, most: int = MAX_WHOLE) -> Callable[[str], int]:
+    """Return a parser of a whole number within limits, for `type=`."""
+    return _within(int, "an integer", least, most)
+
+
+def number(least: float, most: float = MAX_NUMBER) -> Callable[[str], float]:
+    """Return a parser of a number within limits, which is neither infinite nor NaN, for `type=`."""
+    return _within(float, "a number", least, most)
+
+
+def _within(kind: Callable[[str], N], noun: str, least: N, most: N) -> Callable[[str], N]:
+    def parsed(text: str) -> N:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = None
+        if value is None or not least <= value <= most:
+            limits = f"from {shown_limit(least)} to {shown_limit(most)}"
+            raise argparse.ArgumentTypeError(f"must be {noun} {limits} (got {text!r:.80})")
+        return value
+
+    return parsed
 
 
 def program(part: str) -> str:

@@ -93,7 +93,7 @@ def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
 def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
     """Like `check`, but make an instance despite unknown keys, so that they hide no other mistake."""
     if not isinstance(table, Mapping):
-        return None, [Problem(path or "settings", _shown(table), "must be a table")]
+        return None, [Problem(path or "settings", shown(table), "must be a table")]
     fields = dataclasses.fields(typing.cast(Any, cls))
     specs = {spec.name: spec for spec in fields if not spec.metadata.get("rest")}
     hints = typing.get_type_hints(cls)
@@ -150,12 +150,13 @@ def _join(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """Show a value in a message."""
     try:
-        shown = repr(value)
-    except (ValueError, RecursionError):  # thousands of digits, or of levels
+        text = repr(value)
+    except Exception:  # thousands of digits or of levels, or a class of the user's
         return type(value).__name__
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def unknown_key(name: str, specs: Iterable[str], path: str = "") -> Problem:
@@ -174,14 +175,14 @@ def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple
     if dataclasses.is_dataclass(hint):
         return known(typing.cast(type[Any], hint), value, path)
     if origin is dict:
-        return (value, []) if isinstance(value, dict) else (None, [Problem(path, _shown(value), "must be a table")])
+        return (value, []) if isinstance(value, dict) else (None, [Problem(path, shown(value), "must be a table")])
     if origin is tuple:
         return _tuple(value, typing.get_args(hint)[0], limits, path)
     allowed = _allowed(hint, limits)
     fits = type(value) is hint or (hint is float and type(value) is int)
     if not fits or not _within(value, limits):
         hint = did_you_mean(value, limits.get("choices") or ()).rstrip()
-        return None, [Problem(path, _shown(value) + (hint and f"; {hint}"), f"must be {allowed}")]
+        return None, [Problem(path, shown(value) + (hint and f"; {hint}"), f"must be {allowed}")]
     return (float(value) if hint is float else value), []
 
 
@@ -195,7 +196,7 @@ def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple
     length = limits.get("length")
     if not isinstance(value, list | tuple) or (length is not None and len(value) != length):
         count = "" if length is None else f" of {length} items"
-        return None, [Problem(path, _shown(value), f"must be a list{count}")]
+        return None, [Problem(path, shown(value), f"must be a list{count}")]
     inner = {**limits, "length": limits.get("length") if typing.get_origin(item) is tuple else None}
     checked_values, problems = [], []
     for index, entry in enumerate(value):

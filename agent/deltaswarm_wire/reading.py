@@ -26,6 +26,15 @@ def is_utf8(path: str) -> bool:
     return not any("\udc80" <= letter <= "\udcff" for letter in path)
 
 
+def working_folder_problem() -> str:
+    """Say that the working folder was removed; "" if it is there."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        return f"the working folder must exist ({error.strerror}): change to another one"
+    return ""
+
+
 def paths_that_are_not_utf8(given: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield what is no UTF-8 of a command line's arguments, the folders they lead to, and the process's own folders."""
     for text in given:

@@ -21,6 +21,7 @@ from deltaswarm_wire.keys import OPERATOR, RECORDER, Keys
 QUIC = "quic"
 WITH_PORT = ("tcp", "udp", TLS, QUIC, "ws")
 """Protocols whose address is HOST:PORT."""
+OVER_TCP = ("tcp", TLS, "ws")
 WITHOUT_PORT = ("serial", "unixpipe", "unixsock-stream", "vsock")
 
 

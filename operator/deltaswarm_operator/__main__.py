@@ -28,9 +28,11 @@ from deltaswarm_wire.arguments import (
     connects_to,
     link_of,
     listens_on,
+    number,
     password_in,
     run_name,
     tls_of,
+    whole,
 )
 from deltaswarm_wire.child import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
@@ -57,13 +59,15 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="resume the counts of a killed operator in the same folder",
     )
-    made.add_argument("--checkpoint", type=int, default=0, metavar="STEPS", help="save the counts every STEPS steps")
+    made.add_argument(
+        "--checkpoint", type=whole(0), default=0, metavar="STEPS", help="save the counts every STEPS steps"
+    )
     made.add_argument(
         "--briefing", type=Path, metavar="FILE", help="run details for an operator with a station or script"
     )
-    made.add_argument("--channel-fd", type=int, metavar="N", help="its end of the socket pair to the station")
+    made.add_argument("--channel-fd", type=whole(0), metavar="N", help="its end of the socket pair to the station")
     made.add_argument("--markers", default="", metavar="HOST:PORT|lsl", help="tell the person's acts there")
-    made.add_argument("--conductor-fd", type=int, metavar="N", help="the same for the conductor's page")
+    made.add_argument("--conductor-fd", type=whole(0), metavar="N", help="the same for the conductor's page")
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
@@ -71,9 +75,9 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_measuring(made: argparse.ArgumentParser, step: str) -> None:
     made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for operator.csv and operator.json")
-    made.add_argument("--step-s", type=float, default=1.0, help=step)
+    made.add_argument("--step-s", type=number(0.0), default=1.0, help=step)
     made.add_argument(
-        "--threshold-hz", type=float, default=5.0, help="count the time above this message rate (default: 5)"
+        "--threshold-hz", type=number(0.0), default=5.0, help="count the time above this message rate (default: 5)"
     )
 
 
@@ -111,7 +115,11 @@ def open_air_parser() -> argparse.ArgumentParser:
         help="over TLS: admitted agents, such as 0-24, identified by certificate; default: any agent",
     )
     made.add_argument(
-        "--status-every-s", type=float, default=10.0, metavar="S", help="interval of status lines [s] (default: 10)"
+        "--status-every-s",
+        type=number(1e-3),
+        default=10.0,
+        metavar="S",
+        help="interval of status lines [s] (default: 10)",
     )
     add_arguments(made)
     add_tls_arguments(made)
@@ -139,7 +147,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_operator(source)
     except Exception as error:
         code = exit_code_of(error)
-        logging.getLogger("deltaswarm.operator").critical("%s", described(error), exc_info=code == FAILED)
+        logging.getLogger("deltaswarm.operator").critical(
+            "%s", described(error), exc_info=code == FAILED and not isinstance(error, OSError)
+        )
         return code
 
 
@@ -171,8 +181,6 @@ def _open_air(arguments: argparse.Namespace) -> OpenAirSource:
     connect, listen = arguments.connect, arguments.listen
     if not connect and not listen:
         raise ValueError(f"{NO_WORLD} needs --listen or --connect")
-    if not arguments.status_every_s > 0:
-        raise ValueError(f"--status-every-s must be above 0 (got {arguments.status_every_s:.15g})")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)
     if tls is not None:
         from deltaswarm_wire.certificate import certificate_problem  # no other operator needs ssl

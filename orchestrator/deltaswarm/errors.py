@@ -1,12 +1,17 @@
 """The one exception of this package: its text is what the command line prints, and its code the exit code."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from deltaswarm_orchestrator.base import disk
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE, CommandError
+from deltaswarm_orchestrator.base.limits import reached
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.files import Written
 from deltaswarm_wire.plugin_errors import blamed, distinct
+from deltaswarm_wire.reading import working_folder_problem
 
 
 class Error(Exception):
@@ -43,14 +48,29 @@ def error_of(error: BaseException, command: str) -> Error | None:
         return Error(str(plugin), code=FAILED, traces=(plugin.trace,) if plugin.trace else ())
     if isinstance(error, KeyboardInterrupt):
         return Error("interrupted", code=INTERRUPTED)
-    if isinstance(error, OSError) and error.filename is not None:
-        return Error(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}", code=FAILED)
+    if isinstance(error, OSError | MemoryError | RuntimeError) and (limit := reached(error)):
+        return Error(f"{command} failed: {limit}; {Written.summary()}", code=FAILED)
+    if isinstance(error, OSError):
+        return Error(_of_system(error, command), code=FAILED)
     if isinstance(error, ModuleNotFoundError):
         from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 
         if is_of_studies(error):
             return Error(f"{command} needs {error.name}: {INSTALL_STUDY}")
     return None
+
+
+def _of_system(error: OSError, command: str) -> str:
+    """Say which file could not be read or written and why, and which files were written before."""
+    reason, written = error.strerror or str(error), Written.summary()
+    if isinstance(error, shutil.Error):  # of a copied folder: source, target and reason of each file
+        reason = str(error.args[0][0][2])
+    if error.filename is None:
+        return f"{command} failed: {working_folder_problem() or reason}; {written}"
+    if disk.is_refused(error):
+        return f"{os.fsdecode(error.filename2 or error.filename)} could not be written: {reason}; {written}"
+    named = f"{os.fsdecode(error.filename)} could not be read or written: {reason}"
+    return f"{named}; {written}" if Written.count else named
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Scenario keys from Python: values, classes and functions, as the command line's `--set` takes them."""
 
+import io
 import json
 import math
 import os
@@ -11,11 +12,16 @@ from typing import Any
 from deltaswarm.errors import Error
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import shown
+from deltaswarm_wire.files import write_whole
 
 DENSITY = "events.density"
 
 MAIN = "__main__"
 """The module of what a notebook or script defines; another process cannot import it."""
+
+MAX_INTEGER = 2**63 - 1
+"""The largest integer of TOML."""
 
 MOST_CELLS = 1000
 """Maximum number of cells along one side of the arena, of a density that is given as a function."""
@@ -29,7 +35,10 @@ def overrides(keys: Mapping[Any, Any], path: str = "") -> list[str]:
     Raises:
         Error: a value is none that a scenario can hold, or a class cannot be found by its name.
     """
-    return [f"{key}={value}" for key, value in _flat(keys, path)]
+    try:
+        return [f"{key}={value}" for key, value in _flat(keys, path)]
+    except RecursionError:
+        raise Error(f"{path or 'keys'} must not hold itself, nor be nested so deeply") from None
 
 
 def _flat(keys: Mapping[Any, Any], path: str) -> Iterator[tuple[str, str]]:
@@ -47,7 +56,7 @@ def _toml(value: Any, path: str) -> str:
     match value:
         case bool():
             return str(value).lower()
-        case int() | float():
+        case int() | float() if not isinstance(value, int) or abs(value) <= MAX_INTEGER:
             return repr(value)
         case str() | os.PathLike():
             return json.dumps(os.fspath(value), ensure_ascii=False)
@@ -58,7 +67,7 @@ def _toml(value: Any, path: str) -> str:
             return f"{{{', '.join(inner)}}}"
         case list() | tuple():
             return f"[{', '.join(_toml(one, path) for one in value)}]"
-    raise Error(f"{path} must be a number, a text, a list, a table or a class (got {value!r:.80})")
+    raise Error(f"{path} must be a number, a text, a list, a table or a class (got {shown(value)})")
 
 
 def name_of(cls: type, path: str) -> str:
@@ -116,4 +125,5 @@ def _write_grid(density: Callable[[float, float], float], width_m: float, height
     except Exception as error:
         raise Error(f"{DENSITY} must be a function of x and y [m] that returns a number: {error!r}") from error
     file.parent.mkdir(parents=True, exist_ok=True)
-    np.save(file, weights)
+    np.save(data := io.BytesIO(), weights)
+    write_whole(file, data.getvalue())

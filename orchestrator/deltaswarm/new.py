@@ -1,13 +1,16 @@
 """Make a folder with a controller, its tests, a scenario and a study, all of which work, to begin with."""
 
+import builtins
 import importlib.util
 import keyword
+import re
 import sys
 from importlib import resources
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_wire.files import whole_or_none, write_whole
 
 FILES = {
     "controller.txt": "NAME.py",
@@ -17,6 +20,13 @@ FILES = {
 }
 """The files in `template/`, and their names in the folder; NAME and CLASS stand for the controller's."""
 
+NAME_PATTERN = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+MAX_NAME = 60
+"""Characters of a name, to which endings are added."""
+
+NAMED_IN_FILES = re.compile(r"^(?:from|class) .*", re.MULTILINE)
+"""The lines of the files with the names that the controller's class must not hide."""
+
 
 def new_controller(name: str, folder: Path) -> list[Path]:
     """Write the files of a controller into a new folder; return their paths.
@@ -24,20 +34,25 @@ def new_controller(name: str, folder: Path) -> list[Path]:
     Raises:
         CommandError: the name cannot be a module's, or the folder exists or cannot be made.
     """
-    if not (name.isascii() and name.isidentifier() and name == name.lower()) or keyword.iskeyword(name):
-        raise CommandError(f"NAME must be a module's name, of small letters, digits and '_' (got {name!r})")
-    taken = name in sys.stdlib_module_names or name.startswith(("test_", "deltaswarm"))
-    if taken or importlib.util.find_spec(name) is not None:
-        raise CommandError(f"NAME must not be that of another module (got {name!r})")
+    if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME or keyword.iskeyword(name):
+        must = f"a module's name of at most {MAX_NAME} small letters and digits, with '_' between words"
+        raise CommandError(f"NAME must be {must} (got {name!r:.80})")
+    taken = {*sys.stdlib_module_names, *dir(builtins), *keyword.softkwlist, "conftest"}
+    if name in taken or name.startswith(("test_", "deltaswarm")) or importlib.util.find_spec(name) is not None:
+        raise CommandError(f"NAME must not be that of another module, or of Python's own (got {name!r})")
+    templates = resources.files("deltaswarm").joinpath("template")
+    texts = {path: templates.joinpath(file).read_text(encoding="utf-8") for file, path in FILES.items()}
+    cls = "".join(part.capitalize() for part in name.split("_"))
+    lines = " ".join(line for text in texts.values() for line in NAMED_IN_FILES.findall(text))
+    if cls in dir(builtins) or cls in re.findall(r"\w+", lines):
+        raise CommandError(f"NAME must not give its class, {cls}, the name of another class (got {name!r})")
     if folder.exists():
         raise CommandError(f"{folder} must not exist; choose another folder by --out")
     check_out(folder)
-    folder.mkdir(parents=True)
-    cls = "".join(part.capitalize() for part in name.split("_"))
     files = []
-    for template, path in FILES.items():
-        text = resources.files("deltaswarm").joinpath("template", template).read_text(encoding="utf-8")
-        file = folder / path.replace("NAME", name)
-        file.write_text(text.replace("NAME", name).replace("CLASS", cls), encoding="utf-8")
-        files.append(file)
+    with whole_or_none(folder):
+        folder.mkdir(parents=True)
+        for path, text in texts.items():
+            files.append(folder / path.replace("NAME", name))
+            write_whole(files[-1], text.replace("NAME", name).replace("CLASS", cls).encode())
     return files

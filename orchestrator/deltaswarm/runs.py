@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm.arguments import SEEDS, public
 from deltaswarm.errors import Error, one_error
 from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
@@ -21,7 +22,7 @@ from deltaswarm_orchestrator.processes.engines import engine_of
 from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
-from deltaswarm_wire.checked import did_you_mean
+from deltaswarm_wire.checked import MAX_NUMBER, did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
 
+@public(seed=SEEDS)
 def run(
     scenario: str | os.PathLike[str] = DEFAULT_SCENARIO,
     keys: Mapping[Any, Any] | None = None,
@@ -73,7 +75,7 @@ def run(
         temporary = _Temporary() if out is None else None
         folder = Path(out or "") if temporary is None else temporary.path / "run"
         file = None if commands is None else Path(commands)
-        density = folder.with_name(f"{folder.name}-density.npy")
+        density = folder.parent / f"{folder.name}-density.npy"
         loaded, given = scenario_of(os.fspath(scenario), keys or {}, seed, file, density)
         placed = engine_of(engine, scheduler, path="engine", local=(IN_PROCESS, PROCESSES))
         if engine != IN_PROCESS:
@@ -86,10 +88,11 @@ def run(
             raise Error(*result.messages, code=FAILED)
     if reasons := result.summary["invalid_because"]:
         told = [message for message in result.messages if not any(message in reason for reason in reasons)]
-        warnings.warn("\n".join([f"not valid: {reason}" for reason in reasons] + told), stacklevel=2)
+        warnings.warn("\n".join([f"not valid: {reason}" for reason in reasons] + told), stacklevel=3)
     return done
 
 
+@public()
 def open(folder: str | os.PathLike[str]) -> "Run":
     """Open the folder of a run, whether it is complete, was interrupted, or is under way.
 
@@ -257,6 +260,7 @@ class Run:
             rows = [(view.step, view.time_s, *body) for view in self._film().snapshots() for body in view.bodies]
             return pd.DataFrame(rows, columns=["step", "time_s", *AgentState._fields])
 
+    @public(time_s=(0.0, MAX_NUMBER))
     def show(self, time_s: float | None = None) -> "Figure":
         """Draw the swarm from above: agents by role, trees, and open events; a notebook shows the figure.
 
@@ -280,6 +284,7 @@ class Run:
             picture.show(last)
             return picture.figure
 
+    @public()
     def record(self, file: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write the recording to a file: `.mcap` as it is, `.rrd` for Rerun, or `.mp4`, a video; return its path.
 

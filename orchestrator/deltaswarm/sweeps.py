@@ -8,12 +8,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm.arguments import COUNTS, SEEDS, public
 from deltaswarm.errors import Error, one_error
 from deltaswarm.keys import MAIN, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES, Run, UnsavedRun
 from deltaswarm_orchestrator.base.advice import command_line
-from deltaswarm_orchestrator.base.disk import room_in
-from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_wire.plugin_errors import distinct
@@ -31,6 +31,7 @@ MAX_TOLD = 5
 MakeEngine = Callable[[], "Engine"]
 
 
+@public(replicates=COUNTS, jobs=COUNTS, seed=SEEDS)
 def sweep(
     sweep: str | os.PathLike[str],
     keys: Mapping[Any, Any] | None = None,
@@ -93,7 +94,7 @@ def sweep(
         table = result.table
         table.attrs |= {"folder": str(folder), "digest": result.manifest["digest"]}
     if lines := [*complaints(result), *_invalid(result)]:
-        warnings.warn("\n".join(lines), stacklevel=2)
+        warnings.warn("\n".join(lines), stacklevel=3)
     return table
 
 
@@ -191,11 +192,8 @@ def conduct(
     from deltaswarm_orchestrator.sweeps.runner import SweepDisplay, SweepReporter, run_sweep
 
     wanted = {"with_series": with_series, "with_events": with_events}
-    try:
-        with room_in(folder), nullcontext(SweepReporter()) if quiet else SweepDisplay(loaded.name) as display:
-            return run_sweep(loaded, folder, make_engine, display, means=means, **wanted)
-    except OSError as error:  # such as a table that may not be replaced
-        raise CommandError(str(error), FAILED) from None
+    with nullcontext(SweepReporter()) if quiet else SweepDisplay(loaded.name) as display:
+        return run_sweep(loaded, folder, make_engine, display, means=means, **wanted)
 
 
 def complaints(result: "SweepResult", go_on: str = "") -> list[str]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from deltaswarm.arguments import COUNTS, SEEDS, public
 from deltaswarm.errors import one_error
 from deltaswarm.keys import name_of, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES, run
@@ -11,6 +12,8 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
+from deltaswarm_wire.checked import MAX_NUMBER
+from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import Command
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, Event, Pose
@@ -21,6 +24,7 @@ SCENARIO = "smoke"
 """The scenario whose keys a test changes: 6 agents in 40 m by 40 m."""
 
 
+@public(seed=SEEDS)
 def controller(cls: type, keys: Mapping[Any, Any] | None = None, *, agent: int = 0, seed: int = 1) -> Controller:
     """Make a controller as a run of the scenario `smoke` with these keys makes it.
 
@@ -37,6 +41,7 @@ def controller(cls: type, keys: Mapping[Any, Any] | None = None, *, agent: int =
     return make_controller(agent, _scenario(cls, keys, seed).for_agent(agent))
 
 
+@public(step=(0, MAX_STEP), step_s=(1e-9, MAX_NUMBER))
 def percept(
     step: int = 0,
     pose: Pose = (20.0, 20.0),
@@ -73,6 +78,7 @@ class Swarm:
         reports: their reports to the operator, by id.
     """
 
+    @public(agents=COUNTS, seed=SEEDS)
     def __init__(self, cls: type, keys: Mapping[Any, Any] | None = None, *, agents: int = 3, seed: int = 1) -> None:
         """Make a swarm in the scenario `smoke` with these keys.
 
@@ -109,6 +115,7 @@ class Swarm:
         return record
 
 
+@public(seed=SEEDS)
 def digests(cls: type, keys: Mapping[Any, Any] | None = None, *, seed: int = 1) -> tuple[str | None, str | None]:
     """Return the digests of a run in one process and of the same by processes, which must be equal.
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 from deltaswarm_branches.keys import LATER
 from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder
-from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, number, show, whole
+from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, show
+from deltaswarm_orchestrator.recording import VALUES
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
+from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def add_branch(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--drop-command",
-        type=int,
+        type=whole(0),
         action="append",
         default=[],
         metavar="N",
@@ -80,7 +82,7 @@ def add_value(command: argparse.ArgumentParser) -> None:
     command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
     command.add_argument(
         "--command",
-        type=int,
+        type=whole(0),
         action="append",
         default=[],
         dest="orders",
@@ -100,7 +102,7 @@ def value(arguments: argparse.Namespace) -> int:
     from deltaswarm_branches.value import in_words, value_of_command, write
 
     parent = read_parent(arguments.run)
-    check_out(parent.folder)
+    check_out(parent.folder / VALUES, "RUN/value")
     rows, found, later = value_of_command(
         parent,
         arguments.orders,
@@ -169,7 +171,9 @@ def branch(arguments: argparse.Namespace) -> int:
     planned = plan(parent, step, difference)
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
-    options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)
+    options = RunOptions(
+        out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True, force=arguments.force
+    )
     runs.check(planned.scenario, options)
     notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
     with runs.display_of(parent.scenario, quiet=arguments.quiet) as display:
@@ -199,16 +203,19 @@ def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
 
 
 def _added(text: str, at_s: float) -> CommandSettings:
-    """Read an order from the text of a TOML table, with or without braces; by default it leaves at the branching point.
+    """Read an order from a TOML table: its lines, or one line with or without braces; it leaves at the branching point.
 
     Raises:
         SettingsError: it is no order.
     """
     inner = text.strip()
-    inner = inner if inner.startswith("{") else f"{{{inner}}}"
+    if "\n" not in inner:  # else lines of TOML, as in a scenario
+        inner = f"command = {inner}" if inner.startswith("{") else f"command = {{{inner}}}"
     try:
-        table = tomllib.loads(f"command = {inner}")["command"]
+        table = tomllib.loads(inner)
     except (ValueError, RecursionError) as error:
         must = "must be an order as in a scenario, such as 'name=\"set delta\", arguments={delta=3}'"
-        raise SettingsError([Problem(ADDED, f"{text!r}; {error}", must)]) from None
+        reason = str(error).partition(" (at ")[0]  # a place in another text
+        raise SettingsError([Problem(ADDED, f"{text!r}; {reason}", must)]) from None
+    table = table["command"] if table.keys() == {"command"} else table
     return checked.load(CommandSettings, {"at_s": at_s, **table}, ADDED)

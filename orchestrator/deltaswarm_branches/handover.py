@@ -1,6 +1,5 @@
 """Make the folder of a branch: a run that has come to the branching point, with a checkpoint to go on from."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.run import checkpoints
 from deltaswarm_orchestrator.run.in_process import Begun, InProcess
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.files import whole_or_none, write_whole
 from deltaswarm_wire.operator_messages import Clock
 
 
@@ -44,7 +44,7 @@ def prepare(
     """
     recordings = _recordings(parent)
     scenario = plan.scenario if recordings else _without_recording(plan.scenario)
-    with RunFolder(out, force=force) as folder:
+    with RunFolder(out, force=force) as folder, whole_or_none(folder.path):
         begun = _advance(parent, plan, trunk, folder.path)
         begun.cores.world.scenario = scenario
         manifest = new_manifest(scenario, engine, scenario.record)
@@ -53,7 +53,7 @@ def prepare(
         manifest[resume.BRANCH] = told(parent, plan, difference, trunk)
         folder.prepare(scenario, manifest)
         for name, file in recordings.items():
-            shutil.copyfile(file, folder.path / name)
+            write_whole(folder.path / name, file.read_bytes())
         checkpoints.write(folder.path, begun)
         return folder.path, scenario
 
@@ -63,7 +63,7 @@ def _advance(parent: Parent, plan: Plan, trunk: Trunk, folder: Path) -> Begun:
     state = trunk.states[plan.turn_step]
     begun = state.begun(trunk.past)
     for name, data in state.tables.items():
-        (folder / name).write_bytes(data)
+        write_whole(folder / name, data)
     has_tables = parent.scenario.has_console or plan.scenario.has_console
     swarm = InProcess(parent.scenario, folder if has_tables else None, begun=begun)
     for step in range(plan.turn_step, plan.at_step):

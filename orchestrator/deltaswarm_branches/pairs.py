@@ -20,6 +20,7 @@ from deltaswarm_orchestrator.results.metric import Metric
 from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import Outcome, RunData
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.files import naming
 
 MEASURES = {
     "waiting": "waiting_time_s.restricted_mean",
@@ -101,7 +102,8 @@ def pairs(work: Work, replicates: int, jobs: int, done: Callable[[int, int], Non
 def _in_processes(work: Work, wanted: Sequence[tuple[int, int]], jobs: int) -> Iterator[Pair]:
     with tempfile.TemporaryDirectory(prefix="deltaswarm-pairs-") as folder:
         file = Path(folder) / "work.pickle"
-        file.write_bytes(pickle.dumps(work))
+        with naming(file):
+            file.write_bytes(pickle.dumps(work))
         pool = ProcessPoolExecutor(min(jobs, len(wanted)), get_context("spawn"), _Worker.begin, (file,))
         try:
             with starting_processes():

@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run import checkpoints
 from deltaswarm_orchestrator.run.in_process import Begun, InProcess, run_in_process
 from deltaswarm_scenario.operator_links import FIRST_STEP
+from deltaswarm_wire.files import naming
 from deltaswarm_wire.plugin_errors import described, is_interrupt
 
 
@@ -60,7 +61,8 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
 
     with tempfile.TemporaryDirectory(prefix="deltaswarm-branch-") as folder:
         for name, size in begun.table_bytes.items() if begun else ():
-            (Path(folder) / name).write_bytes((parent.folder / name).read_bytes()[:size])
+            with naming(table := Path(folder) / name):
+                table.write_bytes((parent.folder / name).read_bytes()[:size])
         past = run_in_process(
             parent.scenario,
             None,

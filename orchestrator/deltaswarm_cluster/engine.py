@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from deltaswarm_cluster.agents import Credentials, DaskPlacement, Supervisor
 from deltaswarm_cluster.plan import ClusterError, Remote, divide, spans
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import host_and_port
 
@@ -29,9 +30,11 @@ class Dask:
         """Check that the agents of a scenario can run there.
 
         Raises:
-            SettingsError: they cannot.
+            SettingsError, CommandError: they cannot, or the address at which the world would listen is taken.
         """
         self._remote.check(scenario)
+        if self._remote.listen:
+            check_ports({"--listen": self._remote.listen})
 
     def placed(self, agents: int, say: Callable[[str], object]) -> AbstractContextManager[DaskPlacement]:
         """Yield the places of a run's agents, as `_placed`."""

@@ -21,7 +21,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import check_table, put, read_table
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.scenario import MAX_SEED, Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, plain
 from deltaswarm_wire.operator_messages import Clock
 
@@ -31,8 +31,6 @@ Observation = Any
 FLAT, DICT = "flat", "dict"
 
 CONTROLLER = f"{ActedUpon.__module__}:{ActedUpon.__qualname__}"
-
-MAX_SEED = 2**63 - 1
 
 
 class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]

@@ -1,7 +1,9 @@
 """Make environments: `deltaswarm.parallel_env` and `deltaswarm.env`."""
 
+import inspect
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm.arguments import COUNTS, fitted
 from deltaswarm.errors import one_error
 from deltaswarm_orchestrator.base.exits import CommandError
 
@@ -26,7 +28,8 @@ def parallel_env(*arguments: Any, **named: Any) -> "SwarmEnv":
             if str(error.name).partition(".")[0] not in EXTRA:
                 raise
             raise CommandError(f"a learning environment needs {error.name}: pip install 'deltaswarm[learn]'") from None
-        return SwarmEnv(*arguments, **named)
+        bound = fitted(inspect.signature(SwarmEnv), arguments, named, {"max_cycles": COUNTS})
+        return SwarmEnv(*bound.args, **bound.kwargs)
 
 
 def env(*arguments: Any, **named: Any) -> "AECEnv[str, Any, Any]":

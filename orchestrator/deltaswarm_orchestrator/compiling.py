@@ -216,6 +216,8 @@ def install() -> list[Path]:
     Raises:
         CompileError: that is not possible here; the installation is as it was.
     """
+    from deltaswarm_wire.files import write_whole  # see the first lines of this file
+
     folder = site()
     check_compiler()
     record = check_writable(folder)
@@ -232,13 +234,15 @@ def install() -> list[Path]:
         remove()
         built = [file for file in (scratch / "lib").rglob("*") if file.is_file()]
         placed = [folder / file.relative_to(scratch / "lib") for file in built]
-        with record.open("a", encoding="utf-8") as lines:  # first: what is not listed would outlive the next version
-            lines.writelines(f"{file.relative_to(folder).as_posix()},,\n" for file in placed)
+        lines = [f"{file.relative_to(folder).as_posix()},,\n" for file in placed]
         mode = Path(__file__).stat().st_mode
-        for file, place in zip(built, placed, strict=True):
-            shutil.copy(file, place.with_suffix(".part"))
-            place.with_suffix(".part").chmod(mode)
-            place.with_suffix(".part").replace(place)
+        try:  # the record first: what is not listed would outlive the next version
+            write_whole(record, record.read_bytes() + "".join(lines).encode())
+            for file, place in zip(built, placed, strict=True):
+                write_whole(place, file.read_bytes(), mode)
+        except OSError:
+            remove()
+            raise
     try:
         found = digest_of_short_run()
     except CompileError as error:
@@ -255,6 +259,8 @@ def remove() -> list[Path]:
     Raises:
         CompileError: that is not possible here.
     """
+    from deltaswarm_wire.files import write_whole  # see the first lines of this file
+
     folder = site()
     record = check_writable(folder)
     files = compiled_files(folder)
@@ -264,7 +270,7 @@ def remove() -> list[Path]:
     lines = record.read_text(encoding="utf-8").splitlines(keepends=True)
     kept = [line for line in lines if line.split(",")[0] not in gone]
     if kept != lines:
-        record.write_text("".join(kept), encoding="utf-8")
+        write_whole(record, "".join(kept).encode())
     return files
 
 

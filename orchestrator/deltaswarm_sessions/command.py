@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
 from deltaswarm_orchestrator.base.output import results_on
-from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
     add_dry_run,
@@ -19,9 +19,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     add_markers,
     add_quiet,
     host_and_port,
-    number,
     show,
-    whole,
 )
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.recording import PART
@@ -36,6 +34,7 @@ from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session
 from deltaswarm_sessions.tables import RUNS, WIDE, write_tables
 from deltaswarm_sessions.variables import OF_SWARM
+from deltaswarm_wire.arguments import number, whole
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""
@@ -162,6 +161,7 @@ def session(arguments: argparse.Namespace) -> int:
         return _plan(arguments, settings, asked)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     out = out / roster.PILOT if arguments.pilot else out
+    check_files(out)
     if arguments.reason and arguments.withdraw is None:
         raise CommandError("--reason must be given with --withdraw, without which it has no effect")
     if arguments.freeze:
@@ -327,6 +327,7 @@ def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[
     """Print how many participants are needed to find a difference between two conditions."""
     from deltaswarm_sessions.pilot import Question, plan_participants, text  # imports SciPy
 
+    check_files(arguments.plan)
     effect = asked.get("effect")
     if effect is not None and ("metric" not in asked or not effect):
         raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")

@@ -7,6 +7,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.paths import check_files
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
 from deltaswarm_orchestrator.run.in_process import run_in_process
@@ -46,6 +47,7 @@ def add_verify(command: argparse.ArgumentParser) -> None:
 def verify(arguments: argparse.Namespace) -> int:
     """Print what differs from the plan or is missing, and whether each run repeats; return FAILED if there is any."""
     sessions: Path = arguments.data
+    check_files(sessions)
     if not (entry := read(sessions)):
         raise CommandError(
             f"DATA must be a folder of sessions with a {COMMITMENT} (got {sessions}); --freeze writes it"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.base.paths import check_out, must_exist
+from deltaswarm_orchestrator.base.paths import check_files, check_out, must_exist
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
 from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for
 
@@ -78,6 +78,9 @@ def do_studies(arguments: argparse.Namespace) -> int:
     def result(rows: list[Any]) -> Any:
         return rows if is_collection else rows[0]
 
+    for folder in (out, arguments.pilot):
+        if folder is not None:
+            check_files(folder)
     if not (arguments.check or arguments.plan):
         check_out(out)
     if arguments.freeze or arguments.amend is not None:
@@ -172,7 +175,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
             notice(line)
     try:
         done = concluded(study, folder, None if arguments.render else conduct, reuse=not arguments.processes)
-    except (OSError, ValueError) as error:
+    except (FileNotFoundError, ValueError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
     evidence = done.evidence
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
@@ -200,7 +203,7 @@ def _repeated(arguments: argparse.Namespace, study: "Study", folder: Path) -> di
 
     try:
         repeated = repeat(study, folder)
-    except (OSError, ValueError, RunError) as error:
+    except (FileNotFoundError, ValueError, RunError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
     differing = [{"metric": name, "was": was, "is": now} for name, was, now in repeated.differing]
     return {"study": study.name, "run": repeated.run, "differing": differing}
@@ -268,7 +271,7 @@ def report(arguments: argparse.Namespace) -> int:
         unsealed = seal.not_sealed(manifest, ["sweep.toml", *read])
         sealed = "" if unsealed else WITH_THE_RUNS
         files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder, sealed)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise CommandError(str(error)) from None
     show(arguments, [str(file) for file in files], str(files[0]))
     if unsealed:

@@ -10,11 +10,12 @@ from typing import Any
 import pandas as pd
 
 from deltaswarm import sweeps
+from deltaswarm.arguments import COUNTS, public
 from deltaswarm.errors import one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
 from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError, notice
-from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.sweeps.folder import copy_runs
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.runner import SweepResult
@@ -92,6 +93,7 @@ class StudyResult:
         return FAILED if evidence.incomplete or evidence.undrawn else MISSED if missed else OK
 
 
+@public(replicates=COUNTS, jobs=COUNTS)
 def study(
     study: str | os.PathLike[str],
     keys: Mapping[Any, Any] | None = None,
@@ -138,17 +140,18 @@ def study(
             lines.extend(sweeps.complaints(result))
             return result
 
+        check_files(folder)
         check_out(folder)
         if not render:
             sweeps.check(loaded.sweep, folder / "sweep", means)
             lines += [line for some in beforehand(loaded, folder) for line in some]
         try:
             done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
-        except (OSError, ValueError) as error:
+        except ValueError as error:
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
         lines += done.complaints(is_whole=not given and replicates is None)
     if lines:
-        warnings.warn("\n".join(lines), stacklevel=2)
+        warnings.warn("\n".join(lines), stacklevel=3)
     return done
 
 

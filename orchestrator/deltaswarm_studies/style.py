@@ -23,6 +23,8 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from deltaswarm_wire.files import write_whole
+
 TEXT_IN = 4.8
 """Width of the paper's text [in]. The figures are as wide, so that nothing is scaled and 8 pt stays 8 pt."""
 
@@ -201,5 +203,5 @@ def save_as(as_kind: Callable[[str], bytes], path: Path) -> list[Path]:
     """Write the same files for a figure that is rendered elsewhere: `as_kind` returns it as `png`, `svg` or `pdf`."""
     files = files_of(path)
     for file, kind in zip(files, METADATA, strict=True):
-        file.write_bytes(as_kind(kind))
+        write_whole(file, as_kind(kind))
     return files

@@ -239,14 +239,6 @@ def test_a_module_that_is_no_body_is_refused(
         find_body(f"{name}_body:Rover")
 
 
-@pytest.mark.parametrize("arguments", [["--accelerate", "0"], ["--accelerate", "nan"], ["--steps", "0"]])
-def test_arguments_are_checked(arguments: list[str], tmp_path: Path) -> None:
-    """Exit code 2."""
-    file = tmp_path / "3.toml"
-    file.write_text(tomli_w.dumps({"id": 3, "air": AIR}))
-    assert main([str(file), *arguments]) == 2
-
-
 def test_a_file_that_is_not_there_or_no_toml(tmp_path: Path) -> None:
     """Exit code 2."""
     assert main([str(tmp_path / "none.toml")]) == 2

@@ -49,7 +49,10 @@ def test_the_templates_scenario_and_study_are_valid(tmp_path: Path, monkeypatch:
     assert main(["study", str(folder / "study.toml"), "--dry-run", "--out", str(tmp_path / "study")]) == 0
 
 
-@pytest.mark.parametrize("name", ["My", "a-b", "1st", "class", "json", "deltaswarm_x", "test_it", "näme", "pytest"])
+MISNAMED = ["My", "a-b", "1st", "class", "json", "deltaswarm_x", "test_it", "näme", "pytest", "__init__", "_", "a__b"]
+
+
+@pytest.mark.parametrize("name", [*MISNAMED, "none", "percept", "exception", "list", "match", "a" * 300])
 def test_a_name_that_cannot_be_a_module_is_refused(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

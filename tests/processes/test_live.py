@@ -99,8 +99,8 @@ def test_a_port_that_is_taken_is_told_before_anything_begins(tmp_path: Path) -> 
         port = str(taken.getsockname()[1])
         done = told("run", "smoke", "--out", "run", "--live", "foxglove", "--live-port", port, cwd=tmp_path)
     assert done.returncode == 2
-    assert f"--live-port {port}: " in done.stderr
-    assert "choose another port" in done.stderr
+    assert "--live-port must" in done.stderr
+    assert port in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

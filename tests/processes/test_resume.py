@@ -205,7 +205,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
         (["--resume", "nowhere"], "nowhere"),
         (["--resume", "nowhere", "--seed", "3"], "without --seed"),
         (["smoke", "--checkpoint", "5", "--in-process"], "--in-process must be given without --checkpoint"),
-        (["smoke", "--checkpoint", "0"], "--checkpoint: must be an integer of at least 1 (got '0')"),
+        (["smoke", "--checkpoint", "0"], "--checkpoint: must be an integer from 1 to 1000000000 (got '0')"),
     ],
 )
 def test_what_cannot_be_resumed_or_saved_is_refused(arguments: list[str], said: str, capsys: Printed) -> None:

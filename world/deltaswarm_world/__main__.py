@@ -20,9 +20,11 @@ from deltaswarm_wire.arguments import (
     listens_on,
     run_name,
     tls_of,
+    whole,
 )
 from deltaswarm_wire.child import FAILED, exit_code_of, say_ready
-from deltaswarm_wire.files import write_whole
+from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.files import naming, write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import blamed, described
@@ -75,9 +77,11 @@ def parser() -> argparse.ArgumentParser:
         help="part that must be ready before the first step, besides the agents (default: operator)",
     )
     parser.add_argument(
-        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents every STEPS steps"
+        "--checkpoint", type=whole(0), default=0, metavar="STEPS", help="save world and agents every STEPS steps"
     )
-    parser.add_argument("--resume", type=int, metavar="STEP", help="resume from the checkpoint after this step")
+    parser.add_argument(
+        "--resume", type=whole(0, MAX_STEP), metavar="STEP", help="resume from the checkpoint after this step"
+    )
     parser.add_argument("--station", action="store_true", help="accept commands and pace from a person at the station")
     add_boards_argument(parser)
     parser.add_argument(
@@ -108,6 +112,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise ValueError(f"--boards must be from 0 to {scenario.agents.count - 1} (got {arguments.boards[-1]})")
         listen = tuple(arguments.listen or (DEFAULT_ENDPOINT,))
         tls = tls_of(listen, arguments.ca, arguments.certificate, arguments.key)
+        if arguments.credentials.is_dir():
+            raise ValueError(f"--credentials must be a file (got the folder {arguments.credentials})")
         if not arguments.credentials.exists():
             write_credentials(arguments.credentials, scenario.agents.count)
         if tls:
@@ -146,7 +152,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not isinstance(error, Exception):
             raise
         code = exit_code_of(error)
-        log.critical("%s", described(error), exc_info=code == FAILED)
+        log.critical("%s", described(error), exc_info=code == FAILED and not isinstance(error, OSError))
         return code
 
 
@@ -154,7 +160,8 @@ def write_agent_settings(folder: Path, scenario: Scenario) -> None:
     """Write one settings file per agent, each with the agent's own seed."""
     folder.mkdir(exist_ok=True)
     for agent in range(scenario.agents.count):
-        (folder / f"{agent}.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(agent))), encoding="utf-8")
+        with naming(file := folder / f"{agent}.toml"):
+            file.write_text(tomli_w.dumps(checked.plain(scenario.for_agent(agent))), encoding="utf-8")
 
 
 def write_credentials(file: Path, agents: int) -> None:
@@ -176,7 +183,7 @@ def admit_certified(listen: Sequence[str], credentials: Path) -> None:
     line = f"{CERTIFIED}:{CERTIFIED}"
     lines = credentials.read_text(encoding="utf-8").splitlines()
     if line not in lines:
-        credentials.write_text("\n".join([*lines, line, ""]), encoding="utf-8")
+        write_whole(credentials, "\n".join([*lines, line, ""]).encode(), 0o600)
 
 
 if __name__ == "__main__":

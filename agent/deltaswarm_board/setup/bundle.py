@@ -13,13 +13,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.files import write_whole
 
 PLATFORMS = ("linux_aarch64", "linux_armv7l", "linux_x86_64")
 PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
@@ -141,7 +142,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
     if done.returncode:
         lines = (done.stdout + done.stderr).splitlines()
-        errors = [line.strip() for line in lines if "ERROR" in line or "error:" in line]
+        errors = [line.strip() for line in lines if any(word in line for word in ("ERROR", "error:", "[Errno "))]
         raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join((errors or lines)[-TAIL_LINES:]))
 
 
@@ -171,20 +172,19 @@ def _origin(package: str) -> str:
 def _write_sums(folder: Path) -> None:
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
     lines = [f"{hashlib.sha256((folder / file).read_bytes()).hexdigest()}  {file}\n" for file in files]
-    (folder / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
+    write_whole(folder / "SHA256SUMS", "".join(lines).encode())
 
 
 @contextmanager
 def _beside(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `out`, and rename it to `out` when it is complete."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
-    except OSError as error:
-        raise BundleError(str(error)) from None
-    try:
-        yield folder
-        folder.chmod(0o755)
-        folder.rename(out)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with ExitStack() as stack:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            yield folder
+            folder.chmod(0o755)
+            folder.rename(out)
+        except OSError as error:
+            raise BundleError(f"{out} could not be made: {error.strerror or error}; nothing was written") from None

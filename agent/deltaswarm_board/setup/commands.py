@@ -7,9 +7,9 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_wire import __version__
-from deltaswarm_wire.arguments import agent_numbers
+from deltaswarm_wire.arguments import agent_numbers, whole
 
 
 def add_bundle(command: argparse.ArgumentParser) -> None:
@@ -48,7 +48,7 @@ def bundle(arguments: argparse.Namespace) -> int:
     from deltaswarm_board.setup import bundle as bundles
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
-    check_out(out.parent)
+    check_out(out.parent, is_ours=False)
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
     wheels = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
     show(arguments, {"folder": str(out), "wheels": wheels}, "\n".join([*(f"  {name}" for name in wheels), str(out)]))
@@ -117,7 +117,7 @@ def certificates(arguments: argparse.Namespace) -> int:
             lines += result["files"] or [f"{arguments.out}: all certificates exist"]
             advice.append(f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine")
             advice.append("a board gets ca.pem, its own .pem and its own .key")
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         raise CommandError(str(error)) from None
     show(arguments, result, "\n".join(lines))
     print("\n".join(advice), file=sys.stderr)
@@ -128,7 +128,10 @@ def _operator_key(file: Path) -> str:
     """Make the key if it is missing; return its public part."""
     from deltaswarm_wire.signing import make_key, public_key
 
+    if file.is_dir():
+        raise CommandError(f"--operator-key must be a file (got the folder {file})")
     if file.exists():
         return public_key(file)
+    check_out(file.parent, "--operator-key", is_ours=False)
     file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     return make_key(file)

@@ -14,7 +14,7 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import Parser
+from deltaswarm_wire.arguments import Parser, whole
 from deltaswarm_wire.reading import read_toml
 
 
@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--briefing", type=Path, required=True, metavar="FILE", help="its probes are what is asked")
     made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for the answers: probes.csv")
     made.add_argument(
-        "--channel-fd", type=int, required=True, metavar="N", help="its end of the channel to the station"
+        "--channel-fd", type=whole(0), required=True, metavar="N", help="its end of the channel to the station"
     )
     return made
 

@@ -20,7 +20,7 @@ from deltaswarm_operator.core.replay import RecordedStep, Replay
 from deltaswarm_operator.io.console_server import HELLO_EVERY_S, SHOW_EVERY_S, Channel
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import Parser
+from deltaswarm_wire.arguments import Parser, whole
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES
 from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
 
@@ -31,7 +31,9 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--steps", type=Path, required=True, metavar="FILE", help="as `deltaswarm replay` makes them")
     made.add_argument("--worth", type=Path, metavar="FILE", help="what orders were worth, as `deltaswarm value` says")
     made.add_argument("--run", default="run", help="the run's name on the page")
-    made.add_argument("--channel-fd", type=int, required=True, metavar="N", help="its end of the station's channel")
+    made.add_argument(
+        "--channel-fd", type=whole(0), required=True, metavar="N", help="its end of the station's channel"
+    )
     return made
 
 

@@ -5,6 +5,7 @@ The station never waits for a browser or the feed; if one cannot take a message 
 
 import asyncio
 import logging
+import re
 import socket
 from collections.abc import Iterable
 from contextlib import suppress
@@ -57,6 +58,9 @@ WATCHES = orjson.dumps(made("role", role="watch")).decode()
 NEWEST_ONLY = (b'{"type":"picture"', b'{"type":"truth"')
 """Beginnings of messages of which each replaces the one before. Only the conductor's station is sent the truth."""
 
+METHOD = re.compile(rb"([A-Z]+) ")
+"""How a request begins."""
+
 PAGE = Path(__file__).parent / "page"
 MIME_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -75,6 +79,8 @@ class Visitor(ServerConnection):
     all: ClassVar[dict["Visitor", None]] = {}
     """All connections of the process, which has one station, oldest first."""
     role = rules.OPERATE
+    has_begun: bool | None = None
+    """Whether it asked by a method that is answered; None: it has sent nothing yet."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Admit the connection; if there are too many, drop the oldest that has not asked for anything."""
@@ -84,6 +90,17 @@ class Visitor(ServerConnection):
         if len(self.all) > MAX_CONNECTIONS:
             idle = next(other for other in self.all if other is self or other.protocol.state is State.CONNECTING)
             idle.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Refuse all methods but GET, which the library takes for one or does not answer."""
+        if self.has_begun is None:
+            method = METHOD.match(data)
+            self.has_begun = method is None or method[1] == b"GET"
+            if not self.has_begun:
+                self.transport.write(_response(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET").serialize())
+                self.transport.write_eof()  # and what still comes is read: a reset could overtake the answer
+        if self.has_begun:
+            super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Make room for another connection."""
@@ -303,9 +320,17 @@ class Station:
             raise RefusedError("the run has ended", name_of(orjson.loads(datagram))) from None
 
 
-def _response(status: HTTPStatus, mime_type: str = "text/plain; charset=utf-8", body: bytes | None = None) -> Response:
+def _response(
+    status: HTTPStatus, mime_type: str = "text/plain; charset=utf-8", body: bytes | None = None, **more: str
+) -> Response:
     body = f"{status.phrase}\n".encode() if body is None else body
-    headers = {**rules.HEADERS, "Content-Type": mime_type, "Content-Length": str(len(body)), "Connection": "close"}
+    headers = {
+        **rules.HEADERS,
+        **more,
+        "Content-Type": mime_type,
+        "Content-Length": str(len(body)),
+        "Connection": "close",
+    }
     return Response(status.value, status.phrase, Headers(headers), body)
 
 

@@ -83,4 +83,8 @@ def shortage(folder: Path, scenario: Scenario) -> str | None:
     needed, free = scenario.run.steps * per_step, shutil.disk_usage(folder).free
     if free >= needed:
         return None
-    return f"{folder} has {free / 1e6:.0f} MB free; a run like this may need {needed / 1e6:.0f} MB"
+    return f"{folder} has {_shown(free)} free; a run like this may need {_shown(needed)}"
+
+
+def _shown(size: float) -> str:
+    return f"{size / 1e6:.0f} MB" if size >= 1e7 else f"{size / 1e3:.0f} kB"

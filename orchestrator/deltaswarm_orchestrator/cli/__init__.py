@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import Parser
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.files import Written
 from deltaswarm_wire.plugin_errors import PACKAGES
 from deltaswarm_wire.plugins import COMMANDS as COMMAND_POINT
 from deltaswarm_wire.plugins import PARTS, find
@@ -131,6 +132,7 @@ def _run(argv: list[str], output: Output | None) -> int:
 
 def carry_out(arguments: argparse.Namespace, command: str) -> int:
     """Carry out a parsed command; say in a line what went wrong, and return the exit code."""
+    Written.begin()
     is_plugin = arguments.func.__module__.partition(".")[0] not in PACKAGES
     try:
         with nullcontext() if is_plugin else only_results(to_the_end=True):

@@ -2,15 +2,12 @@
 
 import argparse
 import json
-from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.processes.engines import LOCAL
 from deltaswarm_wire import session
-
-N = TypeVar("N", int, float)
 
 A_RUN = "the folder of a run"
 
@@ -53,31 +50,6 @@ def add_quiet(command: Group) -> None:
 def show(arguments: argparse.Namespace, result: Any, text: str) -> None:
     """Print a result on standard output, for people or as JSON."""
     print_result(json.dumps(result) if arguments.json else text)
-
-
-def whole(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Return a parser of a whole number within limits, for `type=`."""
-    return _within(int, "an integer", least, most)
-
-
-def number(least: float, most: float | None = None) -> Callable[[str], float]:
-    """Return a parser of a number within limits, for `type=`."""
-    return _within(float, "a number", least, most)
-
-
-def _within(kind: Callable[[str], N], noun: str, least: N, most: N | None) -> Callable[[str], N]:
-    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
-
-    def parsed(text: str) -> N:
-        try:
-            value = kind(text)
-        except ValueError:
-            value = None
-        if value is None or not (least <= value and (most is None or value <= most)):
-            raise argparse.ArgumentTypeError(f"must be {noun} {limits} (got {text!r})")
-        return value
-
-    return parsed
 
 
 def add_markers(command: Group) -> None:

@@ -9,7 +9,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, named
-from deltaswarm_orchestrator.cli.arguments import add_json, number, show, whole
+from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.cli.arguments import add_json, show
+from deltaswarm_wire.arguments import number, whole
 
 
 def _sizes(text: str) -> list[int]:
@@ -93,6 +95,8 @@ def bench(measurement: Measurement, arguments: argparse.Namespace) -> int:
         from deltaswarm_orchestrator.doctor import check_parts_can_start
 
         check_parts_can_start(max(getattr(arguments, "sizes", None) or [arguments.agents]))
+    if plot := getattr(arguments, "plot", None):
+        check_out(plot.parent, "--plot", is_ours=False)
     module = importlib.import_module(measurement.module)
     try:
         result = module.measure(*(getattr(arguments, option) for option in measurement.options if option != "plot"))
@@ -102,6 +106,6 @@ def bench(measurement: Measurement, arguments: argparse.Namespace) -> int:
         raise CommandError(str(error), FAILED) from None
     brief = getattr(module, "brief", lambda everything: everything)
     show(arguments, result, named(brief(result)))
-    if plot := getattr(arguments, "plot", None):
+    if plot:
         module.save(result, plot)
     return OK

@@ -11,8 +11,11 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import must_exist, part_of
+from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_orchestrator.base.signals import stoppable
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, number, show
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
+from deltaswarm_wire.arguments import number, whole
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import OPERATOR
 
 FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
@@ -48,10 +51,7 @@ def export(arguments: argparse.Namespace) -> int:
     if options and arguments.format != "mp4":
         raise CommandError("--longest-s needs --format mp4")
     out = arguments.out or formats.default_out(arguments.run, arguments.format)
-    try:
-        exported = formats.export(arguments.run, arguments.format, out, force=arguments.force, **options)
-    except OSError as error:
-        raise CommandError(f"{error.filename or out} could not be written: {error.strerror or error}", FAILED) from None
+    exported = formats.export(arguments.run, arguments.format, out, force=arguments.force, **options)
     if exported.note:
         notice(exported.note)
     if not exported.is_complete:
@@ -104,6 +104,7 @@ def replay(arguments: argparse.Namespace) -> int:
         print_result(url)
 
     must_exist(arguments.run, "RUN", A_RUN)
+    check_ports({"--listen": f"tcp/{arguments.listen}"})
     _notice_unsealed(arguments.run)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
         steps = Path(folder) / "steps.msgpack"
@@ -200,18 +201,18 @@ def add_why(command: argparse.ArgumentParser) -> None:
         "the run in one process up to a time, and says whether B could hear A then."
     )
     command.add_argument("folder", type=Path, metavar="RUN")
-    command.add_argument("sender", nargs="?", type=int, metavar="A", help="the agent that sends")
+    command.add_argument("sender", nargs="?", type=whole(0, BASE_ID - 1), metavar="A", help="the agent that sends")
     command.add_argument("receiver", nargs="?", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
-    command.add_argument("--at", type=float, metavar="T", help="time in the run [s]")
+    command.add_argument("--at", type=number(0.0), metavar="T", help="time in the run [s]")
     add_json(command)
     command.set_defaults(func=why)
 
 
 def _receiver(text: str) -> int | str:
     try:
-        return text if text == OPERATOR else int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be an agent's number or {OPERATOR!r} (got {text!r})") from None
+        return text if text == OPERATOR else whole(0, BASE_ID - 1)(text)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"must be an agent's number or {OPERATOR!r} (got {text!r:.80})") from None
 
 
 def why(arguments: argparse.Namespace) -> int:

@@ -15,15 +15,13 @@ from deltaswarm_orchestrator.cli.arguments import (
     add_markers,
     add_quiet,
     host_and_port,
-    number,
     show,
-    whole,
 )
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, override
+from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, number, override, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.run.options import RunOptions
@@ -116,7 +114,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--live-port",
-        type=_port,
+        type=whole(0, 65_535),
         metavar="PORT",
         help=f"where --live foxglove listens on this machine (default: {LIVE_PORT}; 0: any free port)",
     )
@@ -167,12 +165,6 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
     )
     command.set_defaults(func=run, makes_files=True, handles_signals=True)
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 65_535:
-        raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text!r})")
-    return int(text)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,8 @@ from deltaswarm_orchestrator import compiling
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.provenance import build
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
+from deltaswarm_wire.arguments import whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.plan import Sweep

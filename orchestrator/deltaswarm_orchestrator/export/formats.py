@@ -5,10 +5,12 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import SubprocessError
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.export.snapshots import read_film
 from deltaswarm_orchestrator.recording.finishing import write_complete_copy
 from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in, records
@@ -37,6 +39,8 @@ FORMATS = {
 }
 """The formats by their names on the command line."""
 
+_NOT_REPLACED = "{} is not replaced: it holds other things than an export to {}"
+
 
 def default_out(run: Path, name: str) -> Path:
     """Return the default path of the result: beside the run's folder or the recording's file."""
@@ -64,6 +68,9 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
     chosen = FORMATS[name]
     if os.path.lexists(out) and not force:
         raise ExportError(f"{out} exists; --force replaces it")
+    if out.is_symlink() or (os.path.lexists(out) and out.is_dir() == chosen.suffix.startswith(".")):
+        raise ExportError(_NOT_REPLACED.format(out, name))
+    check_out(out.parent, is_ours=False)
     source = recording_in(run)
     if source.resolve() == out.resolve():
         raise ExportError(f"--out must be another file than the recording (got {out})")
@@ -80,9 +87,14 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
             exported = write(part)
         except RecordingError as error:
             raise ExportError(str(error)) from None
+        except (OSError, SubprocessError, RuntimeError) as error:  # also of an encoder that could not write
+            if isinstance(error, RuntimeError) and "(os error " not in str(error):
+                raise
+            reason = getattr(error, "strerror", None) or error
+            raise ExportError(f"{out} could not be written: {reason}; nothing was written", FAILED) from None
         if os.path.lexists(out):
             if not _is_like(out, part):
-                raise ExportError(f"{out} is not replaced: it holds other things than an export to {name}")
+                raise ExportError(_NOT_REPLACED.format(out, name))
             out.rename(Path(scratch) / f"{out.name}.replaced")
         part.rename(out)
     return exported

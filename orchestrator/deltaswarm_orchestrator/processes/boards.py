@@ -1,18 +1,18 @@
 """Hardware in the loop: write the files of a run's boards into one folder, and say how to start the boards."""
 
 import ipaddress
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import tomli_w
 
+from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.files import write_secret
+from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.session import WITH_PORT, Tls, endpoint_problem, host_and_port, protocol_of
 
@@ -37,6 +37,7 @@ class Boards:
         Raises:
             SettingsError: an agent does not exist, the address is not one that boards can connect to, or a fault
                 signals processes.
+            CommandError: the folder cannot be made or written.
         """
         problems = []
         if self.agents[-1] >= scenario.agents.count:
@@ -50,6 +51,7 @@ class Boards:
         problems += signal_problems(scenario, "some of which are on boards")
         if problems:
             raise SettingsError(problems)
+        check_out(self.folder, "--boards-folder")
 
     def prepare(self, scenario: Scenario) -> None:
         """Make the folder and, if the world is reached over TLS, missing certificates.
@@ -62,7 +64,7 @@ class Boards:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._is_over_tls:
                 self._make_certificates()
-        except (OSError, ValueError) as error:
+        except ValueError as error:
             raise SettingsError([Problem("--boards-folder", str(self.folder), str(error))]) from None
 
     def _make_certificates(self) -> None:
@@ -79,9 +81,9 @@ class Boards:
         certificates.make(authority, self.agents, [self._host], CERTIFICATE_DAYS)
         revoked = [REVOKED] if (authority / REVOKED).exists() else []
         for name in ("ca.pem", *revoked, *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
-            shutil.copyfile(authority / name, self.folder / name)
+            write_whole(self.folder / name, (authority / name).read_bytes())
         for name in (f"{user_name(AGENT, agent)}.key" for agent in self.agents):
-            _replace_secret(self.folder / name, (authority / name).read_bytes())
+            write_whole(self.folder / name, (authority / name).read_bytes(), 0o600)
 
     @property
     def tls(self) -> Tls | None:
@@ -108,11 +110,11 @@ class Boards:
                 air["tls"] = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
             else:
                 air["credentials_file"] = f"{name}.password"
-                _replace_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n".encode())
+                write_whole(self.folder / f"{name}.password", f"{name}:{password(name)}\n".encode(), 0o600)
             settings = checked.plain(scenario.for_agent(agent))
             table = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}, "agent": settings}
             files.append(self.folder / f"{agent}.toml")
-            files[-1].write_text(tomli_w.dumps(table), encoding="utf-8")
+            write_whole(files[-1], tomli_w.dumps(table).encode())
         return files
 
 
@@ -150,8 +152,3 @@ def commands(files: Sequence[Path]) -> str:
     if (authority := authority_folder(where)).exists():
         lines.append(f"the authority's private key stays on this machine: {authority / 'ca.key'}")
     return "\n".join([f"waits for {len(files)} boards; on each, with its files of {where} beside it:", *lines])
-
-
-def _replace_secret(file: Path, data: bytes) -> None:
-    file.unlink(missing_ok=True)
-    write_secret(file, data)

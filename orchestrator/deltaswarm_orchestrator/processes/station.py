@@ -70,7 +70,7 @@ def write_briefing(folder: Path, scenario: Scenario, station: StationChannel | N
     forms = forms_of(find_controller(scenario.control.mode))
     briefing = scenario.for_operator(forms, station.speed if station else 0.0)
     file = folder / BRIEFING
-    file.write_text(tomli_w.dumps(checked.plain(briefing)), encoding="utf-8")
+    write_whole(file, tomli_w.dumps(checked.plain(briefing)).encode())
     return file
 
 

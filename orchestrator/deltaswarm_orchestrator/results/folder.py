@@ -186,19 +186,21 @@ class RunFolder:
 class ResumedFolder(RunFolder):
     """The folder of an interrupted run, `X.part` or `X`, taken to resume the run in `X.part`.
 
+    With `force`, the run in `X.part` replaces the complete one in `X`.
+
     Raises:
         FolderError: it is no run folder, another process writes to it, or both `X` and `X.part` exist.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, force: bool = False) -> None:
         folder = folder.resolve()
         self.target = folder.with_name(folder.name.removesuffix(".part"))
         self.path = self.target.with_name(f"{self.target.name}.part")
-        self._force = False
+        self._force = force
         if not (folder.is_dir() and {path.name for path in folder.iterdir()} >= RUN_FILES):
             raise FolderError(f"{folder} is not the folder of a run that was started")
         for other in {self.target, self.path} - {folder}:
-            if os.path.lexists(other):
+            if os.path.lexists(other) and not (force and other == self.target):
                 raise FolderError(
                     f"{other} exists beside {folder}; rename or remove the one that should not be resumed"
                 )

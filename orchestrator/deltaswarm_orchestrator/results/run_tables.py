@@ -1,8 +1,8 @@
 """Results of a run: the files of its parts, merged into tables and one summary; scores of a person's answers."""
 
 import csv
+import io
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -20,7 +20,7 @@ from deltaswarm_scenario.techniques import SCORED
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
 from deltaswarm_wire.cells import TableWriter, rows_by_column
 from deltaswarm_wire.controller_metrics import PREFIX
-from deltaswarm_wire.files import write_whole
+from deltaswarm_wire.files import replacing, write_whole
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import CONTROLLERS
 
@@ -170,14 +170,12 @@ def person_tables(folder: Path) -> list[tuple[str, bytes]]:
 
 def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a CSV file atomically."""
-    part = file.with_name(f"{file.name}.part")
-    with part.open("w", newline="", encoding="utf-8") as stream:
-        table = TableWriter(stream)
+    with replacing(file) as stream:
+        text = io.TextIOWrapper(stream, newline="", encoding="utf-8")
+        table = TableWriter(text)
         table.writerow(header)
         table.writerows(rows)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(file)
+        text.detach()
 
 
 def read_rows(file: Path) -> list[dict[str, str]]:

@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, Reporter
+from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_orchestrator.base.signals import Stop
+from deltaswarm_orchestrator.live.foxglove_server import HOST as LIVE_HOST
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, LiveError, check_installed
 from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.boards import Boards
@@ -87,6 +90,18 @@ class RunResult:
         return INTERRUPTED if self.exit_reason.startswith(STOPPED_BY) else FAILED
 
 
+def _endpoints(options: RunOptions) -> dict[str, str]:
+    """Return the endpoints at which a run listens, by the options that name them."""
+    found = {} if options.live_port is None else {"--live-port": f"tcp/{LIVE_HOST}:{options.live_port}"}
+    if options.station:
+        found["--station-listen"] = f"tcp/{options.station.listen}"
+        if ":" in options.station.markers:  # else LSL, or none
+            found["--markers"] = f"tcp/{options.station.markers}"
+    if not options.in_process:
+        found["--listen"] = options.boards.listen if options.boards else options.listen
+    return found
+
+
 def check(scenario: Scenario, options: RunOptions) -> None:
     """Check what can be checked of a run before anything is started or written.
 
@@ -95,6 +110,7 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         SettingsError: the scenario cannot be run with these boards or on a cluster, or has a bound that
             processes cannot compute.
         LiveError: the run cannot be shown live.
+        CommandError: an address at which the run would listen is taken.
     """
     if scenario.run.bound != "none" and not options.in_process:
         allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
@@ -105,9 +121,11 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         options.engine.check(scenario)
     if options.live_port is not None:
         check_installed()
+    check_ports(_endpoints(options))
     if options.observer and scenario.record == "off":
         raise LiveError(
             f"--live {options.observer} must be given without --record off, since then nothing collects the truth"
         )
     if not options.resume:
         check_target(options.out, options.force)
+    check_out(options.out, is_ours=False)

@@ -10,7 +10,8 @@ from typing import Any
 import orjson
 
 from deltaswarm_orchestrator.base import provenance, seal
-from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.paths import check_files
 from deltaswarm_orchestrator.results.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Result
 from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
@@ -60,7 +61,9 @@ class SweepFolder:
 
         Raises:
             SweepFolderError: it holds something else, or another sweep, or it cannot be read.
+            CommandError: it has something that is no file, as `check_files` says.
         """
+        check_files(self.path, 1)
         try:
             if self.path.exists() and not self._is_ours():
                 raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
@@ -93,21 +96,15 @@ class SweepFolder:
         return self.file(job, means).exists() and not self.has(job, means)
 
     def save(self, job: Job, means: str, result: Result) -> None:
-        """Save a finished run; it is on disk when this returns.
-
-        Raises:
-            SweepFolderError: the file cannot be written.
-        """
-        try:
-            kept = {KEY: job.key, **result}
-            write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(kept), **kept}))
-        except OSError as error:
-            raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}", FAILED) from None
+        """Save a finished run; it is on disk when this returns. Raises OSError."""
+        kept = {KEY: job.key, **result}
+        write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(kept), **kept}))
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
         """Read a finished run; return None if it is not finished, or its file is damaged or is that of another run."""
+        file = self.file(job, means)
         try:
-            result = orjson.loads(self.file(job, means).read_bytes())
+            result = orjson.loads(file.read_bytes()) if file.is_file() else None  # a named pipe would never end
         except (OSError, ValueError):
             return None
         if not isinstance(result, dict) or result.pop(CHECKSUM, None) != _checksum(result):

@@ -129,10 +129,29 @@ def test_an_order_of_a_script_that_is_dropped_is_none_of_the_rule(tmp_path: Path
     assert [command.at_s for command in planned.scenario.command] == [40.0, 120.0]
 
 
+def test_a_file_in_the_place_of_an_output_is_refused(scripted: Parent, capsys: Printed) -> None:
+    """Before all runs."""
+    file = scripted.folder / "value"
+    file.touch()
+    assert main(["value", str(scripted.folder)]) == 2
+    assert f"{file}" in capsys.readouterr().err
+    file.unlink()
+
+
+def test_a_branch_replaces_another_if_it_is_forced_to(scripted: Parent, tmp_path: Path) -> None:
+    """A complete one, too."""
+    command = ["branch", str(scripted.folder), "--at", "50", "--quiet", "--out", str(tmp_path / "branch")]
+    assert [main(command), main(command), main([*command, "--force"])] == [0, 2, 0]
+    assert [path.name for path in tmp_path.iterdir()] == ["branch"]
+
+
 @in_one_test(
     ("text", "says"),
     [
         ("x", "--add-command must be an order as in a scenario"),
+        ("{name='hold'}}", "--add-command must be an order as in a scenario"),
+        ("{name='hold'}\nat_s=100", "--add-command must be an order as in a scenario"),
+        ("name='hold'\ncolour='red'", "--add-command.colour: unknown key"),
         ("name='hold', colour='red'", "--add-command.colour: unknown key"),
         ("name='hold', target='circle'", "--add-command.target must fit"),
     ],

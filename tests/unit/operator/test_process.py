@@ -284,7 +284,7 @@ def test_nothing_is_overwritten(world: World) -> None:
     ("arguments", "said"),
     [
         (["--step-s", "0"], "run.step_s must"),
-        (["--threshold-hz", "nan"], "operator.threshold_hz must"),
+        (["--threshold-hz", "nan"], "--threshold-hz: must"),
         (["--password-file", "/nonexistent/secret"], "No such file"),
         (["--zenoh", "mode"], "KEY=VALUE"),
     ],

@@ -43,6 +43,15 @@ def test_a_run_fits_where_there_was_no_warning(
     assert written <= needed < 10 * written
 
 
+def test_a_warning_has_no_size_of_zero(tmp_path: Path, free: SimpleNamespace) -> None:
+    """Neither what is free nor what is needed, however short the run."""
+    free.free = 4000
+    warning = disk.shortage(tmp_path, load_scenario("smoke", ["run.duration_s=40"]))
+    assert warning is not None
+    assert "4 kB free" in warning
+    assert " 0 " not in warning
+
+
 @pytest.mark.parametrize("record", RECORDS)
 def test_the_room_grows_with_steps_and_recorded_agents(tmp_path: Path, free: SimpleNamespace, record: str) -> None:
     """Half the step takes twice the room; each agent takes more if anything of it is recorded."""

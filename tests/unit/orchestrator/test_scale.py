@@ -109,7 +109,7 @@ def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureF
     name, _, value = option.split()[1].partition("=")
     error = capsys.readouterr().err
     assert ended.value.code == 2
-    assert f"{name}: must be an integer of at least 1 (got " in error
+    assert f"{name}: must be an integer from 1 to 1000000000 (got " in error
     assert repr(value.rpartition(",")[2]) in error
 
 

@@ -64,7 +64,7 @@ def test_it_is_drawn_and_recorded(run: deltaswarm.Run, tmp_path: Path) -> None:
     assert file.read_bytes().startswith(b"\x89MCAP")
     with pytest.raises(deltaswarm.Error, match="exists"):
         run.record(file)
-    with pytest.raises(deltaswarm.Error, match="at least that of the first view"):
+    with pytest.raises(deltaswarm.Error, match="time_s must be"):
         run.show(time_s=-1)
 
 

@@ -12,6 +12,7 @@ import orjson
 import pandas as pd
 import pytest
 
+from deltaswarm.errors import error_of
 from deltaswarm.sweeps import each_trace_once
 from deltaswarm_orchestrator.base.seal import SealError
 from deltaswarm_orchestrator.cli import main
@@ -365,15 +366,17 @@ def test_a_result_that_cannot_be_written_ends_the_sweep_as_a_failure(
 
     def full(file: Path, data: bytes) -> None:
         if file.parent.name == "runs":
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
         file.write_bytes(data)
 
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.folder.write_whole", full)
     sweep, out = planned(), tmp_path / "out"
-    with pytest.raises(SweepFolderError, match=os.strerror(errno.ENOSPC)) as caught:
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)) as caught:
         conducted(sweep, out, Here())
-    assert str(SweepFolder(out).file(sweep.jobs()[0], IN_PROCESS)) in str(caught.value)
-    assert caught.value.code == 1
+    told = error_of(caught.value, "deltaswarm sweep")
+    assert told is not None
+    assert str(SweepFolder(out).file(sweep.jobs()[0], IN_PROCESS)) in str(told)
+    assert told.code == 1
 
 
 def test_the_traceback_of_many_runs_is_shown_once() -> None:
