@@ -7,10 +7,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import disk, limits, provenance, seal
+from deltaswarm_orchestrator.base import disk, inputs, limits, provenance, seal
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter, complain
+from deltaswarm_orchestrator.base.inputs import InputsChangedError
 from deltaswarm_orchestrator.base.signals import decide, stoppable
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.live.observers import Guarded, LiveObserver, Tap
@@ -50,6 +51,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         LiveError: the run cannot be shown live.
         RoomError: the disk is too full to write how the run ended.
         ClusterError: the cluster cannot do this run.
+        InputsChangedError: this process has loaded a module that has changed since.
         CommandError: the user asked to stop twice before the run began.
     """
     check(scenario, options)
@@ -76,6 +78,8 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
 
 def _run(context: RunContext) -> RunResult:
     scenario, options = context.scenario, context.options
+    context.inputs = options.inputs or inputs.identify(scenario)
+    inputs.check(scenario, context.inputs, starts_python=not options.in_process)
     if options.boards:
         options.boards.prepare(scenario)
     if options.resume:
@@ -289,6 +293,10 @@ class _Run:
             summary = summarise(self.outcome, self.scenario)
         by, why = self.stop.by, self._whys(self.outcome)
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
+        try:
+            inputs.check(self.scenario, self.context.inputs, starts_python=not self.options.in_process)
+        except InputsChangedError as error:
+            summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
         if not summary["complete"]:
             cause = self.ending.cause
             line = reason if cause is None else self._line(cause, self.outcome).removeprefix(f"{NOBODY_LEFT}: ")

@@ -108,11 +108,11 @@ def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -
 def test_only_the_same_code_does_a_run() -> None:
     """By a digest of all sources."""
     (task,) = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
-    result, reason = attempt_with(provenance.code_digest(), task)
+    result, reason, _ = attempt_with(provenance.code_digest(), task)
     assert reason == ""
     assert result is not None
     assert result["summary"] == work(task)["summary"]
-    result, reason = attempt_with("0" * 16, task)
+    result, reason, _ = attempt_with("0" * 16, task)
     assert result is None
     assert provenance.code_digest() in reason
     assert "0" * 16 in reason

@@ -96,7 +96,7 @@ def test_only_what_the_machine_disturbed_is_tried_again(
 
     monkeypatch.setattr(engines, "work", fail)
     (task,) = tasks_of(made(ONE))
-    result, said = attempt(task)
+    result, said, _ = attempt(task)
     assert (result, len(tried)) == (None, calls)
     assert reason in said
 

@@ -1,0 +1,88 @@
+"""The files that decide a run: identified once, before the first run, and checked whenever a run begins and ends."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_scenario.scenario import Scenario
+
+CODE = "the code of deltaswarm"
+
+Inputs = Mapping[str, str]
+"""Digests of files, by what each file is to a run."""
+
+
+class InputsChangedError(CommandError):
+    """A file that decides a run is not the one that was identified."""
+
+    code = FAILED
+
+
+def identify(scenario: Scenario) -> Inputs:
+    """Return the inputs of a scenario's runs: modules as this process has loaded them, other files as they are now.
+
+    The scenario itself, with the language of its page, has been read by now and is not read again.
+
+    Raises:
+        SettingsError, OSError: there is no such extension or file, or it cannot be read.
+    """
+    files = {name: file.read_bytes() if loaded is None else loaded for name, file, loaded in _files(scenario)}
+    return {CODE: provenance.code_digest(), **{name: digest(content) for name, content in files.items()}}
+
+
+def check(scenario: Scenario, identified: Inputs, *, starts_python: bool) -> None:
+    """Check that the inputs of a run are those identified, both on disk and as this process has loaded them.
+
+    Args:
+        scenario: the run's.
+        identified: what `identify` has returned, here or in another process.
+        starts_python: whether the run starts processes, which load deltaswarm anew.
+
+    Raises:
+        InputsChangedError: one of them is another; the text names it.
+    """
+    changed = [
+        name if str(file) in name else f"{name} ({file})"
+        for name, file, loaded in _files(scenario)
+        if {digest(content) for content in (loaded, _content(file)) if content is not None} != {identified.get(name)}
+    ]
+    codes = {provenance.code_digest(), *([provenance.code_digest.__wrapped__()] if starts_python else [])}
+    if codes != {identified[CODE]}:
+        changed.append(CODE)
+    if changed:
+        raise InputsChangedError(
+            "the files that decide a run must stay as the command, or this Python process, has first read them "
+            f"(changed: {', '.join(changed)}); no run since the change is used: undo the change, or begin anew"
+        )
+
+
+def differences(was: Mapping[str, Any], now: Inputs) -> str:
+    """Name the inputs that differ from those that a manifest names; "" if none does, or none is named."""
+    return ", ".join(name for name in {**was, **now} if was and was.get(name) != now.get(name))
+
+
+def _files(scenario: Scenario) -> Iterator[tuple[str, Path, bytes | None]]:
+    """Yield what each file is to a run, its path, and of a module the content that this process has loaded."""
+    for _, _, _, cls in provenance.extensions(scenario):
+        for name, (file, loaded) in provenance.modules_of(cls).items():
+            yield f"module {name}", file, loaded
+        for name, file in provenance.data_of(cls).items():
+            yield f"{name} of {cls.__module__}", file, None
+    if scenario.events.density.kind == "grid":
+        yield f"grid {scenario.events.density.file}", Path(scenario.events.density.file), None
+
+
+def _content(file: Path) -> bytes:
+    """Return the content of a file; empty if it is gone."""
+    try:
+        return file.read_bytes()
+    except OSError:
+        return b""
+
+
+def digest(content: bytes) -> str:
+    """Return the digest of a file's content."""
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
