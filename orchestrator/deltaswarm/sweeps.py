@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm.errors import Error, one_error
@@ -15,6 +14,7 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_wire.plugin_errors import distinct
 
@@ -68,7 +68,7 @@ def sweep(
     Raises:
         Error: the sweep or its keys have mistakes, the folder holds something else, or pandas is not installed.
     """
-    with one_error("deltaswarm.sweep"), TemporaryDirectory(prefix="deltaswarm-") as temporary:
+    with one_error("deltaswarm.sweep"), TemporaryFolder() as temporary:
         from deltaswarm_orchestrator.sweeps.load import load_sweep
 
         given = overrides(keys or {})

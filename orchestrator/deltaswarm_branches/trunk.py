@@ -1,15 +1,14 @@
 """Repeat a run once, whole, and keep its state at the steps where branches leave it."""
 
 import pickle
-import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from deltaswarm_branches.parent import Parent
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError, Reporter
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run import checkpoints
 from deltaswarm_orchestrator.run.in_process import Begun, InProcess, run_in_process
@@ -58,14 +57,14 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
         if step in wanted:
             states[step] = State(step, _pickled(swarm, parent, step), swarm.tables)
 
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-branch-") as folder:
+    with TemporaryFolder() as folder:
         for name, size in begun.table_bytes.items() if begun else ():
-            (Path(folder) / name).write_bytes((parent.folder / name).read_bytes()[:size])
+            (folder / name).write_bytes((parent.folder / name).read_bytes()[:size])
         past = run_in_process(
             parent.scenario,
             None,
             reporter,
-            folder=Path(folder) if parent.scenario.has_console else None,
+            folder=folder if parent.scenario.has_console else None,
             begun=begun,
             before=keep,
             listens=begun is None or begun.cores.console is not None,

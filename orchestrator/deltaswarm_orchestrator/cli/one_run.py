@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import tempfile
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +11,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complai
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.signals import stoppable
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, number, show
 from deltaswarm_wire.keys import OPERATOR
 
@@ -105,8 +105,8 @@ def replay(arguments: argparse.Namespace) -> int:
 
     must_exist(arguments.run, "RUN", A_RUN)
     _notice_unsealed(arguments.run)
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
-        steps = Path(folder) / "steps.msgpack"
+    with TemporaryFolder() as folder:
+        steps = folder / "steps.msgpack"
         try:
             write_steps(arguments.run, steps)
         except (RecordingError, OSError) as error:
@@ -115,7 +115,7 @@ def replay(arguments: argparse.Namespace) -> int:
         options = {"--steps": steps, "--run": arguments.run.name, "--worth": worth_of(arguments.run)}
         with stoppable() as stop, suppress(StoppedError):
             try:
-                serve_page(REPLAY, options, Path(folder) / "logs", page, show_url, was_stopped=lambda: stop.by)
+                serve_page(REPLAY, options, folder / "logs", page, show_url, was_stopped=lambda: stop.by)
             except LaunchError as error:
                 raise CommandError(str(error), FAILED) from None
             finally:
