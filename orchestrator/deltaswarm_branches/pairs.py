@@ -6,6 +6,7 @@ import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -121,6 +122,8 @@ def _in_processes(work: Work, wanted: Sequence[tuple[int, int]], jobs: int) -> I
                 futures = [pool.submit(_Worker.pair, *key) for key in wanted]
             for future in as_completed(futures):
                 yield future.result()
+        except BrokenProcessPool as error:
+            raise CommandError(f"a worker was killed; fewer --jobs need less memory ({error})", FAILED) from None
         finally:
             pool.shutdown(cancel_futures=True)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltaswarm_branches.parent import Parent
+from deltaswarm_orchestrator.base import inputs
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError, Reporter
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
@@ -71,7 +72,7 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
         )
     first = len(begun.step_records) if begun else 0
     if parent.digest not in (None, past.digest):
-        because = "; ".join(past.messages) or "it was disturbed, or made by another version"
+        because = "; ".join(past.messages) or inputs.why_other(parent.manifest, parent.scenario)
         raise CommandError(f"RUN must repeat to its digest {parent.digest} (got {past.digest}: {because})", FAILED)
     return Trunk(past, states, first)
 

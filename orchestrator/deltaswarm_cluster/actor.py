@@ -69,8 +69,8 @@ class Update:
 
     logs: dict[int, bytes] = field(default_factory=dict)
     """New bytes of the agents' logs."""
-    ended: dict[int, int] = field(default_factory=dict)
-    """Exit codes of agents that have ended."""
+    ended: dict[int, tuple[int, str]] = field(default_factory=dict)
+    """Exit codes of agents that have ended, each with `RunPart.outlasted`."""
     failed: str = ""
     """Why the supervisor gave up; empty if it did not."""
     is_over: bool = False
@@ -117,7 +117,7 @@ class SupervisorActor:
         for line in lines:
             kind, *items = json.loads(line)
             if kind == supervisor.ENDED:
-                update.ended[items[0]] = items[1]
+                update.ended[items[0]] = items[1], items[2]
             elif kind == supervisor.FAILED:
                 update.failed = items[0]
             else:

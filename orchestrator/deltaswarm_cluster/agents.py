@@ -287,8 +287,8 @@ class RemoteAgents:
         for agent, text in update.logs.items():
             with self._log(agent).open("ab") as file:
                 file.write(text)
-        for agent, code in update.ended.items():
-            self._agents[agent].code = code
+        for agent, end in update.ended.items():
+            self._agents[agent].code, self._agents[agent].outlasted = end
         if update.failed:
             self._lose(supervisor, f": {update.failed}")
         elif update.is_over:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
@@ -78,4 +79,5 @@ def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], see
     orders = run / COMMANDS
     again = load_scenario(str(run / SCENARIO), commands=orders if orders.exists() else None)
     was, now = summary_of(run)["digest"], run_in_process(again).digest
-    return "" if was == now else f"the digest must repeat (got {now}, not {was})"
+    because = "" if was == now else inputs.why_other(seal.read_sealed(run / seal.MANIFEST), again)
+    return because and f"the digest must repeat (got {now}, not {was}: {because})"

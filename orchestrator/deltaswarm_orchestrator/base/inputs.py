@@ -64,6 +64,14 @@ def differences(was: Mapping[str, Any], now: Inputs) -> str:
     return ", ".join(name for name in {**was, **now} if was and was.get(name) != now.get(name))
 
 
+def why_other(manifest: Mapping[str, Any], scenario: Scenario) -> str:
+    """Say why a run does not repeat: which inputs have changed since it began, or that it was disturbed."""
+    was = manifest.get("inputs", {})
+    if changed := differences(was, identify(scenario)):
+        return f"changed since then: {changed}"
+    return "it was disturbed" if was else "it was disturbed, or made by another version"
+
+
 def _files(scenario: Scenario) -> Iterator[tuple[str, Path, bytes | None]]:
     """Yield what each file is to a run, its path, and of a module the content that this process has loaded."""
     for _, _, _, cls in provenance.extensions(scenario):

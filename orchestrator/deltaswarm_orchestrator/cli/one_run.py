@@ -216,7 +216,10 @@ def _receiver(text: str) -> int | str:
 
 def why(arguments: argparse.Namespace) -> int:
     """Say how a run ended, or whether one agent could hear another, and why not."""
+    from deltaswarm_orchestrator.base import inputs, seal
     from deltaswarm_orchestrator.inspect import info, link_report
+    from deltaswarm_orchestrator.recording import SCENARIO
+    from deltaswarm_orchestrator.scenarios.load import load_scenario
 
     must_exist(arguments.folder, "RUN", A_RUN)
     asked = {"A": arguments.sender, "B": arguments.receiver, "--at": arguments.at}
@@ -231,6 +234,8 @@ def why(arguments: argparse.Namespace) -> int:
     _notice_unsealed(arguments.folder)
     show(arguments, asdict(answer), link_report.text(answer))
     if answer.differs_from_step is not None:
-        complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")
+        manifest = seal.read_sealed(arguments.folder / seal.MANIFEST)
+        because = inputs.why_other(manifest, load_scenario(str(arguments.folder / SCENARIO)))
+        complain(f"the repetition differs from the run from step {answer.differs_from_step} on ({because})")
         return FAILED
     return OK

@@ -133,7 +133,8 @@ class Starter:
         Args:
             at_once: by SIGKILL alone.
         """
-        for part in self.parts:
+        for part in wait_for(self.parts, 0):
+            part.note_state()
             if part.is_stopped:
                 part.ends_as_planned = True
                 part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM
