@@ -8,6 +8,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.temporary import new_folder
 
 FILES = {
     "controller.txt": "NAME.py",
@@ -32,12 +33,10 @@ def new_controller(name: str, folder: Path) -> list[Path]:
     if folder.exists():
         raise CommandError(f"{folder} must not exist; choose another folder by --out")
     check_out(folder)
-    folder.mkdir(parents=True)
     cls = "".join(part.capitalize() for part in name.split("_"))
-    files = []
-    for template, path in FILES.items():
-        text = resources.files("deltaswarm").joinpath("template", template).read_text(encoding="utf-8")
-        file = folder / path.replace("NAME", name)
-        file.write_text(text.replace("NAME", name).replace("CLASS", cls), encoding="utf-8")
-        files.append(file)
-    return files
+    names = [path.replace("NAME", name) for path in FILES.values()]
+    with new_folder(folder) as made:
+        for template, file in zip(FILES, names, strict=True):
+            text = resources.files("deltaswarm").joinpath("template", template).read_text(encoding="utf-8")
+            (made / file).write_text(text.replace("NAME", name).replace("CLASS", cls), encoding="utf-8")
+    return [folder / file for file in names]

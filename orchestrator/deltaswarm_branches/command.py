@@ -171,13 +171,14 @@ def branch(arguments: argparse.Namespace) -> int:
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
     part, is_in_process = part_of(out), not arguments.processes
-    options = RunOptions(out=part, in_process=is_in_process, inputs=planned.inputs, resume=True)
+    force: bool = arguments.force
+    options = RunOptions(out=part, in_process=is_in_process, force=force, inputs=planned.inputs, resume=True)
     runs.check(planned.scenario, options)
     notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
     with runs.display_of(parent.scenario, quiet=arguments.quiet) as display:
         trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
     engine = "processes" if arguments.processes else "in-process"
-    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=arguments.force)
+    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=force)
     code = run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
     if arguments.replicates and code == OK:
         _compare(Work(parent, trunk, [Comparison(planned, unchanged)]), out, arguments)

@@ -45,13 +45,15 @@ def prepare(
     recordings = _recordings(parent)
     scenario = plan.scenario if recordings else _without_recording(plan.scenario)
     with RunFolder(out, force=force) as folder:
-        begun = _advance(parent, plan, trunk, folder.path)
-        begun.cores.world.scenario = scenario
         manifest = new_manifest(scenario, engine, scenario.record)
         # Checkpoints of its own after the last step, that is, none: the one that it begins from stays.
         manifest |= {"checkpoint_steps": scenario.run.steps, "resumed": []}
         manifest[resume.BRANCH] = told(parent, plan, difference, trunk)
-        folder.prepare(scenario, manifest)
+        folder.prepare(
+            scenario, manifest
+        )  # first: only with its manifest the folder passes for a run's, to be replaced
+        begun = _advance(parent, plan, trunk, folder.path)
+        begun.cores.world.scenario = scenario
         for name, file in recordings.items():
             shutil.copyfile(file, folder.path / name)
         checkpoints.write(folder.path, begun)

@@ -66,6 +66,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
     from deltaswarm_studies.load import COLLECTIONS, load_study
+    from deltaswarm_studies.origin import check_folder
     from deltaswarm_studies.plan import plan, text
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
@@ -84,6 +85,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
         return _frozen(arguments, studies, folders)
     if not (arguments.render or arguments.check):
         for study in studies:
+            check_folder(folders[study.name])
             check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
     if arguments.dry_run:
         sizes = [
@@ -243,12 +245,12 @@ def report(arguments: argparse.Namespace) -> int:
     from deltaswarm_studies.evidence import Evidence
     from deltaswarm_studies.load import bare_study
     from deltaswarm_studies.metrics import ID
-    from deltaswarm_studies.origin import WITH_THE_RUNS, provenance_of
+    from deltaswarm_studies.origin import WITH_THE_RUNS, check_folder, provenance_of
     from deltaswarm_studies.page import write
 
     folder: Path = arguments.sweep
     must_exist(folder, "SWEEP", "the folder of a sweep")
-    check_out(arguments.out or folder)
+    (check_folder if arguments.out else check_out)(arguments.out or folder)
     try:
         manifest = seal.checked(folder / seal.MANIFEST)
         if "swept" not in manifest:

@@ -11,13 +11,13 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.kernel import bound_to_this
-from deltaswarm_orchestrator.base.temporary import TemporaryFolder
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder, new_folder
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import Problem, SettingsError
 
@@ -176,12 +176,10 @@ def _write_sums(folder: Path) -> None:
 @contextmanager
 def _beside(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `out`, and rename it to `out` when it is complete."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary = TemporaryFolder(out.parent)
-    except OSError as error:
-        raise BundleError(str(error)) from None
-    with temporary as folder:
-        yield folder
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(new_folder(out))
+        except OSError as error:
+            raise BundleError(str(error)) from None
         folder.chmod(0o755)
-        folder.rename(out)
+        yield folder

@@ -7,7 +7,8 @@ import secrets
 import shutil
 import tempfile
 import weakref
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 PREFIX = ".deltaswarm-"
@@ -36,6 +37,16 @@ class TemporaryFolder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Yield a folder beside `out`, which becomes `out` when it is complete; nothing is left of one that is not."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryFolder(out.parent) as scratch:
+        (folder := scratch / out.name).mkdir()
+        yield folder
+        folder.rename(out)
 
 
 def locked_folder(parent: Path, prefix: str = PREFIX) -> tuple[Path, int]:

@@ -84,7 +84,7 @@ def _run(context: RunContext) -> RunResult:
         options.boards.prepare(scenario)
     if options.resume:
         resume.check_inputs(options.out, scenario)  # before the folder is touched
-        with ResumedFolder(options.out) as folder:
+        with ResumedFolder(options.out, force=options.force) as folder:
             resume.wait_for_leftovers(folder.path)
             return _Run(context, folder, resume.newest(folder.path)).execute()
     with RunFolder(options.out, force=options.force) as folder:

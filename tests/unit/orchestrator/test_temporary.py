@@ -5,7 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.temporary import PREFIX, TemporaryFolder, locked_folder, remove_left
+import pytest
+
+from deltaswarm_orchestrator.base.temporary import PREFIX, TemporaryFolder, locked_folder, new_folder, remove_left
 
 LEAVE = """
 import os, sys
@@ -41,3 +43,16 @@ def test_nothing_of_others_is_removed(tmp_path: Path) -> None:
     os.close(lock)
     remove_left(tmp_path)
     assert not held.exists()
+
+
+def test_a_new_folder_is_there_once_it_is_whole(tmp_path: Path) -> None:
+    """What fails before leaves nothing that the next attempt would refuse."""
+    out = tmp_path / "some" / "new"
+    with pytest.raises(OSError, match="full"), new_folder(out):
+        raise OSError("the disk is full")
+    assert not list(out.parent.iterdir())
+    with new_folder(out) as folder:
+        (folder / "file").touch()
+        assert not out.exists()
+    assert [path.name for path in out.parent.iterdir()] == ["new"]
+    assert [path.name for path in out.iterdir()] == ["file"]
