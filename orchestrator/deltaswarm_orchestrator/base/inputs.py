@@ -8,6 +8,8 @@ from typing import Any
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.plugins import CONTROLLERS, find_controller
 
 CODE = "the code of deltaswarm"
 
@@ -59,6 +61,15 @@ def check(scenario: Scenario, identified: Inputs, *, starts_python: bool) -> Non
         )
 
 
+def of_controller(mode: str) -> dict[str, str]:
+    """Return the inputs of the controller that `control.mode` names, as on this machine's disk; {} if there is none."""
+    try:
+        point = () if mode in CONTROLLERS.shipped else _files_of(find_controller(mode))
+        return {name: digest(_content(file)) for name, file, _ in point}
+    except SettingsError:
+        return {}
+
+
 def differences(was: Mapping[str, Any], now: Inputs) -> str:
     """Name the inputs that differ from those that a manifest names; "" if none does, or none is named."""
     return ", ".join(name for name in {**was, **now} if was and was.get(name) != now.get(name))
@@ -75,12 +86,16 @@ def why_other(manifest: Mapping[str, Any], scenario: Scenario) -> str:
 def _files(scenario: Scenario) -> Iterator[tuple[str, Path, bytes | None]]:
     """Yield what each file is to a run, its path, and of a module the content that this process has loaded."""
     for _, _, _, cls in provenance.extensions(scenario):
-        for name, (file, loaded) in provenance.modules_of(cls).items():
-            yield f"module {name}", file, loaded
-        for name, file in provenance.data_of(cls).items():
-            yield f"{name} of {cls.__module__}", file, None
+        yield from _files_of(cls)
     if scenario.events.density.kind == "grid":
         yield f"grid {scenario.events.density.file}", Path(scenario.events.density.file), None
+
+
+def _files_of(cls: Any) -> Iterator[tuple[str, Path, bytes | None]]:
+    for name, (file, loaded) in provenance.modules_of(cls).items():
+        yield f"module {name}", file, loaded
+    for name, file in provenance.data_of(cls).items():
+        yield f"{name} of {cls.__module__}", file, None
 
 
 def _content(file: Path) -> bytes:

@@ -80,6 +80,8 @@ def _run(context: RunContext) -> RunResult:
     scenario, options = context.scenario, context.options
     context.inputs = options.inputs or inputs.identify(scenario)
     inputs.check(scenario, context.inputs, starts_python=not options.in_process)
+    if context.placement:
+        context.placement.check_controller(scenario.control.mode)
     if options.boards:
         options.boards.prepare(scenario)
     if options.resume:

@@ -124,13 +124,13 @@ def test_a_result_of_other_code_that_a_scheduler_still_has_is_not_taken(
 ) -> None:
     """Two versions may share a scheduler, and ask it for the same run."""
     cluster.add_worker()
-    tasks = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
+    sweep = {"axes": {"control.delta": [2]}, "repeats": 1}
     with monkeypatch.context() as other:
         other.setattr(provenance, "code_digest", lambda: "0" * 16)
-        theirs = DaskEngine(cluster.address, 1).run(tasks)
+        theirs = DaskEngine(cluster.address, 1).run(tasks_of(made(sweep)))
         assert next(theirs).result is None
     try:
-        (ours,) = DaskEngine(cluster.address, 1).run(tasks)  # while the scheduler keeps what they got
+        (ours,) = DaskEngine(cluster.address, 1).run(tasks_of(made(sweep)))  # while the scheduler keeps what they got
     finally:
         theirs.close()
     assert ours.reason == ""
