@@ -241,6 +241,7 @@ def report(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.sweeps.folder import SweepFolderError
     from deltaswarm_orchestrator.sweeps.job import PROCESSES
     from deltaswarm_orchestrator.sweeps.load import load_sweep
+    from deltaswarm_orchestrator.sweeps.runner import base_of
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
     from deltaswarm_studies.evidence import Evidence
     from deltaswarm_studies.load import bare_study
@@ -261,6 +262,9 @@ def report(arguments: argparse.Namespace) -> int:
             go_on = command_line("sweep", folder / "sweep.toml", "--out", folder, *means)
             raise SweepFolderError(f"{folder} has no table.csv; to write it: {go_on}")
         sweep = load_sweep(str(folder / "sweep.toml"))
+        was = manifest.get("inputs", {})
+        if any(was.get(name, now) != now for name, now in base_of(sweep).items()):
+            raise SweepFolderError(f"{sweep.file.base} must be as it was when {folder} was made; undo the change")
         table, series = read_table(folder / "table.csv", needs=ID), read_series(folder / "series.csv")
         study = bare_study(
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric

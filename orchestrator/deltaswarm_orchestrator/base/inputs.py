@@ -56,8 +56,8 @@ def check(scenario: Scenario, identified: Inputs, *, starts_python: bool) -> Non
         changed.append(CODE)
     if changed:
         raise InputsChangedError(
-            "the files that decide a run must stay as the command, or this Python process, has first read them "
-            f"(changed: {', '.join(changed)}); no run since the change is used: undo the change, or begin anew"
+            f"all runs must use the same files, but these are not as they were first read: {', '.join(changed)}; "
+            "no run with others is used: undo the change, or begin anew"
         )
 
 

@@ -281,10 +281,14 @@ def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any]
 
 def _inputs_of(sweep: Sweep) -> dict[str, str]:
     """Return what decides the sweep's runs, each with a digest or version, to tell later what has changed."""
+    found = {name: digest for job in sweep.jobs() for name, digest in job.inputs.items()}
+    return base_of(sweep) | found | {"numpy": str(provenance.versions()["numpy"])}
+
+
+def base_of(sweep: Sweep) -> dict[str, str]:
+    """Return the digest of the file of the base scenario, by what it is; {} if that is built in."""
     base = Path(sweep.file.base)
-    found = {f"base scenario {base}": inputs.digest(base.read_bytes())} if base.is_file() else {}
-    found |= {name: digest for job in sweep.jobs() for name, digest in job.inputs.items()}
-    return found | {"numpy": str(provenance.versions()["numpy"])}
+    return {f"base scenario {base}": inputs.digest(base.read_bytes())} if base.is_file() else {}
 
 
 def _plan(manifest: dict[str, Any]) -> dict[str, Any]:
