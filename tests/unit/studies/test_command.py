@@ -267,14 +267,6 @@ def test_what_is_no_study_is_said(tmp_path: Path, capsys: Printed) -> None:
     assert "runs.csv" in capsys.readouterr().err
 
 
-def test_no_page_is_written_among_other_things(done: Path, tmp_path: Path, capsys: Printed) -> None:
-    """A folder that is neither a study's nor a sweep's is refused before a run, by study and report."""
-    (tmp_path / "page.md").touch()
-    for command in (["study", str(done / "own.toml"), "--dry-run"], ["report", str(done / "out" / "sweep")]):
-        assert main([*command, "--out", str(tmp_path)]) == 2
-        assert str(tmp_path) in capsys.readouterr().err
-
-
 def test_the_table_has_the_same_columns_whatever_the_swarm_is(done: Path) -> None:
     """What is counted for each sender stands in a table of its own; code and commit stand beside each run."""
     table = pd.read_csv(done / "out" / "sweep" / "table.csv")
