@@ -65,8 +65,7 @@ def add_study(command: argparse.ArgumentParser) -> None:
 def do_studies(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
-    from deltaswarm_studies.load import COLLECTIONS, load_study
-    from deltaswarm_studies.origin import check_folder
+    from deltaswarm_studies.load import COLLECTIONS, OF_A_STUDY, load_study
     from deltaswarm_studies.plan import plan, text
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
@@ -85,7 +84,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
         return _frozen(arguments, studies, folders)
     if not (arguments.render or arguments.check):
         for study in studies:
-            check_folder(folders[study.name])
+            check_out(folders[study.name], OF_A_STUDY)
             check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
     if arguments.dry_run:
         sizes = [
@@ -244,14 +243,14 @@ def report(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.sweeps.runner import base_of
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
     from deltaswarm_studies.evidence import Evidence
-    from deltaswarm_studies.load import bare_study
+    from deltaswarm_studies.load import OF_A_STUDY, bare_study
     from deltaswarm_studies.metrics import ID
-    from deltaswarm_studies.origin import WITH_THE_RUNS, check_folder, provenance_of
+    from deltaswarm_studies.origin import WITH_THE_RUNS, provenance_of
     from deltaswarm_studies.page import write
 
     folder: Path = arguments.sweep
     must_exist(folder, "SWEEP", "the folder of a sweep")
-    (check_folder if arguments.out else check_out)(arguments.out or folder)
+    check_out(arguments.out or folder, OF_A_STUDY if arguments.out else ())
     try:
         manifest = seal.checked(folder / seal.MANIFEST)
         if "swept" not in manifest:

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from deltaswarm_orchestrator.base import provenance, seal
-from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.sweeps.job import Task, work
 from deltaswarm_orchestrator.sweeps.table import read_table, row_of, series_of
 from deltaswarm_studies.metrics import ID
@@ -64,18 +62,6 @@ def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.Data
         "tables": f"sealed {sealed}" if sealed else "not sealed: not known whether they have changed since the runs",
     }
     return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
-
-
-def check_folder(folder: Path) -> None:
-    """Check that a study or report may be written into a folder, which need not exist.
-
-    Raises:
-        CommandError: it cannot be written, or holds other things, of which the page could replace some.
-    """
-    check_out(folder)
-    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")} if folder.is_dir() else set()
-    if names and not names & {"sweep", "provenance.csv", "protocol.json", seal.RECORD, seal.MANIFEST}:
-        raise CommandError(f"--out must be a new folder, or that of a study or sweep (got {folder}, which is neither)")
 
 
 def begun_of(recorded: pd.DataFrame) -> str:

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from collections.abc import Collection
 from itertools import chain, count
 from pathlib import Path
 
@@ -16,11 +17,13 @@ def free_folder(folder: Path) -> Path:
     return next(free)
 
 
-def check_out(folder: Path) -> None:
+def check_out(folder: Path, among: Collection[str] = ()) -> None:
     """Check that a folder, which need not exist, can be made and written, by a file without a name.
 
+    `among`: if it exists and is not empty, it must hold a file or folder of one of these names.
+
     Raises:
-        CommandError: it cannot.
+        CommandError: it cannot, or holds other things, of which some could be replaced.
     """
     nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
     try:
@@ -30,6 +33,11 @@ def check_out(folder: Path) -> None:
         raise CommandError(
             f"--out must be a folder that can be made and written (got {str(folder)!r}; {nearest}: {error.strerror})"
         ) from None
+    names = {path.name for path in folder.glob("[!.]*")} if among else set()
+    if names and names.isdisjoint(among):
+        raise CommandError(
+            f"--out must be a new folder, or one with {' or '.join(among)} (got {folder}, which holds other things)"
+        )
 
 
 def part_of(run: Path) -> Path:
