@@ -66,6 +66,9 @@ class _Here:
     def __init__(self) -> None:
         self._actor: SupervisorActor | None = None
 
+    def check_controller(self, mode: str) -> None:
+        pass
+
     def start(self, job: AgentsJob) -> None:
         self._actor = SupervisorActor(job)
 

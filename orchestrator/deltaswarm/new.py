@@ -10,7 +10,8 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_wire.files import whole_or_none, write_whole
+from deltaswarm_orchestrator.base.temporary import new_folder
+from deltaswarm_wire.files import write_whole
 
 FILES = {
     "controller.txt": "NAME.py",
@@ -49,10 +50,8 @@ def new_controller(name: str, folder: Path) -> list[Path]:
     if folder.exists():
         raise CommandError(f"{folder} must not exist; choose another folder by --out")
     check_out(folder)
-    files = []
-    with whole_or_none(folder):
-        folder.mkdir(parents=True)
-        for path, text in texts.items():
-            files.append(folder / path.replace("NAME", name))
-            write_whole(files[-1], text.replace("NAME", name).replace("CLASS", cls).encode())
-    return files
+    names = [path.replace("NAME", name) for path in texts]
+    with new_folder(folder) as made:
+        for file, text in zip(names, texts.values(), strict=True):
+            write_whole(made / file, text.replace("NAME", name).replace("CLASS", cls).encode())
+    return [folder / file for file in names]

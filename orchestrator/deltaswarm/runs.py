@@ -2,11 +2,8 @@
 
 import json
 import os
-import shutil
-import tempfile
 import tomllib
 import warnings
-import weakref
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
@@ -18,6 +15,7 @@ from deltaswarm.errors import Error, one_error
 from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
 from deltaswarm_orchestrator.base.paths import must_exist
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.engines import engine_of
 from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO
 from deltaswarm_scenario.scenario import Scenario
@@ -72,7 +70,7 @@ def run(
     with one_error("deltaswarm.run"):
         from deltaswarm_orchestrator.run.options import RunOptions
 
-        temporary = _Temporary() if out is None else None
+        temporary = TemporaryFolder() if out is None else None
         folder = Path(out or "") if temporary is None else temporary.path / "run"
         file = None if commands is None else Path(commands)
         density = folder.parent / f"{folder.name}-density.npy"
@@ -140,14 +138,6 @@ def display_of(scenario: Scenario, *, quiet: bool) -> AbstractContextManager[Rep
     from deltaswarm_orchestrator.run.progress import Display
 
     return nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count)
-
-
-class _Temporary:
-    """A folder that is deleted with this object."""
-
-    def __init__(self) -> None:
-        self.path = Path(tempfile.mkdtemp(prefix="deltaswarm-"))
-        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 class Run:

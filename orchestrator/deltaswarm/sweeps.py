@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm.arguments import COUNTS, SEEDS, public
@@ -15,6 +14,7 @@ from deltaswarm.runs import IN_PROCESS, PROCESSES, Run, UnsavedRun
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_wire.plugin_errors import distinct
 
@@ -69,7 +69,7 @@ def sweep(
     Raises:
         Error: the sweep or its keys have mistakes, the folder holds something else, or pandas is not installed.
     """
-    with one_error("deltaswarm.sweep"), TemporaryDirectory(prefix="deltaswarm-") as temporary:
+    with one_error("deltaswarm.sweep"), TemporaryFolder() as temporary:
         from deltaswarm_orchestrator.sweeps.load import load_sweep
 
         given = overrides(keys or {})

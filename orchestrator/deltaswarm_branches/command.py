@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_branches.keys import LATER
 from deltaswarm_orchestrator.base.exits import OK, aligned, notice
-from deltaswarm_orchestrator.base.paths import check_out, free_folder
+from deltaswarm_orchestrator.base.paths import check_out, free_folder, part_of
 from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, show
 from deltaswarm_orchestrator.recording import VALUES
 from deltaswarm_scenario.operator_links import CommandSettings
@@ -169,20 +169,21 @@ def branch(arguments: argparse.Namespace) -> int:
     added = tuple(_added(text, at_s) for text in arguments.add_command)
     difference = Difference(difference.drop, added, difference.sets, difference.later)
     planned = plan(parent, step, difference)
+    unchanged = plan(parent, step, Difference()) if arguments.replicates else planned
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
-    options = RunOptions(
-        out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True, force=arguments.force
-    )
+    part, is_in_process = part_of(out), not arguments.processes
+    force: bool = arguments.force
+    options = RunOptions(out=part, in_process=is_in_process, force=force, inputs=planned.inputs, resume=True)
     runs.check(planned.scenario, options)
     notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
     with runs.display_of(parent.scenario, quiet=arguments.quiet) as display:
         trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
     engine = "processes" if arguments.processes else "in-process"
-    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=arguments.force)
+    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=force)
     code = run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
     if arguments.replicates and code == OK:
-        _compare(Work(parent, trunk, [Comparison(planned, plan(parent, step, Difference()))]), out, arguments)
+        _compare(Work(parent, trunk, [Comparison(planned, unchanged)]), out, arguments)
     return code
 
 

@@ -45,13 +45,13 @@ def prepare(
     recordings = _recordings(parent)
     scenario = plan.scenario if recordings else _without_recording(plan.scenario)
     with RunFolder(out, force=force) as folder, whole_or_none(folder.path):
-        begun = _advance(parent, plan, trunk, folder.path)
-        begun.cores.world.scenario = scenario
         manifest = new_manifest(scenario, engine, scenario.record)
         # Checkpoints of its own after the last step, that is, none: the one that it begins from stays.
         manifest |= {"checkpoint_steps": scenario.run.steps, "resumed": []}
         manifest[resume.BRANCH] = told(parent, plan, difference, trunk)
-        folder.prepare(scenario, manifest)
+        folder.prepare(scenario, manifest)  # only with its manifest the folder passes for a run's, to be replaced
+        begun = _advance(parent, plan, trunk, folder.path)
+        begun.cores.world.scenario = scenario
         for name, file in recordings.items():
             write_whole(folder.path / name, file.read_bytes())
         checkpoints.write(folder.path, begun)

@@ -1,9 +1,12 @@
 """Do a run's rest twice from one state, with something and without it, under its own chance and in replicates."""
 
+import os
 import pickle
+import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,12 +18,12 @@ from deltaswarm_branches.plan import Plan
 from deltaswarm_branches.sides import go_on
 from deltaswarm_branches.trunk import Trunk
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.results.metric import Metric
 from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import Outcome, RunData
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.files import naming
 
 MEASURES = {
     "waiting": "waiting_time_s.restricted_mean",
@@ -62,10 +65,18 @@ class Work:
     comparisons: Sequence[Comparison]
 
     def pair(self, comparison: int, replicate: int) -> Pair:
-        """Do both runs of a pair."""
+        """Do both runs of a pair.
+
+        Raises:
+            InputsChangedError: a file that decides them is not as it was when they were planned.
+        """
         plans = self.comparisons[comparison]
+        for plan in plans:
+            plan.check_inputs()
         seed = replicate and replicate_seed(self.parent.scenario.seed, plans.with_it.at_step, replicate)
         sides = [measured(self._outcome(plan, seed), self.parent.scenario) for plan in plans]
+        for plan in plans:
+            plan.check_inputs()
         return Pair(comparison, replicate, *sides)
 
     def _outcome(self, plan: Plan, seed: int) -> Outcome:
@@ -100,28 +111,32 @@ def pairs(work: Work, replicates: int, jobs: int, done: Callable[[int, int], Non
 
 
 def _in_processes(work: Work, wanted: Sequence[tuple[int, int]], jobs: int) -> Iterator[Pair]:
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-pairs-") as folder:
-        file = Path(folder) / "work.pickle"
-        with naming(file):
-            file.write_bytes(pickle.dumps(work))
-        pool = ProcessPoolExecutor(min(jobs, len(wanted)), get_context("spawn"), _Worker.begin, (file,))
+    with tempfile.TemporaryFile() as file:  # it has no name, so that nothing is left if this process is killed
+        file.write(pickle.dumps(work))
+        file.flush()
+        here = os.getpid()
+        arguments = here, Path(f"/proc/{here}/fd/{file.fileno()}")
+        pool = ProcessPoolExecutor(min(jobs, len(wanted)), get_context("spawn"), _Worker.begin, arguments)
         try:
             with starting_processes():
                 futures = [pool.submit(_Worker.pair, *key) for key in wanted]
             for future in as_completed(futures):
                 yield future.result()
+        except BrokenProcessPool as error:
+            raise CommandError(f"a worker was killed; fewer --jobs need less memory ({error})", FAILED) from None
         finally:
             pool.shutdown(cancel_futures=True)
 
 
 class _Worker:
-    """A worker process, which loads its work once."""
+    """A worker process, which loads its work once and ends with the command, however that ends."""
 
     work: Work
 
     @classmethod
-    def begin(cls, file: Path) -> None:
+    def begin(cls, parent: int, file: Path) -> None:
         """Load the work."""
+        signal_at_parents_death(signal.SIGKILL, parent)
         cls.work = pickle.loads(file.read_bytes())
 
     @classmethod

@@ -7,6 +7,8 @@ from typing import Any
 
 from deltaswarm_branches.keys import DECIDED, DROPPED, KEPT, problem_of
 from deltaswarm_branches.parent import Order, Parent
+from deltaswarm_orchestrator.base import inputs
+from deltaswarm_orchestrator.base.inputs import Inputs
 from deltaswarm_orchestrator.run.in_process import InProcess, Scripted
 from deltaswarm_orchestrator.scenarios.load import apply, check_table
 from deltaswarm_scenario.operator_links import FIRST_STEP, CommandSettings
@@ -65,6 +67,12 @@ class Plan:
     """One of LATER."""
     changes_console: bool
     restarts_agents: bool
+    inputs: Inputs
+    """The files that decide the branch, as they were when it was planned."""
+
+    def check_inputs(self) -> None:
+        """Check that these files are as they were. Raises InputsChangedError."""
+        inputs.check(self.scenario, self.inputs, starts_python=False)
 
     @property
     def turn_step(self) -> int:
@@ -149,7 +157,7 @@ def plan(parent: Parent, step: int, difference: Difference) -> Plan:
     if not changes:
         scenario = parent.scenario
     drops = sum(order.by != SCRIPT for order in orders if order.number in difference.drop) if later == DECIDED else 0
-    return Plan(step, scenario, tuple(commands), drops, later, changes, restarts)
+    return Plan(step, scenario, tuple(commands), drops, later, changes, restarts, inputs.identify(scenario))
 
 
 def _set(table: dict[str, Any], text: str) -> list[Problem]:

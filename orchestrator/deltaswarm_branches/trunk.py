@@ -1,15 +1,15 @@
 """Repeat a run once, whole, and keep its state at the steps where branches leave it."""
 
 import pickle
-import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from deltaswarm_branches.parent import Parent
+from deltaswarm_orchestrator.base import inputs
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError, Reporter
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run import checkpoints
 from deltaswarm_orchestrator.run.in_process import Begun, InProcess, run_in_process
@@ -59,15 +59,15 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
         if step in wanted:
             states[step] = State(step, _pickled(swarm, parent, step), swarm.tables)
 
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-branch-") as folder:
+    with TemporaryFolder() as folder:
         for name, size in begun.table_bytes.items() if begun else ():
-            with naming(table := Path(folder) / name):
+            with naming(table := folder / name):
                 table.write_bytes((parent.folder / name).read_bytes()[:size])
         past = run_in_process(
             parent.scenario,
             None,
             reporter,
-            folder=Path(folder) if parent.scenario.has_console else None,
+            folder=folder if parent.scenario.has_console else None,
             begun=begun,
             before=keep,
             listens=begun is None or begun.cores.console is not None,
@@ -78,7 +78,7 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
         ("events_digest", parent.manifest.get("events_digest"), past.events_digest),
     ):
         if was not in (None, now):
-            because = "; ".join(past.messages) or "it was disturbed, or made by another version"
+            because = "; ".join(past.messages) or inputs.why_other(parent.manifest, parent.scenario)
             raise CommandError(f"RUN must repeat to its {what} {was} (got {now}: {because})", FAILED)
     return Trunk(past, states, first)
 

@@ -77,8 +77,7 @@ def write(
     Raises:
         OSError: they cannot be written.
     """
-    folder = parent.folder / VALUES
-    folder.mkdir(exist_ok=True)
+    folder = _unsealed(parent.folder / VALUES)
     write_csv(folder / TABLE, (*ORDER_COLUMNS, *Worth._fields[1:]), (_cells(row, parent.step_s) for row in rows))
     orders = {row.worth.comparison: row.order.number for row in rows}
     _write_pairs(folder, found, orders)
@@ -94,11 +93,17 @@ def write_difference(branch: Path, record: dict[str, Any], rows: Sequence[Worth]
     Raises:
         OSError: they cannot be written.
     """
-    folder = branch / VALUES
-    folder.mkdir(exist_ok=True)
+    folder = _unsealed(branch / VALUES)
     write_csv(folder / DIFFERENCE, Worth._fields[1:], (row[1:] for row in rows))
     _write_pairs(folder, found, {})
     return _seal(folder, record, [DIFFERENCE, REPLICATES])
+
+
+def _unsealed(folder: Path) -> Path:
+    """Make a folder, or take the seal off what is in it, which counts as incomplete until all of it is replaced."""
+    folder.mkdir(exist_ok=True)
+    (folder / seal.RECORD).unlink(missing_ok=True)
+    return folder
 
 
 def _write_pairs(folder: Path, found: Sequence[Pair], orders: Mapping[int, int]) -> None:

@@ -4,10 +4,8 @@ Whatever ends it (the run, the loss of the client or of the scheduler, the death
 standard input, which ends the agents. Orchestrator and workers run the same version of this file.
 """
 
-import fcntl
 import json
 import os
-import secrets
 import shutil
 import subprocess
 import sys
@@ -19,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from deltaswarm_cluster import supervisor
+from deltaswarm_orchestrator.base.temporary import locked_folder, remove_left
 from deltaswarm_wire.access import TLS
 from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.session import protocol_of
@@ -70,8 +69,8 @@ class Update:
 
     logs: dict[int, bytes] = field(default_factory=dict)
     """New bytes of the agents' logs."""
-    ended: dict[int, int] = field(default_factory=dict)
-    """Exit codes of agents that have ended."""
+    ended: dict[int, tuple[int, str]] = field(default_factory=dict)
+    """Exit codes of agents that have ended, each with `RunPart.outlasted`."""
     failed: str = ""
     """Why the supervisor gave up; empty if it did not."""
     is_over: bool = False
@@ -86,8 +85,9 @@ class SupervisorActor:
     """The agents of one job, from their start on. Releasing the object ends them."""
 
     def __init__(self, job: AgentsJob) -> None:
-        remove_left_folders()
-        self._folder, lock = _locked_folder()
+        parent = Path(tempfile.gettempdir())
+        remove_left(parent, PREFIX)
+        self._folder, lock = locked_folder(parent, PREFIX)
         try:
             _write(self._folder, job)
             self._process = subprocess.Popen(
@@ -117,7 +117,7 @@ class SupervisorActor:
         for line in lines:
             kind, *items = json.loads(line)
             if kind == supervisor.ENDED:
-                update.ended[items[0]] = items[1]
+                update.ended[items[0]] = items[1], items[2]
             elif kind == supervisor.FAILED:
                 update.failed = items[0]
             else:
@@ -151,28 +151,6 @@ class SupervisorActor:
                     logs[agent] = new
                     self._read[agent] += len(new)
         return logs
-
-
-def _locked_folder() -> tuple[Path, int]:
-    """Make a folder of mode 0700, and lock it; return it with the lock's descriptor."""
-    unlocked = Path(tempfile.mkdtemp(prefix="deltaswarm-new-"))
-    lock = os.open(unlocked, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    # It gets the name by which `remove_left_folders` finds it when the lock is held.
-    return unlocked.rename(unlocked.with_name(f"{PREFIX}{secrets.token_hex(8)}")), lock
-
-
-def remove_left_folders() -> None:
-    """Remove this user's folders whose supervisor and agents were all killed at once, so that nobody could."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
-        with suppress(OSError):  # another user's, in use, or it has just gone
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if os.fstat(lock).st_uid == os.getuid():
-                    shutil.rmtree(folder, ignore_errors=True)
-            finally:
-                os.close(lock)
 
 
 def _write(folder: Path, job: AgentsJob) -> None:

@@ -117,6 +117,9 @@ class Cluster(Protocol):
     def problem(self) -> str:
         """Why the whole cluster is lost, or "" while it is not."""
 
+    def check_controller(self, mode: str) -> None:
+        """Check that all workers have a controller's files as this machine has them. Raises InputsChangedError."""
+
 
 @dataclass(frozen=True)
 class DaskPlacement:
@@ -133,6 +136,10 @@ class DaskPlacement:
     def workers(self) -> dict[str, list[int]]:
         """The agents of each worker, as the manifest lists them."""
         return {str(supervisor.worker): [*block] for supervisor, block in self.blocks.items()}
+
+    def check_controller(self, mode: str) -> None:
+        """Check that all workers have the controller's files as this machine has them. Raises InputsChangedError."""
+        self.cluster.check_controller(mode)
 
     def agents(self, scenario: Scenario, logs: Path) -> "RemoteAgents":
         """Return the agents at their places, not started yet; their logs come into the folder `logs`."""
@@ -287,8 +294,8 @@ class RemoteAgents:
         for agent, text in update.logs.items():
             with self._log(agent).open("ab") as file:
                 file.write(text)
-        for agent, code in update.ended.items():
-            self._agents[agent].code = code
+        for agent, end in update.ended.items():
+            self._agents[agent].code, self._agents[agent].outlasted = end
         if update.failed:
             self._lose(supervisor, f": {update.failed}")
         elif update.is_over:

@@ -29,8 +29,9 @@ from deltaswarm_cluster.plan import (
     check_reached,
     in_order,
 )
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import inputs, provenance
 from deltaswarm_orchestrator.base.exits import FAILED
+from deltaswarm_orchestrator.base.inputs import InputsChangedError
 from deltaswarm_wire import __version__
 from deltaswarm_wire.access import TLS
 from deltaswarm_wire.session import host_and_port
@@ -157,6 +158,18 @@ class DaskCluster:
             return call(*arguments, **more)
         except (Exception, CancelledError) as error:  # whatever a worker or Dask's own code raised
             raise ClusterError(f"the workers of {self._scheduler} could not be asked ({error}){hint}", FAILED) from None
+
+    def check_controller(self, mode: str) -> None:
+        """Check that all workers have a controller's files as this machine has them.
+
+        Raises:
+            InputsChangedError: some have others; the text names them.
+            ClusterError: they cannot be asked.
+        """
+        here = inputs.of_controller(mode)
+        for address, there in self._ask(inputs.of_controller, mode).items() if here else ():
+            if other := inputs.differences(here, there):
+                raise InputsChangedError(f"the files of {mode} must be the same here and on {address} (not: {other})")
 
     @property
     def problem(self) -> str:

@@ -100,7 +100,7 @@ class _Supervisor:
         for part in self._starter.parts:
             if part.number not in self._told and (code := part.exit_code) is not None:
                 self._told.add(part.number)
-                _say(ENDED, part.number, code)
+                _say(ENDED, part.number, code, part.outlasted)
 
 
 def _say(*items: object) -> None:

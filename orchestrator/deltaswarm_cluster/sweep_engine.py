@@ -57,10 +57,10 @@ class DaskEngine:
                 task = futures.pop(future)
                 try:
                     error = future.exception()
-                    result, reason = (None, f"{type(error).__name__}: {error}") if error else future.result()
+                    attempted = (None, f"{type(error).__name__}: {error}", False) if error else future.result()
                 except CancelledError:  # only a client that lost its scheduler cancels
                     raise EngineLostError(f"the Dask scheduler at {self._scheduler} was lost") from None
-                yield Done(task, result, reason)
+                yield Done(task, *attempted)
                 future.release()
 
     def _client(self, stack: ExitStack, tasks: Sequence[Task]) -> Client:
@@ -109,13 +109,13 @@ def _key(code: str, task: Task) -> str:
     return f"deltaswarm-{code}-{task.job.key}-{task.means}"
 
 
-def attempt_with(code: str, task: Task) -> tuple[Result | None, str]:
-    """Do a run if this worker's code has the digest `code`; return its result, or None and the reason."""
+def attempt_with(code: str, task: Task) -> tuple[Result | None, str, bool]:
+    """Do a run if this worker's code has the digest `code`; return what `Done` says about it."""
     worker_code = _own_code()
     if worker_code == code:
         return attempt(task)
     codes = f"code {worker_code}, here {code}"
-    return None, f"the Dask worker runs another version of deltaswarm ({codes}); install the same on both"
+    return None, f"the Dask worker runs another version of deltaswarm ({codes}); install the same on both", False
 
 
 @functools.cache

@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-import tempfile
 from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -216,17 +215,18 @@ def install() -> list[Path]:
     Raises:
         CompileError: that is not possible here; the installation is as it was.
     """
+    from deltaswarm_orchestrator.base.kernel import bound_to_this
+    from deltaswarm_orchestrator.base.temporary import TemporaryFolder
     from deltaswarm_wire.files import write_whole  # see the first lines of this file
 
     folder = site()
     check_compiler()
     record = check_writable(folder)
     expected = digest_of_short_run()
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-compile-") as name:
-        scratch = Path(name)
+    with TemporaryFolder() as scratch:
         for package in PACKAGES:
             shutil.copytree(folder / package, scratch / "src" / package, ignore=shutil.ignore_patterns("*.so", "*.pyc"))
-        command = [sys.executable, "-P", str(Path(__file__).resolve()), str(scratch)]
+        command = bound_to_this("deltaswarm_orchestrator.compiling", str(scratch))
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=BUILD_WITHIN_S)
         if done.returncode:
             last = "\n".join((done.stdout + done.stderr).strip().splitlines()[-5:])

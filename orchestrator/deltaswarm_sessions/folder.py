@@ -7,7 +7,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.folder import results_in
@@ -59,6 +59,9 @@ def check_design(folder: Path, session: Session) -> None:
         file = folder / attempt.folder / SCENARIO
         if changed := changed_keys(attempt.scenario, load_scenario(str(file))):
             raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
+        was, is_now = seal.read_sealed(file.with_name(seal.MANIFEST)).get("inputs"), inputs.identify(attempt.scenario)
+        if was and (other := inputs.differences({**was, inputs.CODE: is_now[inputs.CODE]}, is_now)):
+            raise CommandError(f"{file.parent} must be done with the same files (changed since: {other}): undo that")
 
 
 def read_record(folder: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from deltaswarm.runs import check as check_run
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.inputs import Inputs, identify
 from deltaswarm_orchestrator.base.paths import free_folder
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import report
@@ -49,9 +50,12 @@ class Runner:
 
     _lock: FolderLock = field(init=False)
     """Held while the session is done, and by the process that asks."""
+    _inputs: dict[str, Inputs] = field(init=False)
+    """The files that decide each run, as they were when the session was planned."""
 
     def __post_init__(self) -> None:
         self.listen = free_address(self.listen)
+        self._inputs = {run.folder: identify(run.scenario) for run in self.session.runs}
 
     def check(self) -> list[str]:
         """Make every check of all runs, before a participant has done the first; return warnings.
@@ -128,7 +132,8 @@ class Runner:
         station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
         page = StationChannel(listen=self._researcher_listen, token=self._researcher_token) if self.researcher else None
         out = free_folder(self.folder / run.folder)
-        return RunOptions(out=out, station=station, researcher=self.researcher, researcher_page=page)
+        kept = self._inputs[run.folder]
+        return RunOptions(out=out, station=station, researcher=self.researcher, researcher_page=page, inputs=kept)
 
     def _do_run(self, run: PlannedRun) -> int:
         options = self._options(run)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.base.paths import check_files
 from deltaswarm_orchestrator.cli.arguments import add_json, show
@@ -166,5 +166,6 @@ def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], see
     summary, outcome = summary_of(run), run_in_process(again)
     for what, now in (("digest", outcome.digest), ("events_digest", outcome.events_digest)):
         if (was := summary.get(what, now)) != now:  # earlier versions have no digest of events
-            return f"the {what} must repeat (got {now}, not {was})"
+            because = inputs.why_other(seal.read_sealed(run / seal.MANIFEST), again)
+            return f"the {what} must repeat (got {now}, not {was}: {because})"
     return ""

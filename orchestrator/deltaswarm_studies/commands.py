@@ -65,7 +65,7 @@ def add_study(command: argparse.ArgumentParser) -> None:
 def do_studies(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
-    from deltaswarm_studies.load import COLLECTIONS, load_study
+    from deltaswarm_studies.load import COLLECTIONS, OF_A_STUDY, load_study
     from deltaswarm_studies.plan import plan, text
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
@@ -87,6 +87,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
         return _frozen(arguments, studies, folders)
     if not (arguments.render or arguments.check):
         for study in studies:
+            check_out(folders[study.name], among=OF_A_STUDY)
             check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
     if arguments.dry_run:
         sizes = [
@@ -242,16 +243,17 @@ def report(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.sweeps.folder import SweepFolderError
     from deltaswarm_orchestrator.sweeps.job import PROCESSES
     from deltaswarm_orchestrator.sweeps.load import load_sweep
+    from deltaswarm_orchestrator.sweeps.runner import base_of
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
     from deltaswarm_studies.evidence import Evidence
-    from deltaswarm_studies.load import bare_study
+    from deltaswarm_studies.load import OF_A_STUDY, bare_study
     from deltaswarm_studies.metrics import ID
     from deltaswarm_studies.origin import WITH_THE_RUNS, provenance_of
     from deltaswarm_studies.page import write
 
     folder: Path = arguments.sweep
     must_exist(folder, "SWEEP", "the folder of a sweep")
-    check_out(arguments.out or folder)
+    check_out(arguments.out or folder, among=OF_A_STUDY if arguments.out else ())
     try:
         manifest = seal.checked(folder / seal.MANIFEST)
         if "swept" not in manifest:
@@ -262,6 +264,9 @@ def report(arguments: argparse.Namespace) -> int:
             go_on = command_line("sweep", folder / "sweep.toml", "--out", folder, *means)
             raise SweepFolderError(f"{folder} has no table.csv; to write it: {go_on}")
         sweep = load_sweep(str(folder / "sweep.toml"))
+        was = manifest.get("inputs", {})
+        if any(was.get(name, now) != now for name, now in base_of(sweep).items()):
+            raise SweepFolderError(f"{sweep.file.base} must be as it was when {folder} was made; undo the change")
         table, series = read_table(folder / "table.csv", needs=ID), read_series(folder / "series.csv")
         study = bare_study(
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric

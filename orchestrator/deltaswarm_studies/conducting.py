@@ -22,7 +22,7 @@ from deltaswarm_orchestrator.sweeps.runner import SweepResult
 from deltaswarm_orchestrator.sweeps.table import invalid_line, read_table
 from deltaswarm_studies.events import events_of
 from deltaswarm_studies.evidence import Evidence
-from deltaswarm_studies.load import load_study
+from deltaswarm_studies.load import OF_A_STUDY, load_study
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, provenance_of, sealed_tables
 from deltaswarm_studies.page import write
 from deltaswarm_studies.protocol import Protocol, protocol_of
@@ -141,7 +141,7 @@ def study(
             return result
 
         check_files(folder)
-        check_out(folder)
+        check_out(folder, among=() if render else OF_A_STUDY)
         if not render:
             sweeps.check(loaded.sweep, folder / "sweep", means)
             lines += [line for some in beforehand(loaded, folder) for line in some]

@@ -29,6 +29,10 @@ DRAWN = (WAITING, COMPLETION, "messages")
 OVER_TIME = "agents_in_trees"
 
 
+OF_A_STUDY = ("sweep", "provenance.csv", "protocol.json", "seal.json", "manifest.json")
+"""What tells the folder of a study or sweep, into which a page may be written, from any other."""
+
+
 def load_study(
     name: str, overrides: Sequence[str] = (), settings: Mapping[str, int | float | None] | None = None
 ) -> Study:

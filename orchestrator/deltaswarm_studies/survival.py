@@ -82,7 +82,8 @@ class Survival:
     @cached_property
     def runs(self) -> dict[int, pd.DataFrame]:
         """The times of each replicate."""
-        return {int(number): rows for number, rows in self.times.groupby("replicate")}
+        by_number = self.times.groupby("replicate")
+        return {number: by_number.get_group(number) for number in sorted(self.times["replicate"].unique().tolist())}
 
     @cached_property
     def _without(self) -> list[Any]:

@@ -69,6 +69,19 @@ def test_why_tells_what_happened_in_its_order(name: str, tmp_path: Path) -> None
     assert errors.rstrip().endswith(cause)
 
 
+def test_an_agent_that_is_stopped_was_killed_by_nobody(tmp_path: Path) -> None:
+    """`why` and the reasons name it, the step in which it stopped answering, and the signal that it had got."""
+    with running(tmp_path / "run", *LONG, "--set", "run.duration_s=60", "--set", "metrics.horizon_s=20") as swarm:
+        swarm.wait_until_under_way()
+        swarm.signal("agent 3", signal.SIGSTOP)
+        assert swarm.finish()[0] == 1
+    summary = swarm.summary()
+    step = summary["agents_hung"][0]["step"]
+    assert [line.partition(" (")[0] for line in summary["why"]] == [f"agent 3 stopped answering in step {step}"]
+    reasons = [*summary["why"], *summary["invalid_because"]]
+    assert all("SIGSTOP" in reason and "SIGTERM" not in reason for reason in reasons), reasons
+
+
 @pytest.mark.slow
 def test_a_world_that_is_stopped_with_the_command_is_named_and_the_run_concluded(tmp_path: Path) -> None:
     """Zenoh cannot close a session with it in time, and the operator has lost it by then."""

@@ -24,8 +24,6 @@ from deltaswarm_cluster.actor import (
     AgentFiles,
     AgentsJob,
     SupervisorActor,
-    _locked_folder,
-    remove_left_folders,
 )
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
@@ -205,8 +203,6 @@ from deltaswarm_cluster.actor import (
     AgentFiles,
     AgentsJob,
     SupervisorActor,
-    _locked_folder,
-    remove_left_folders,
 )
 tempfile.tempdir = sys.argv[1]
 files = {agent: AgentFiles(sys.argv[3], b"", b"SECRET") for agent in (3, 4)}
@@ -253,24 +249,6 @@ def test_a_worker_and_its_supervisor_killed_together_leave_no_keys(tmp_path: Pat
         with an_actor(tmp_path, agents=4):
             assert own.exists()
             assert len(keys_in(tmp_path)) == 4
-
-
-def test_the_folder_of_those_who_were_all_killed_at_once_is_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By the next worker; one whose lock is held stays, as does what is no folder of ours."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    held, lock = _locked_folder()
-    left, other = tmp_path / f"{PREFIX}left", tmp_path / "other"
-    for folder in (left, other):
-        folder.mkdir()
-        (folder / "3.key").write_bytes(b"SECRET")
-    (tmp_path / f"{PREFIX}link").symlink_to(other)
-    remove_left_folders()
-    assert (held.exists(), left.exists(), (other / "3.key").exists()) == (True, False, True)
-    os.close(lock)
-    remove_left_folders()
-    assert not held.exists()
 
 
 def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -235,7 +235,7 @@ def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(tmp_path: Pa
     seal.write_sealed(run / "manifest.json", manifest | {"code": "another"}, {})
     assert main(["run", "--resume", str(run)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "another version" in line
+    assert "with other versions of" in line
     assert str(run) in line
     assert sorted(path.name for path in run.iterdir()) == sorted([*names, "checkpoint"])
 

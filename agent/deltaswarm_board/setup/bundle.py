@@ -10,14 +10,14 @@ import importlib.util
 import os
 import shutil
 import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.kernel import bound_to_this
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder, new_folder
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import write_whole
@@ -65,8 +65,7 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
     """
     if out.exists():
         raise SettingsError([Problem("--out", str(out), "must be a new folder; nothing is overwritten")])
-    with _beside(out) as folder, tempfile.TemporaryDirectory(prefix="deltaswarm-") as name:
-        scratch = Path(name)
+    with _beside(out) as folder, TemporaryFolder() as scratch:
         wheels = folder / "wheels"
         wheels.mkdir()
         source = _source(scratch / "agent")
@@ -138,7 +137,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
     Raises:
         BundleError: pip failed; the text has its last errors or output.
     """
-    argv = [sys.executable, "-P", "-m", "pip", command, "--quiet", "--disable-pip-version-check", *arguments]
+    argv = bound_to_this("pip", command, "--quiet", "--disable-pip-version-check", *arguments)
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
     if done.returncode:
         lines = (done.stdout + done.stderr).splitlines()
@@ -180,11 +179,9 @@ def _beside(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `out`, and rename it to `out` when it is complete."""
     with ExitStack() as stack:
         try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
-            stack.callback(shutil.rmtree, folder, ignore_errors=True)
-            yield folder
+            folder = stack.enter_context(new_folder(out))
             folder.chmod(0o755)
-            folder.rename(out)
+            yield folder
+            stack.close()
         except OSError as error:
             raise BundleError(f"{out} could not be made: {error.strerror or error}; nothing was written") from None

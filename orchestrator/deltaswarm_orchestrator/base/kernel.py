@@ -3,6 +3,7 @@
 import ctypes
 import os
 import signal
+import sys
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,12 @@ def signal_at_parents_death(number: signal.Signals, parent: int) -> None:
     _prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
+
+
+def bound_to_this(module: str, *arguments: str) -> list[str]:
+    """Return the command line of a Python module that ends with this process, even if that is killed with -9."""
+    starter = "deltaswarm_orchestrator.base.dies_with_parent"
+    return [sys.executable, "-P", "-m", starter, str(os.getpid()), module, *arguments]
 
 
 def adopt_orphans(*, do_so: bool) -> None:

@@ -3,6 +3,7 @@
 import os
 import stat
 import tempfile
+from collections.abc import Collection
 from itertools import chain, count
 from pathlib import Path
 
@@ -64,16 +65,17 @@ def _is_odd(path: Path) -> bool:
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or stat.S_ISSOCK(mode))
 
 
-def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True) -> None:
+def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True, among: Collection[str] = ()) -> None:
     """Check that a folder, which need not exist, can be made and written, by a file without a name.
 
     Args:
         folder: the folder.
         name: the option that names it.
         is_ours: whether it is for results alone, and is checked by `check_files`, without the folders below it.
+        among: if it exists and is not empty, it must hold a file or folder of one of these names.
 
     Raises:
-        CommandError: it cannot.
+        CommandError: it cannot, or holds other things, of which some could be replaced.
     """
     if is_ours and os.path.isdir(folder):  # unlike `Path.is_dir`, False for an impossible name
         check_files(folder, 0)
@@ -85,6 +87,11 @@ def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True) -> Non
         must = "must be a folder that can be made and written"
         code = FAILED if exit_code_of(error) == NO_ROOM else None
         raise CommandError(f"{name} {must} (got {str(folder)!r}; {nearest}: {error.strerror})", code) from None
+    names = {path.name for path in folder.glob("[!.]*")} if among else set()
+    if names and names.isdisjoint(among):
+        raise CommandError(
+            f"{name} must be a new folder, or one with {' or '.join(among)} (got {folder}, which holds other things)"
+        )
 
 
 def part_of(run: Path) -> Path:

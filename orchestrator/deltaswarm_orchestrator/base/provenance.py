@@ -21,7 +21,15 @@ from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugins import CONTROLLERS, DYNAMICS, FAULTS, INBOX_POLICIES, POINTS, RADIO_MODELS, find
+from deltaswarm_wire.plugins import (
+    CONTROLLERS,
+    DYNAMICS,
+    FAULTS,
+    INBOX_POLICIES,
+    RADIO_MODELS,
+    ExtensionPoint,
+    find,
+)
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
@@ -132,6 +140,15 @@ def sources(scenario: Scenario) -> list[Source]:
     Raises:
         SettingsError: there is no such extension, its class lacks something, or a file of it cannot be read.
     """
+    return [_source(*one) for one in extensions(scenario)]
+
+
+def extensions(scenario: Scenario) -> list[tuple[ExtensionPoint, str, str, Any]]:
+    """Return all third-party extensions of a scenario: the point, the name, the key that has it, and the class.
+
+    Raises:
+        SettingsError: there is no such extension, or its class lacks something.
+    """
     named = [
         (CONTROLLERS, scenario.control.mode, "control.mode"),
         (DYNAMICS, scenario.world.dynamics, "world.dynamics"),
@@ -139,48 +156,52 @@ def sources(scenario: Scenario) -> list[Source]:
         (INBOX_POLICIES, scenario.operator.inbox.policy, "operator.inbox.policy"),
         *((FAULTS, kind, "fault.kind") for kind in sorted({fault.kind for fault in scenario.fault})),
     ]
-    own = [(point.group, name, path) for point, name, path in named if name not in point.shipped]
-    # What a notebook defines can be another class of the same name the next time.
-    return [(_source.__wrapped__ if one[1].startswith("__main__:") else _source)(*one) for one in own]
+    return [(point, name, path, find(point, name, path)) for point, name, path in named if name not in point.shipped]
+
+
+def _source(point: ExtensionPoint, name: str, path: str, found: Any) -> Source:
+    digest = hashlib.blake2b(digest_size=8)
+    for cell in _cells_of(found):
+        digest.update(cell.encode())
+    try:
+        files = {module: content for module, (_, content) in modules_of(found).items()}
+        files |= {f"data: {data}": file.read_bytes() for data, file in data_of(found).items()}
+    except OSError as error:
+        must = f"must be a {point.what} whose files can be read: {error.filename}: {error.strerror}"
+        raise SettingsError([Problem(path, repr(name), must)]) from None
+    for file, content in sorted(files.items()):
+        digest.update(f"{file} {len(content)}\n".encode() + content)
+    return Source(point.what, name, digest.hexdigest(), tuple(sorted(files)))
+
+
+def data_of(cls: type[Any]) -> dict[str, Path]:
+    """Return the files that `cls.data_files` lists, relative to the class's own file."""
+    folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
+    return {name: folder / name for name in getattr(cls, "data_files", ())}
 
 
 @cache
-def _source(group: str, name: str, path: str) -> Source:
-    point = next(point for point in POINTS if point.group == group)
-    digest = hashlib.blake2b(digest_size=8)
-    found = find(point, name, path)
-    files = sorted(files_of(found).items())
-    for cell in _cells_of(found):
-        digest.update(cell.encode())
-    for module, file in files:
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            must = f"must be a {point.what} whose files can be read: {file}: {error.strerror}"
-            raise SettingsError([Problem(path, repr(name), must)]) from None
-        digest.update(f"{module} {len(content)}\n".encode() + content)
-    return Source(point.what, name, digest.hexdigest(), tuple(module for module, _ in files))
+def modules_of(cls: Any) -> dict[str, tuple[Path, bytes]]:
+    """Return the modules of a class and its bases, and whatever these import, also in functions, with their content.
 
+    Of installed packages it has those of the class itself. What a module imports by a computed name is not found. The
+    content is that of the first call, soon after the class was loaded: the process goes on with it.
 
-def files_of(cls: type[Any]) -> dict[str, Path]:
-    """The files by module, and by name for those that `cls.data_files` lists, relative to the class's own file.
-
-    The modules are those of the class and its bases, and whatever these import, also in functions; of installed
-    packages those of the class itself. What a module imports by a computed name is not found.
+    Raises:
+        OSError: a file cannot be read.
     """
     bases = [base.__module__ for base in cls.__mro__ if _is_third_party(base.__module__)]
     own_packages = {name.partition(".")[0] for name in bases}
-    files: dict[str, Path] = {}
+    files: dict[str, tuple[Path, bytes]] = {}
     waiting = bases
     while waiting:
         name = waiting.pop()
         file = _file_of(name)
         if name in files or file is None or (_is_installed(file) and name.partition(".")[0] not in own_packages):
             continue
-        files[name] = file
-        waiting += [imported for imported in _imports(name, file) if _is_third_party(imported)]
-    folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
-    return files | {f"data: {name}": folder / name for name in getattr(cls, "data_files", ())}
+        files[name] = file, file.read_bytes()
+        waiting += [imported for imported in _imports(name, *files[name]) if _is_third_party(imported)]
+    return files
 
 
 def _cells_of(cls: type[Any]) -> list[str]:
@@ -212,12 +233,12 @@ def _file_of(name: str) -> Path | None:
     return Path(origin) if origin and Path(origin).is_file() else None
 
 
-def _imports(name: str, file: Path) -> Iterator[str]:
+def _imports(name: str, file: Path, content: bytes) -> Iterator[str]:
     """The absolute names that a module may import: modules, their packages, and attributes that may be modules."""
     if file.suffix != ".py":
         return
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(file.read_bytes())):
+    for node in ast.walk(ast.parse(content)):
         if isinstance(node, ast.Import):
             targets = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

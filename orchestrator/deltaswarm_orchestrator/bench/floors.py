@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from deltaswarm_orchestrator.base.signals import starting_processes
-from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
+from deltaswarm_orchestrator.processes.fork_server import bare_main_module, place_sockets, safe_path
 from deltaswarm_orchestrator.processes.starter import PRELOADED, room_for
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, free_port, quiet_pairs, use_one_worker_thread
 
@@ -90,6 +90,7 @@ def _zenoh_agent(agent: int, steps: int, link: RouterLink) -> None:
 @contextmanager
 def children(target: Callable[..., None], arguments: Sequence[tuple[object, ...]]) -> Iterator[None]:
     """Start processes from the same fork server as a run's, and end them with the block, or with this process."""
+    place_sockets()
     context = multiprocessing.get_context("forkserver")
     processes = [context.Process(target=_work, args=(target, *entry), daemon=True) for entry in arguments]
     try:

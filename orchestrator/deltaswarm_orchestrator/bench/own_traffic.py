@@ -5,13 +5,12 @@
 
 import queue
 import secrets
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.bench.floors import QUEUE_SAMPLES, children
 from deltaswarm_orchestrator.processes.entry_point import run_in_background
 from deltaswarm_orchestrator.processes.starter import room_for
@@ -74,8 +73,8 @@ def own_traffic_steps_per_s(traffic: Traffic) -> float:
     passwords = {user: secrets.token_urlsafe(24) for user in users}
     endpoint, overrides = f"tcp/127.0.0.1:{free_port()}", tuple(room_for(traffic.agents))
     links = [RouterLink(endpoint, user, passwords[user], low_latency=True, overrides=overrides) for user in users]
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
-        credentials = Path(name) / "credentials"
+    with TemporaryFolder() as folder:
+        credentials = folder / "credentials"
         credentials.write_text("".join(f"{user}:{word}\n" for user, word in passwords.items()), encoding="ascii")
         router = RouterLink(endpoint, overrides=overrides)
         pairs = router_pairs(router, str(credentials), KEYS, range(traffic.agents))

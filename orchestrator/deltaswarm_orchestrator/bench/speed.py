@@ -2,16 +2,15 @@
 
 import os
 import secrets
-import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.signals import starting_processes
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.bench import floors
 from deltaswarm_orchestrator.bench.own_traffic import Answer, SentSample, StepTraffic, Traffic, own_traffic_steps_per_s
 from deltaswarm_orchestrator.bench.rounds import cpu_ticks, in_turns, median_of, memory_mb, shares, spread, stolen_share
@@ -143,8 +142,7 @@ def swarm_of_processes(scenario: Scenario) -> dict[str, Any]:
     Raises:
         CommandError: the run is not valid.
     """
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
-        folder = Path(name)
+    with TemporaryFolder() as folder:
         (folder / "scenario.toml").write_text(to_toml(scenario), encoding="utf-8")
         run = f"bench-{secrets.token_hex(4)}"
         began = time.monotonic()

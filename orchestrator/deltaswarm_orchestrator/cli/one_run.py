@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import tempfile
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +12,7 @@ from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_orchestrator.base.signals import stoppable
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.commands import BASE_ID
@@ -106,8 +106,8 @@ def replay(arguments: argparse.Namespace) -> int:
     must_exist(arguments.run, "RUN", A_RUN)
     check_ports({"--listen": f"tcp/{arguments.listen}"})
     _notice_unsealed(arguments.run)
-    with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
-        steps = Path(folder) / "steps.msgpack"
+    with TemporaryFolder() as folder:
+        steps = folder / "steps.msgpack"
         try:
             write_steps(arguments.run, steps)
         except (RecordingError, OSError) as error:
@@ -116,7 +116,7 @@ def replay(arguments: argparse.Namespace) -> int:
         options = {"--steps": steps, "--run": arguments.run.name, "--worth": worth_of(arguments.run)}
         with stoppable() as stop, suppress(StoppedError):
             try:
-                serve_page(REPLAY, options, Path(folder) / "logs", page, show_url, was_stopped=lambda: stop.by)
+                serve_page(REPLAY, options, folder / "logs", page, show_url, was_stopped=lambda: stop.by)
             except LaunchError as error:
                 raise CommandError(str(error), FAILED) from None
             finally:
@@ -217,7 +217,10 @@ def _receiver(text: str) -> int | str:
 
 def why(arguments: argparse.Namespace) -> int:
     """Say how a run ended, or whether one agent could hear another, and why not."""
+    from deltaswarm_orchestrator.base import inputs, seal
     from deltaswarm_orchestrator.inspect import info, link_report
+    from deltaswarm_orchestrator.recording import SCENARIO
+    from deltaswarm_orchestrator.scenarios.load import load_scenario
 
     must_exist(arguments.folder, "RUN", A_RUN)
     asked = {"A": arguments.sender, "B": arguments.receiver, "--at": arguments.at}
@@ -232,6 +235,8 @@ def why(arguments: argparse.Namespace) -> int:
     _notice_unsealed(arguments.folder)
     show(arguments, asdict(answer), link_report.text(answer))
     if answer.differs_from_step is not None:
-        complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")
+        manifest = seal.read_sealed(arguments.folder / seal.MANIFEST)
+        because = inputs.why_other(manifest, load_scenario(str(arguments.folder / SCENARIO)))
+        complain(f"the repetition differs from the run from step {answer.differs_from_step} on ({because})")
         return FAILED
     return OK

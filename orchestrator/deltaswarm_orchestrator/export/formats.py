@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from subprocess import SubprocessError
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.paths import check_out
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.export.snapshots import read_film
 from deltaswarm_orchestrator.recording.finishing import write_complete_copy
 from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in, records
@@ -81,8 +81,8 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
     except RecordingError as error:
         raise ExportError(str(error)) from None
     out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".export-", dir=out.parent) as scratch:
-        part = Path(scratch) / out.name
+    with TemporaryFolder(out.parent) as scratch:
+        part = scratch / out.name
         try:
             exported = write(part)
         except RecordingError as error:
@@ -95,7 +95,7 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
         if os.path.lexists(out):
             if not _is_like(out, part):
                 raise ExportError(_NOT_REPLACED.format(out, name))
-            out.rename(Path(scratch) / f"{out.name}.replaced")
+            out.rename(scratch / f"{out.name}.replaced")
         part.rename(out)
     return exported
 

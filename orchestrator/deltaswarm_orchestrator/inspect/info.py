@@ -151,7 +151,7 @@ def how_it_ended(folder: Path) -> dict[str, Any]:
 def ending_text(ending: dict[str, Any]) -> str:
     """Format the result of `how_it_ended` as text."""
     happened = [f"{number}. {line}" for number, line in enumerate(ending["why"], 1)]
-    if not happened and ending["state"] == "complete":
+    if not happened and ending["state"] == "complete" and ending["valid"]:
         happened = ["nothing failed"]
     invalid = [f"not valid: {reason}" for reason in ending["invalid_because"]]
     return "\n".join([f"{ending['folder']}: {ending['state']}", *happened, *invalid])

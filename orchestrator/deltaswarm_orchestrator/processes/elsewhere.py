@@ -53,6 +53,13 @@ class Placement(Protocol):
     def workers(self) -> Mapping[str, Sequence[int]]:
         """The agents of each machine, as the manifest lists them."""
 
+    def check_controller(self, mode: str) -> None:
+        """Check that all machines have the files of the controller as this one has them now.
+
+        Raises:
+            CommandError: some have others.
+        """
+
     def agents(self, scenario: Scenario, logs: Path) -> AgentsElsewhere:
         """Return the agents at their places, not started yet; their logs come into the folder `logs`."""
 

@@ -3,7 +3,6 @@
 import multiprocessing
 import os
 import select
-import shutil
 import signal
 import sys
 import tempfile
@@ -11,12 +10,14 @@ import types
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import util
+from pathlib import Path
 
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 
 DEAD_WITHIN_MS = 5000
 
-MAX_FOLDER = 70
+MAX_FOLDER = 55
 """Longest path of a folder for temporary files in which the fork server's socket has room: its path has 107 bytes."""
 
 PRIVATE_NAMES = ("_forkserver_pid", "_forkserver_alive_fd", "_forkserver_address")
@@ -52,12 +53,17 @@ def kill_fork_server() -> None:
             os.close(handle)
 
 
-def shorten_socket_paths() -> None:
-    """Let Python put its sockets below /tmp, if the folder for temporary files has too long a path (`TMPDIR`)."""
+def place_sockets() -> None:
+    """Let Python put its sockets into a folder that does not stay if this process is killed.
+
+    It is below /tmp if the folder for temporary files has too long a path (`TMPDIR`).
+    """
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
-    if len(os.fsencode(tempfile.gettempdir())) > MAX_FOLDER and "tempdir" not in config:
-        config["tempdir"] = folder = tempfile.mkdtemp(prefix="pymp-", dir="/tmp")
-        util.Finalize(None, shutil.rmtree, args=(folder, True), exitpriority=-100)
+    if "tempdir" not in config:
+        is_long = len(os.fsencode(tempfile.gettempdir())) > MAX_FOLDER
+        folder = TemporaryFolder(Path("/tmp") if is_long else None)
+        config["tempdir"] = str(folder.path)
+        util.Finalize(None, TemporaryFolder.__exit__, args=(folder,), exitpriority=-100)  # which keeps it till then
 
 
 @contextmanager

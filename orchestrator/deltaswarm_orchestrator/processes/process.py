@@ -61,6 +61,8 @@ class RunPart:
         its machine, whose own line says so."""
         self.was_asked_to_end = False
         """Whether the orchestrator has sent it SIGTERM."""
+        self.outlasted = ""
+        """What its process did when the run was over and the orchestrator ended it; empty if it had ended by then."""
         self.seen = ""
         """Where the run was when its end was seen; the world may know the step."""
 
@@ -75,6 +77,8 @@ class RunPart:
         if code == NO_ROOM:
             folder = self.log_file.parents[1]
             return f"{self.name} could not write into {folder}: {_free(folder)}"
+        if self.was_ended_here:
+            return f"{self.name} stopped answering{when} ({self.outlasted}); the orchestrator ended it after the run"
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         if code in ENDED_BY:
@@ -84,6 +88,12 @@ class RunPart:
             return f"{words}: {self.name} ended the run{when}"
         cause = words and f": {words}"
         return f"{self.name} {HOW.get(code, f'ended with exit code {code}')}{when}{cause}"
+
+    @property
+    def was_ended_here(self) -> bool:
+        """Whether a signal of the orchestrator ended it, after the run."""
+        code = self.exit_code or 0
+        return bool(self.outlasted) and (code < 0 or code in ENDED_BY)
 
     @property
     def has_failed(self) -> bool:
@@ -166,6 +176,10 @@ class Part(RunPart):
     def was_stopped(self) -> bool:
         """Whether a signal that is no fault of the scenario keeps the process stopped."""
         return not self.is_stopped and is_stopped(self.pid)
+
+    def note_state(self) -> None:
+        """Note what the process does, before it is ended."""
+        self.outlasted = "its process was stopped, as by SIGSTOP" if self.was_stopped else "its process ran on"
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal, unless the process has ended."""

@@ -24,8 +24,8 @@ from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 from deltaswarm_orchestrator.processes.fork_server import (
     bare_main_module,
     kill_fork_server,
+    place_sockets,
     safe_path,
-    shorten_socket_paths,
     wake_fork_server,
 )
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
@@ -118,7 +118,7 @@ class Starter:
         self._timeout_s = timeout_s
         self._was_stopped = was_stopped
         self._context = multiprocessing.get_context("forkserver")
-        shorten_socket_paths()
+        place_sockets()
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
 
     def ended(self) -> list[Part]:
@@ -133,7 +133,8 @@ class Starter:
         Args:
             at_once: by SIGKILL alone.
         """
-        for part in self.parts:
+        for part in wait_for(self.parts, 0):
+            part.note_state()
             if part.is_stopped:
                 part.ends_as_planned = True
                 part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM

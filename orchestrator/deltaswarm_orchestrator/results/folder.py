@@ -11,8 +11,9 @@ from typing import Any, Self
 
 from deltaswarm_orchestrator.base import disk, seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.paths import part_of
 from deltaswarm_orchestrator.recording import LAYOUT, PART, RECORDING, WIRE
-from deltaswarm_orchestrator.results.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
+from deltaswarm_orchestrator.results.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
@@ -30,6 +31,7 @@ NOT_SEALED = {*LOCK_FILES, disk.RESERVE, seal.MANIFEST, RECORDING, WIRE, LAYOUT}
 """Files that a run's seal leaves out: those of its writing, recordings (own checksums), what no command reads."""
 
 DELETE_TRIES = 10
+IN_PROGRESS, USE_ANOTHER = "is being written by a run in progress", "end that run, or use another folder"
 
 
 class FolderError(CommandError):
@@ -56,7 +58,7 @@ class RunFolder:
     def __init__(self, target: Path, *, force: bool) -> None:
         check_target(target, force)
         self.target = target
-        self.path = target.with_name(target.name + ".part")
+        self.path = part_of(target)
         self._force = force
         new = _beside(self.path)
         try:
@@ -80,7 +82,9 @@ class RunFolder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None and self.is_there() and not (self.path / seal.MANIFEST).exists():
+            _delete(self.path)  # of a run that has not begun: it would be in the way of the next one
         self.release()
 
     def release(self) -> None:
@@ -161,21 +165,16 @@ class RunFolder:
         Raises:
             FolderError: `--force` was not given, another run holds the folder, or it is no run folder.
         """
+        _check_part(self.path, self._force)
         if not os.path.lexists(self.path):
             return
-        if not _is_replaceable(self.path, BEGINNING):
-            raise FolderError(f"{self.path} exists and is not a run folder; a run needs this name until it is complete")
         try:
             lock = FolderLock(self.path)
         except HeldError as error:
-            raise FolderError(
-                f"{self.path} is being written by a run in progress{error}: end that run, or use another folder"
-            ) from None
+            raise FolderError(f"{self.path} {IN_PROGRESS}{error}: {USE_ANOTHER}") from None
         try:
             if not lock.is_at(self.path):
                 raise FileExistsError(errno.EEXIST, "another run took it first")
-            if not self._force:
-                raise FolderError(f"{self.path} exists: an interrupted run; --force replaces it")
             away = _beside(self.path)
             self.path.rename(away)
             _delete(away)
@@ -200,7 +199,7 @@ class ResumedFolder(RunFolder):
         if not (folder.is_dir() and {path.name for path in folder.iterdir()} >= RUN_FILES):
             raise FolderError(f"{folder} is not the folder of a run that was started")
         for other in {self.target, self.path} - {folder}:
-            if os.path.lexists(other) and not (force and other == self.target):
+            if os.path.lexists(other) and not (force and other == self.target and _is_replaceable(other)):
                 raise FolderError(
                     f"{other} exists beside {folder}; rename or remove the one that should not be resumed"
                 )
@@ -241,7 +240,9 @@ def results_in(folder: Path) -> set[str]:
 
 
 def check_target(target: Path, force: bool) -> None:
-    """Refuse a target that the finished run could not be renamed to.
+    """Refuse a target that a run could not be written to, or that the finished run could not be renamed to.
+
+    It is the rule of all commands that write a run's folder: with `force` another run's gives way, whole or not.
 
     Raises:
         FolderError: the text says why.
@@ -255,11 +256,25 @@ def check_target(target: Path, force: bool) -> None:
     if not exists:
         if target.name in ("", ".."):
             raise FolderError(f"{target} must end in the name of the new folder")
+        _check_part(part_of(target), force)
         return
     if not force:
         raise FolderError(f"{target} exists; --force replaces it")
     if not _is_replaceable(target):
         raise FolderError(f"{target} exists and is not a run folder; --force does not replace it")
+    _check_part(part_of(target), force)
+
+
+def _check_part(part: Path, force: bool) -> None:
+    """Refuse the folder in which a run is until it is complete, if there is one that must stay. Raises FolderError."""
+    if not os.path.lexists(part):
+        return
+    if not _is_replaceable(part, BEGINNING):
+        raise FolderError(f"{part} exists and is not a run folder; a run needs this name until it is complete")
+    if is_held(part):
+        raise FolderError(f"{part} {IN_PROGRESS}: {USE_ANOTHER}")
+    if not force:
+        raise FolderError(f"{part} exists: an interrupted run; --force replaces it")
 
 
 def _is_replaceable(folder: Path, without_a_run: Collection[str] = LOCK_FILES) -> bool:

@@ -87,6 +87,8 @@ class Outcome:
     """The traceback of each part whose plug-in raised, by the part's name."""
     causes: dict[int, str] = field(default_factory=dict)
     """Why agents failed, by agent, as far as the world does not know it."""
+    outlasted: dict[int, str] = field(default_factory=dict)
+    """What the processes of agents did that had not ended by the end of the run, by agent."""
 
     @property
     def is_complete(self) -> bool:

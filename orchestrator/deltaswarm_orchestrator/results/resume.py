@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import provenance, seal
+from deltaswarm_orchestrator.base import inputs, provenance, seal
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
@@ -83,7 +83,8 @@ def check_inputs(folder: Path, scenario: Scenario) -> None:
     except (AttributeError, TypeError, KeyError) as error:
         raise FolderError(f"{folder / seal.MANIFEST} is not as a run writes it: {error!r}") from None
     if begun_by != (provenance.code_digest(), [source.digest for source in sources(scenario)]):
-        raise FolderError(f"{folder} was started by another version of deltaswarm; resume it with that version")
+        other = inputs.differences(manifest.get("inputs", {}), inputs.identify(scenario)) or "extensions or deltaswarm"
+        raise FolderError(f"{folder} was started with other versions of: {other}; resume it with those")
     if newest(folder).scenario != scenario_digest(scenario):
         reason = "or a file that it names has been changed since the run began: undo that, or start a new run"
         raise FolderError(f"{folder / 'scenario.toml'} {reason}")

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import tomli_w
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import inputs, provenance
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.recording import COMMANDS
 from deltaswarm_orchestrator.results.outcome import BY_OPERATOR, EventLife, Outcome
@@ -61,6 +61,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "commit": provenance.commit(),
         "host": provenance.host(),
         "code": provenance.code_digest(),
+        "inputs": {**inputs.identify(scenario)},
         "build": provenance.build(),
         "controller": {
             "mode": scenario.control.mode,

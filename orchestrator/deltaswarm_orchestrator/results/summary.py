@@ -95,7 +95,8 @@ def hung_agents(run: RunData) -> list[dict[str, Any]]:
         least = math.ceil(min(longest_s, settings.step_timeout_s) / tick_s)
         rows = [row for row in rows if row["longest"] >= least]
         cause = f"no answer in {least} steps of {tick_s:g} s or more in a row"
-    return [{**row, "cause": cause} for row in rows]
+    states = run.outcome.outlasted
+    return [{**row, "cause": "; ".join(filter(None, [cause, states.get(row["agent"])]))} for row in rows]
 
 
 def missing_agents(run: RunData) -> list[str]:

@@ -7,10 +7,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import disk, limits, provenance, seal
+from deltaswarm_orchestrator.base import disk, inputs, limits, provenance, seal
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter, complain
+from deltaswarm_orchestrator.base.inputs import InputsChangedError
 from deltaswarm_orchestrator.base.signals import decide, stoppable
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.live.observers import Guarded, LiveObserver, Tap
@@ -50,6 +51,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         LiveError: the run cannot be shown live.
         RoomError: the disk is too full to write how the run ended.
         ClusterError: the cluster cannot do this run.
+        InputsChangedError: this process has loaded a module that has changed since.
         CommandError: the user asked to stop twice before the run began.
     """
     check(scenario, options)
@@ -76,6 +78,10 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
 
 def _run(context: RunContext) -> RunResult:
     scenario, options = context.scenario, context.options
+    context.inputs = options.inputs or inputs.identify(scenario)
+    inputs.check(scenario, context.inputs, starts_python=not options.in_process)
+    if context.placement:
+        context.placement.check_controller(scenario.control.mode)
     if options.boards:
         options.boards.prepare(scenario)
     if options.resume:
@@ -287,8 +293,12 @@ class _Run:
             self.ending.fail(self._note_error(error, "the tables cannot be summarised"))
             self.outcome = Outcome()
             summary = summarise(self.outcome, self.scenario)
-        by, why = self.stop.by, self._whys(self.outcome)
+        by, why = self.stop.by, self._whys(self.outcome, {row["agent"] for row in summary["agents_hung"]})
         reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
+        try:
+            inputs.check(self.scenario, self.context.inputs, starts_python=not self.options.in_process)
+        except InputsChangedError as error:
+            summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
         if not summary["complete"]:
             cause = self.ending.cause
             line = reason if cause is None else self._line(cause, self.outcome).removeprefix(f"{NOBODY_LEFT}: ")
@@ -306,16 +316,22 @@ class _Run:
         """Note why the processes of agents ended that the world lost, or that failed before the first step."""
         lost = {row["agent"] for row in outcome.world.get("agents_failed", ())}
         for part in self.ending.agents:
+            if part.was_ended_here:
+                outcome.outlasted[part.number] = part.outlasted
             is_early = not outcome.step_records and part.has_failed
             if is_early or (part.number in lost and part.exit_code is not None):
                 cause = part.how_it_ended().removeprefix(f"{part.name} ").removeprefix("was ")
                 outcome.causes[part.number] = cause.removeprefix(f"ended with exit code {part.exit_code}: ")
 
-    def _whys(self, outcome: Outcome) -> list[str]:
-        """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""
+    def _whys(self, outcome: Outcome, hung: set[int]) -> list[str]:
+        """Return the lines of `why`; agents that ended early, though well by their exit code, or hung, get one too."""
         told = {entry.number for entry in self.ending.why if isinstance(entry, RunPart)}
-        untold = _steps_lost(outcome).keys() - told
-        quiet = [part for part in self.ending.agents if part.exit_code == 0 and part.number in untold]
+        lost = _steps_lost(outcome).keys() - told
+        quiet = [
+            part
+            for part in self.ending.agents
+            if (part.exit_code == 0 and part.number in lost) or (part.was_ended_here and part.number in lost | hung)
+        ]
         return [self._line(entry, outcome) for entry in [*self.ending.why, *quiet]]
 
     def _line(self, entry: str | RunPart, outcome: Outcome) -> str:
@@ -327,5 +343,7 @@ class _Run:
 
 
 def _steps_lost(outcome: Outcome) -> dict[int, int]:
-    """Return the agents that the world has lost, with the step of each."""
-    return dict(zip(outcome.world.get("agents_lost", ()), outcome.world.get("lost_in_step", ()), strict=True))
+    """Return the agents that the world has lost, with the step of each; of one that hung first, that of this."""
+    lost = dict(zip(outcome.world.get("agents_lost", ()), outcome.world.get("lost_in_step", ()), strict=True))
+    late = {row["agent"]: row["step"] for row in outcome.world.get("agents_late", ())}
+    return lost | {agent: late[agent] for agent in outcome.outlasted if agent in late}

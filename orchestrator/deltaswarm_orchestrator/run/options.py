@@ -1,10 +1,11 @@
 """How to do a run, what can be checked before it starts, and its result."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, Reporter
+from deltaswarm_orchestrator.base.inputs import Inputs
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_orchestrator.base.signals import Stop
@@ -44,6 +45,8 @@ class RunOptions:
     """Whether to serve another page, which shows the truth."""
     researcher_page: StationChannel | None = None
     """Where that page is; None: at a new address."""
+    inputs: Inputs | None = None
+    """The files that decide the run, if they were identified with those of other runs; None: when the run begins."""
     resume: bool = False
     """Resume the interrupted run in `out` from its newest checkpoint."""
     live_port: int | None = None
@@ -64,6 +67,8 @@ class RunContext:
     options: RunOptions
     reporter: Reporter
     stop: Stop
+    inputs: Inputs = field(default_factory=dict)
+    """The files that decide the run, as they were identified."""
     placement: Placement | None = None
     """The places of agents on other machines; None if they run here."""
     viewer: FoxgloveServer | None = None

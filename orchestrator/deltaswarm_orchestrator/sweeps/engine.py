@@ -12,11 +12,14 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
+from deltaswarm_orchestrator.base import inputs
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.inputs import InputsChangedError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module
 from deltaswarm_orchestrator.sweeps.job import (
+    PROCESSES,
     WAKE_EVERY_S,
     DisturbedError,
     Look,
@@ -47,6 +50,8 @@ class Done:
     task: Task
     result: Result | None
     reason: str = ""
+    ends_sweep: bool = False
+    """Whether no other run can be used either, since a file that decides them is no longer as it was."""
 
 
 class Engine(Protocol):
@@ -88,7 +93,7 @@ class LocalEngine:
                     task, attempt = worker.task, worker.attempt
                     assert task is not None
                     try:
-                        result, reason = worker.connection.recv()
+                        attempted = worker.connection.recv()
                     except (EOFError, OSError):
                         how = busy.pop(worker.connection).stop()
                         if attempt < ATTEMPTS:
@@ -97,7 +102,7 @@ class LocalEngine:
                             yield Done(task, None, f"its process {how}, {attempt} times")
                         continue
                     worker.task = None
-                    yield Done(task, result, reason)
+                    yield Done(task, *attempted)
         finally:
             for worker in busy.values():
                 worker.stop()
@@ -163,16 +168,25 @@ class ThisProcess:
             yield Done(task, *attempt(task, self._look))
 
 
-def attempt(task: Task, look: Look = nothing_more) -> tuple[Result | None, str]:
-    """Do a run, again if it was disturbed; return its result, or None and the reason."""
+def attempt(task: Task, look: Look = nothing_more) -> tuple[Result | None, str, bool]:
+    """Do a run, again if it was disturbed; return what `Done` says about it.
+
+    Its inputs must be those of the sweep before it and after it: a run with any other is not used.
+    """
     reason = ""
     for _ in range(ATTEMPTS):
         try:
-            return work(task, look), ""
+            inputs.check(task.job.scenario, task.job.inputs, starts_python=task.means == PROCESSES)
+            try:
+                return work(task, look), "", False
+            finally:
+                inputs.check(task.job.scenario, task.job.inputs, starts_python=task.means == PROCESSES)
+        except InputsChangedError as error:
+            return None, str(error), True
         except DisturbedError as error:
             reason = f"{ATTEMPTS} times disturbed; the last time {error}"
         except RunError as error:
-            return None, str(error)
+            return None, str(error), False
         except Exception:
-            return None, traceback.format_exc()
-    return None, reason
+            return None, traceback.format_exc(), False
+    return None, reason, False

@@ -3,11 +3,8 @@
 import os
 import platform
 import resource
-import shutil
 import signal
 import subprocess
-import sys
-import tempfile
 import time
 from bisect import bisect_right
 from collections import Counter
@@ -22,6 +19,8 @@ import orjson
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
+from deltaswarm_orchestrator.base.kernel import bound_to_this
+from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.metric import COUNT, PER_EVENT
 from deltaswarm_orchestrator.results.metrics import METRICS
@@ -116,29 +115,16 @@ def work(task: Task, look: Look = nothing_more) -> Result:
 
 def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
     """Do the run by `deltaswarm run`, with a process each for the world, the operator and every agent."""
-    folder = Path(tempfile.mkdtemp(prefix="run-", dir=task.scratch))
-    try:
+    with TemporaryFolder(Path(task.scratch) if task.scratch else None) as folder:
         file = folder / "scenario.toml"
         file.write_text(to_toml(task.job.scenario), encoding="utf-8")
-        command = [sys.executable, "-m", "deltaswarm_orchestrator.base.dies_with_parent", str(os.getpid())]
-        command += [
-            "deltaswarm_orchestrator",
-            "run",
-            str(file),
-            "--record",
-            "off",
-            "--out",
-            str(folder / "run"),
-            "--json",
-        ]
-        code, printed, errors = _run_awake(command)
+        options = ["--record", "off", "--out", str(folder / "run"), "--json"]
+        code, printed, errors = _run_awake(bound_to_this("deltaswarm_orchestrator", "run", str(file), *options))
         if code != OK:
             kind = RunError if code == USAGE else DisturbedError
             raise kind(_not_valid(printed) or f"deltaswarm run {how_ended(code)}:\n{errors}")
         summary = orjson.loads(printed)
         return run_tables.read_outcome(folder / "run"), summary
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def listed_reasons(summary: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.base.inputs import Inputs, identify
 from deltaswarm_orchestrator.base.provenance import sources
 from deltaswarm_orchestrator.sweeps.sensitivity import SensitivitySettings
 from deltaswarm_scenario.scenario import NAME, Scenario, content_of
@@ -65,6 +66,15 @@ class Variant:
     """The swept keys, dotted, with this variant's values, and of a drawn choice its name."""
     scenario: Scenario
 
+    @cached_property
+    def identified(self) -> tuple[Inputs, dict[str, Any], list[str]]:
+        """What decides its runs, read once: the inputs, the scenario's content, and the digests of its extensions.
+
+        The inputs come first: a file that changes before the rest is read is then found to have changed.
+        """
+        inputs = identify(self.scenario)
+        return inputs, content_of(self.scenario), [source.digest for source in sources(self.scenario)]
+
 
 @dataclass(frozen=True)
 class Job:
@@ -79,10 +89,15 @@ class Job:
     @cached_property
     def key(self) -> str:
         """The key that identifies a finished run: scenario (except its name), extensions, windows, version of numpy."""
-        table = content_of(replace(self.scenario, name=""))
-        extensions = [source.digest for source in sources(self.scenario)]
+        _, content, extensions = self.variant.identified
+        table = content | {"name": "", "seed": self.scenario.seed}
         text = json.dumps([table, self.series_every_s, extensions, version("numpy")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+    @property
+    def inputs(self) -> Inputs:
+        """The files that decide the run, as they were when the sweep began."""
+        return self.variant.identified[0]
 
     @property
     def name(self) -> str:

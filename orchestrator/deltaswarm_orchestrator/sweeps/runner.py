@@ -12,8 +12,9 @@ import pandas as pd
 import tomli_w
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-from deltaswarm_orchestrator.base import provenance, seal
+from deltaswarm_orchestrator.base import inputs, provenance, seal
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
+from deltaswarm_orchestrator.base.inputs import InputsChangedError
 from deltaswarm_orchestrator.run.progress import Bar
 from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Done, Engine, EngineLostError
@@ -156,6 +157,8 @@ def run_sweep(
         try:
             if tasks:
                 for done in make_engine().run(tasks):
+                    if done.ends_sweep:
+                        raise InputsChangedError(done.reason)
                     if done.result is not None:
                         folder.save(done.task.job, done.task.means, done.result)
                     else:
@@ -165,7 +168,7 @@ def run_sweep(
                     reporter.count(done)
         except KeyboardInterrupt:
             interrupted = True
-        except EngineLostError as error:
+        except (EngineLostError, InputsChangedError) as error:
             failed.append(str(error))
         missing = {(job.variant.label, job.replicate, by) for job, by in wanted if not folder.has(job, by)}
         in_order = [(job.variant.label, job.replicate, by) for job, by in kept.values()]
@@ -247,6 +250,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
         "host": provenance.host(),
         "code": list(dict.fromkeys(code)),
         "commit": provenance.commit(),
+        "inputs": _inputs_of(sweep),
         "digest": state.get("digest"),
         "failed": state.get("failed", []),
         "invalid": state.get("invalid", []),
@@ -267,10 +271,24 @@ def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any]
     was, now = _plan(before), _plan(manifest)
     keys = [name for name in {**was, **now} if was.get(name) != now.get(name)]
     changes = [f"{name} was {was.get(name, 'not set')}, is {now.get(name, 'not set')}" for name in keys]
+    if files := inputs.differences(before.get("inputs", {}), manifest["inputs"]):
+        changes.append(f"changed since: {files}")
     raise SweepFolderError(
         f"{folder.path} holds {len(theirs)} runs, none of them of this sweep "
-        f"({'; '.join(changes) or 'its base scenario or deltaswarm was another'}); choose another --out to keep both"
+        f"({'; '.join(changes) or 'an input or a version was another'}); choose another --out to keep both"
     )
+
+
+def _inputs_of(sweep: Sweep) -> dict[str, str]:
+    """Return what decides the sweep's runs, each with a digest or version, to tell later what has changed."""
+    found = {name: digest for job in sweep.jobs() for name, digest in job.inputs.items()}
+    return base_of(sweep) | found | {"numpy": str(provenance.versions()["numpy"])}
+
+
+def base_of(sweep: Sweep) -> dict[str, str]:
+    """Return the digest of the file of the base scenario, by what it is; {} if that is built in."""
+    base = Path(sweep.file.base)
+    return {f"base scenario {base}": inputs.digest(base.read_bytes())} if base.is_file() else {}
 
 
 def _plan(manifest: dict[str, Any]) -> dict[str, Any]:

@@ -201,3 +201,20 @@ def test_a_run_that_cannot_be_repeated_is_refused(scripted: Path, tmp_path: Path
         assert len(lines) == 1
         assert says in lines[0]
     assert not list(tmp_path.glob("new*"))
+
+
+def test_by_force_a_branch_replaces_what_is_there(scripted: Path, tmp_path: Path, capsys: Printed) -> None:
+    """A whole run and what is left of one, as `run` does; without it, both are refused before anything is done."""
+    out, part = tmp_path / "branch", tmp_path / "branch.part"
+    branched(scripted, out, "--drop-command", "1")
+    shutil.copytree(out, part)
+    for there in (out, part):
+        kept = out if there == part else part
+        kept.rename(tmp_path / "away")
+        assert main(["branch", str(scripted), "--drop-command", "1", "--out", str(out)]) == 2
+        assert f"{there} exists" in capsys.readouterr().err.splitlines()[0]
+        (tmp_path / "away").rename(kept)
+    (out / "mark").touch()
+    branched(scripted, out, "--drop-command", "1", "--force")
+    assert [path.name for path in tmp_path.iterdir()] == ["branch"]
+    assert not (out / "mark").exists()

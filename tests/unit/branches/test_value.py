@@ -9,11 +9,14 @@ from deltaswarm_branches.pairs import MEASURES
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.value import value_of_command
 from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base.temporary import remove_left
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.replay import worth_of
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from tests.support.branching import AIR, SCRIPT, branched, ran, summary_of
 from tests.support.complaints import Printed
+from tests.support.swarms import COMMAND, wait_until
+from tests.support.sweeping import marked, marked_command
 
 
 @pytest.fixture(scope="module")
@@ -85,3 +88,16 @@ def test_orders_that_are_not_there_are_refused(scripted: Path, tmp_path: Path, c
     ):
         assert main(["value", str(run), *options]) == 2
         assert capsys.readouterr().err.startswith(f"deltaswarm: {says}")
+
+
+@pytest.mark.processes
+def test_nothing_stays_of_a_command_that_is_killed(scripted: Path, tmp_path: Path) -> None:
+    """Neither its workers nor Python's tracker, nor a temporary file that the next command would not remove."""
+    command = [*COMMAND, "value", str(scripted), "--replicates", "1000", "--jobs", "2"]
+    with marked_command(*command, TMPDIR=str(tmp_path)) as (process, mark):
+        assert process.stderr is not None
+        wait_until(lambda: "pairs of runs" in process.stderr.readline(), "both workers at work")
+        process.kill()
+        wait_until(lambda: not marked(mark, trackers=True), "the end of all processes")
+    remove_left(tmp_path)
+    assert not list(tmp_path.iterdir())

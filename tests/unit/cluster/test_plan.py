@@ -224,7 +224,7 @@ def test_what_is_lost_while_agents_start_is_named(
 
 def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, supervisors: list[Said], tmp_path: Path) -> None:
     """A log is what has come of it so far; an exit code is its agent's."""
-    supervisors[0].pending += [Update(logs={1: b"one\n"}), Update(logs={1: b"two\n"}, ended={1: -9, 0: 0})]
+    supervisors[0].pending += [Update(logs={1: b"one\n"}), Update(logs={1: b"two\n"}, ended={1: (-9, ""), 0: (0, "")})]
     agents.look()
     agents.look()
     assert (tmp_path / "agent-1.log").read_bytes() == b"one\ntwo\n"
@@ -236,7 +236,7 @@ def test_a_lost_host_has_one_line_for_all_that_ran_there(
 ) -> None:
     """Agents that had ended before have their own; nobody asks a lost supervisor to stop."""
     monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
-    supervisors[0].pending += [Update(ended={1: 1}), WorkerLostError("no answer for 30 s")]
+    supervisors[0].pending += [Update(ended={1: (1, "")}), WorkerLostError("no answer for 30 s")]
     agents.look()
     agents.look()
     lost = {part.name: part for part in agents.parts if part.exit_code is not None}

@@ -108,11 +108,11 @@ def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -
 def test_only_the_same_code_does_a_run() -> None:
     """By a digest of all sources."""
     (task,) = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
-    result, reason = attempt_with(provenance.code_digest(), task)
+    result, reason, _ = attempt_with(provenance.code_digest(), task)
     assert reason == ""
     assert result is not None
     assert result["summary"] == work(task)["summary"]
-    result, reason = attempt_with("0" * 16, task)
+    result, reason, _ = attempt_with("0" * 16, task)
     assert result is None
     assert provenance.code_digest() in reason
     assert "0" * 16 in reason
@@ -124,13 +124,13 @@ def test_a_result_of_other_code_that_a_scheduler_still_has_is_not_taken(
 ) -> None:
     """Two versions may share a scheduler, and ask it for the same run."""
     cluster.add_worker()
-    tasks = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
+    sweep = {"axes": {"control.delta": [2]}, "repeats": 1}
     with monkeypatch.context() as other:
         other.setattr(provenance, "code_digest", lambda: "0" * 16)
-        theirs = DaskEngine(cluster.address, 1).run(tasks)
+        theirs = DaskEngine(cluster.address, 1).run(tasks_of(made(sweep)))
         assert next(theirs).result is None
     try:
-        (ours,) = DaskEngine(cluster.address, 1).run(tasks)  # while the scheduler keeps what they got
+        (ours,) = DaskEngine(cluster.address, 1).run(tasks_of(made(sweep)))  # while the scheduler keeps what they got
     finally:
         theirs.close()
     assert ours.reason == ""

@@ -203,7 +203,7 @@ def test_an_export_replaces_its_like_alone_and_with_force(run: Path) -> None:
     assert export(run, "csv", "--out", str(run), "--force") == 2
     assert (run / "recording.mcap").exists()
     assert export(run, "rrd", "--out", str(run), "--force") == 2
-    assert not list(run.parent.glob(".export-*"))
+    assert not list(run.parent.glob(".deltaswarm-*"))
 
 
 def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(run: Path, capsys: Printed) -> None:

@@ -7,8 +7,10 @@ import pytest
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
+from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
+from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
@@ -141,6 +143,37 @@ def test_runs_of_another_design_do_not_pass_for_the_planned_ones(
     assert main(command) == 0
     assert len(done) == 3
     assert (tmp_path / "out" / "participant-001" / "session.json").read_text() == record
+
+
+def test_a_file_that_changes_between_runs_ends_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """It is named, then and when the session goes on; all runs of a participant are decided by the same files."""
+    grid, done = tmp_path / "grid.csv", list[str]()
+
+    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
+        assert options.inputs is not None
+        inputs.check(scenario, options.inputs, starts_python=False)
+        done.append(options.out.name)
+        options.out.mkdir()
+        (options.out / "scenario.toml").write_text(to_toml(scenario))
+        (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
+        manifest = new_manifest(scenario, "processes", "off")
+        files = seal.digests(options.out, ["scenario.toml", "summary.json"])
+        seal.write_sealed(options.out / "manifest.json", manifest, files)
+        grid.write_text("2,1\n1,1\n")
+        return 0
+
+    monkeypatch.setattr(report, "run_and_report", pretend)
+    monkeypatch.chdir(tmp_path)
+    grid.write_text("1,1\n1,1\n")
+    file = a_file(tmp_path, 2)
+    density = '\'events.density={kind="grid",file="grid.csv"}\', '
+    file.write_text(file.read_text().replace("set = [", f"set = [{density}"))
+    for code in (1, 2):
+        assert main(["session", str(file), "--participant", "1", "--out", "out"]) == code
+        assert "grid.csv" in capsys.readouterr().err
+    assert done == ["0-training"]
 
 
 def test_a_participant_has_one_session_at_a_time(
