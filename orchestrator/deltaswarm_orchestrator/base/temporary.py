@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from deltaswarm_wire.files import Written
+
 PREFIX = ".deltaswarm-"
 
 
@@ -41,12 +43,21 @@ class TemporaryFolder:
 
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
-    """Yield a folder beside `out`, which becomes `out` when it is complete; nothing is left of one that is not."""
+    """Yield a folder beside `out`, which becomes `out` when it is complete; nothing is left of one that is not.
+
+    Raises:
+        OSError: it cannot be filled; the error names the file as it would be in `out`.
+    """
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryFolder(out.parent) as scratch:
         (folder := scratch / out.name).mkdir()
-        yield folder
-        folder.rename(out)
+        try:
+            yield folder
+            folder.rename(out)
+        except OSError as error:
+            Written.begin()
+            name = os.fsdecode(error.filename or "")
+            raise OSError(error.errno, error.strerror or str(error), name.replace(str(folder), str(out))) from error
 
 
 def locked_folder(parent: Path, prefix: str = PREFIX) -> tuple[Path, int]:
