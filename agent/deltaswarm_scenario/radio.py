@@ -24,6 +24,9 @@ LEAST_FRAME_BYTES = 5
 
 MAX_TIME_S = 1e9
 
+REASON = re.compile("[a-z][a-z0-9_]*")
+"""What the reason of a radio model must match: it names a column of the tables."""
+
 Place = tuple[float, ...]
 
 
@@ -207,7 +210,7 @@ class RadioSettings:
                 continue
             if name in RADIO_MODELS.shipped and not hasattr(model, "Settings"):
                 problems.append(Problem(path, repr(name), "must be set by the model's own keys in [radio]"))
-            if not re.fullmatch("[a-z][a-z0-9_]*", str(model.reason)):
+            if not REASON.fullmatch(str(model.reason)):
                 must = "must have a reason of lower-case letters, digits and underscores"
                 problems.append(Problem(path, repr(model.reason), must))
         return problems

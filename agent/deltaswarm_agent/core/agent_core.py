@@ -156,7 +156,7 @@ class AgentCore(Saved):
         except BaseException as error:  # SystemExit too: it would end a run in one process
             if is_interrupt(error):
                 raise
-            raise ControllerError(self._failed_in(step), error) from error
+            raise ControllerError(self._failed_in(step), error, type(self.controller).step) from error
         try:
             act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
             if self._metrics:
