@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from deltaswarm_wire.checked import Problem, SettingsError, key, plain_value
-from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
+from deltaswarm_wire.plugins import RADIO_MODELS, find, is_recorded, own_settings
 
 DISC, LOG_DISTANCE = "disc", "log-distance"
 RECEPTIONS = (DISC, LOG_DISTANCE)
@@ -207,6 +207,8 @@ class RadioSettings:
                 model = find(RADIO_MODELS, name, path)
             except SettingsError as error:
                 problems += error.problems
+                continue
+            if is_recorded(model):
                 continue
             if name in RADIO_MODELS.shipped and not hasattr(model, "Settings"):
                 problems.append(Problem(path, repr(name), "must be set by the model's own keys in [radio]"))

@@ -33,7 +33,7 @@ def called(
         name: names the function in messages.
         function: the function.
         arguments: its arguments.
-        at: whose definition is shown if no frame of the plug-in raised, such as for a wrong signature; default: `function`.
+        at: whose definition is shown if no frame of the plug-in raised, as for a wrong signature; default: `function`.
         passes: types of errors that are not its failure.
 
     Raises:
@@ -56,13 +56,24 @@ class Foreign:
     """
 
     CHECKS: ClassVar[Mapping[str, Callable[..., Any]]] = {}
-    """By member, a function of the context, of the member's value, or what its call returns, and of the arguments of the
-    call. It returns the value to go on with, or raises TypeError or ValueError: "must ... (got ...)"."""
+    """Checks by member: functions of the context, of the member's value or what its call returns, and of the call's
+    arguments. A check returns the value to go on with, or raises ValueError: "must ... (got ...)"."""
     PASSES: ClassVar[tuple[type[BaseException], ...]] = ()
     """Errors by which the plug-in is meant to refuse something."""
 
     def __init__(self, plugin: Any, context: Any = None) -> None:
         self._plugin, self._context = plugin, context
+
+    @classmethod
+    def make(cls, kind: Any, *arguments: Any, context: Any = None) -> Any:
+        """Make an object of a class, and wrap it unless the class comes with deltaswarm.
+
+        Raises:
+            PluginError: the constructor of a class from outside raised.
+        """
+        if not is_foreign(kind):
+            return kind(*arguments)
+        return cls(called(name_of(kind), kind, *arguments, passes=cls.PASSES), context)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # pickle asks before there are attributes

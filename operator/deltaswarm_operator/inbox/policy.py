@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 from deltaswarm_operator.inbox.item import Item
 from deltaswarm_scenario.operator_settings import INFO, SEVERITIES, InboxSettings
-from deltaswarm_wire.foreign import Foreign, called, is_foreign, name_of
+from deltaswarm_wire.foreign import Foreign
 from deltaswarm_wire.plugins import INBOX_POLICIES, find
 
 NEWEST, RANKED = "newest", "ranked"
@@ -81,10 +81,8 @@ def policy_of(settings: InboxSettings, arrived: Sequence[Item]) -> Policy:
         PluginError: it cannot be made, or is no policy.
     """
     cls = find(INBOX_POLICIES, settings.policy, "operator.inbox.policy")
-    policy: Any = called(name_of(cls), cls, settings.own)
-    if is_foreign(cls):
-        policy = ForeignPolicy(policy, arrived)
-        _ = policy.ORDER, policy.HELD  # before hours are spent
+    policy: Policy = ForeignPolicy.make(cls, settings.own, context=arrived)
+    _ = policy.ORDER, policy.HELD  # before hours are spent
     return policy
 
 

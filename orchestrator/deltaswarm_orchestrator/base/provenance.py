@@ -13,15 +13,30 @@ import platform
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugins import CONTROLLERS, DYNAMICS, FAULTS, INBOX_POLICIES, POINTS, RADIO_MODELS, find
+from deltaswarm_wire.commands import CommandForm, forms_of
+from deltaswarm_wire.controller_metrics import ControllerMetric, declared
+from deltaswarm_wire.plugins import (
+    CONTROLLERS,
+    DYNAMICS,
+    FAULTS,
+    INBOX_POLICIES,
+    POINTS,
+    RADIO_MODELS,
+    as_recorded,
+    find,
+    find_controller,
+)
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
@@ -142,6 +157,28 @@ def sources(scenario: Scenario) -> list[Source]:
     own = [(point.group, name, path) for point, name, path in named if name not in point.shipped]
     # What a notebook defines can be another class of the same name the next time.
     return [(_source.__wrapped__ if one[1].startswith("__main__:") else _source)(*one) for one in own]
+
+
+def controller_of(scenario: Scenario) -> dict[str, Any]:
+    """Return what a manifest says of a scenario's controller: its files, and what it declares if it is third-party."""
+    mode = scenario.control.mode
+    own = next((source for source in sources(scenario) if source.what == CONTROLLERS.what), None)
+    found: dict[str, Any] = {"mode": mode, "source": own and own.digest, "files": list(own.files) if own else []}
+    if own:
+        found["metrics"] = [asdict(metric) for metric in declared(mode)]
+        found["commands"] = [checked.plain(form) for form in forms_of(find_controller(mode))]
+    return found
+
+
+def reading(manifest: Mapping[str, Any]) -> AbstractContextManager[None]:
+    """Let no third-party code be imported while a run is read; its manifest says what its controller declared."""
+    try:
+        told = manifest["controller"]
+        metrics = tuple([ControllerMetric(**metric) for metric in told["metrics"]])
+        commands = tuple([checked.load(CommandForm, form) for form in told["commands"]])
+    except (LookupError, TypeError, SettingsError):  # of a shipped controller, or of an earlier version
+        return as_recorded()
+    return as_recorded(metrics, commands)
 
 
 @cache

@@ -6,9 +6,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Truth
+from deltaswarm_wire.foreign import called
 from deltaswarm_wire.operator_messages import Report, Status, Workload
 from deltaswarm_wire.plugin_errors import PluginError, is_interrupt
 
@@ -68,7 +70,10 @@ class Guarded:
         self._failed = False
 
     def __enter__(self) -> Self:
-        self._observer = self._observer.__enter__()
+        own: Any = self._observer
+        self._observer = called(
+            f"{self._name}.__enter__", lambda: own.__enter__(), at=type(own), passes=(CommandError,)
+        )
         return self
 
     def __exit__(self, *error: Any) -> None:

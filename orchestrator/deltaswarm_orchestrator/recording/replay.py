@@ -10,16 +10,17 @@ from typing import Any
 
 import msgpack
 
-from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base import provenance, seal
+from deltaswarm_orchestrator.base.exits import notice
 from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS, VALUES
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_scenario.operator_links import FIRST_STEP
-from deltaswarm_scenario.operator_settings import AutonomySettings
+from deltaswarm_scenario.operator_settings import ALL, AutonomySettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.operator_messages import Clock, encode_report
-from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.plugins import INBOX_POLICIES, find_controller
 
 PROBES = "probes.csv"
 
@@ -49,7 +50,12 @@ def write_steps(run: Path, file: Path) -> None:
         SealError: a table of the run is not as the run wrote it.
         FileNotFoundError: there is no recording.
     """
-    seal.checked(run / seal.MANIFEST)
+    manifest = seal.checked(run / seal.MANIFEST)
+    with provenance.reading(manifest):
+        _write_steps(run, file)
+
+
+def _write_steps(run: Path, file: Path) -> None:
     recording = read_recording(run)
     if not recording.workloads:
         raise RecordingError("the recording must hold at least one step (got none)")
@@ -65,6 +71,9 @@ def write_steps(run: Path, file: Path) -> None:
             if row["kind"] == "read":
                 read.setdefault(float(row["time_s"]), []).extend(map(int, row["items"].split()))
     operator = replace(scenario.operator, autonomy=AutonomySettings())  # what the system commanded is in the script
+    if (policy := operator.inbox.policy) not in INBOX_POLICIES.shipped:
+        notice(f"replay: the inbox policy {policy} is not run again; the page shows every item")
+        operator = replace(operator, inbox=replace(operator.inbox, policy=ALL, options={}))
     scenario = replace(scenario, operator=operator)
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
     acts: dict[float, list[dict[str, Any]]] = {}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.foreign import Foreign, called, is_foreign, name_of
+from deltaswarm_wire.foreign import Foreign
 from deltaswarm_wire.plugins import DYNAMICS, NoSettings, find, own_settings
 from deltaswarm_world.core.arrays import Floats, Mask, checked_agents, checked_mask, checked_rows
 from deltaswarm_world.core.faults.kind import ActiveFault
@@ -147,9 +147,7 @@ def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
     """
     world = scenario.world
     settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
-    kind: type[Dynamics] = find(DYNAMICS, world.dynamics, "world.dynamics")
-    dynamics: Dynamics = called(name_of(kind), kind, settings, scenario, obstacles)
-    if not is_foreign(kind):
-        return dynamics
-    foreign: Any = ForeignDynamics(dynamics, (scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m))
-    return foreign
+    room = scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m
+    kind = find(DYNAMICS, world.dynamics, "world.dynamics")
+    dynamics: Dynamics = ForeignDynamics.make(kind, settings, scenario, obstacles, context=room)
+    return dynamics

@@ -9,7 +9,6 @@ from typing import Any
 
 from deltaswarm_scenario.fault import FREEZE, NEVER_ENDS, FaultSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.foreign import called, is_foreign, name_of
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.plugins import FAULTS, find
@@ -36,18 +35,18 @@ class Faults:
         self._faults = scenario.fault
         self._orders = Orders(self._step_s)
         names = dict.fromkeys((*FAULTS.shipped, *(fault.kind for fault in scenario.fault)))
-        self._kinds: dict[str, Kind] = {name: self._kind(name, scenario) for name in names}
+        self._kinds: dict[str, Kind] = {
+            name: ForeignKind.make(
+                find(FAULTS, name, "fault.kind"), name, scenario, self._orders, context=scenario.agents.count
+            )
+            for name in names
+        }
         self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
         """Step and index of pending faults, the next one last."""
         self._active: list[ActiveFault] = []
         self._active_kinds: list[Kind] = []
         """Kinds with active faults, in the order of the table."""
         self._blind: frozenset[int] = frozenset()
-
-    def _kind(self, name: str, scenario: Scenario) -> Any:
-        found = find(FAULTS, name, "fault.kind")
-        kind = called(name_of(found), found, name, scenario, self._orders)
-        return ForeignKind(kind, self._count) if is_foreign(found) else kind
 
     @property
     def frozen(self) -> frozenset[int]:
