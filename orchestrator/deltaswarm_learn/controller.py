@@ -6,6 +6,8 @@ import numpy as np
 
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_learn.vectors import Vector, VectorCoding, VectorSettings, checked_action
+from deltaswarm_wire.foreign import name_of
+from deltaswarm_wire.plugin_errors import defined_at
 
 
 class PolicyController:
@@ -28,7 +30,11 @@ class PolicyController:
 
     def step(self, percept: Percept) -> Decision:
         """Decide in every step."""
-        action = checked_action(self.act(self.coding.observation(percept)), self.coding.action_size)
+        found = self.act(self.coding.observation(percept))
+        try:
+            action = checked_action(found, self.coding.action_size)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{name_of(type(self))}.act: {error} ({defined_at(self.act)})") from None
         return self.coding.decision(percept, action)
 
 
