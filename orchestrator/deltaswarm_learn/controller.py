@@ -7,7 +7,6 @@ import numpy as np
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_learn.vectors import Vector, VectorCoding, VectorSettings, checked_action
 from deltaswarm_wire.foreign import name_of
-from deltaswarm_wire.plugin_errors import defined_at
 
 
 class PolicyController:
@@ -34,7 +33,7 @@ class PolicyController:
         try:
             action = checked_action(found, self.coding.action_size)
         except (TypeError, ValueError) as error:
-            raise type(error)(f"{name_of(type(self))}.act: {error} ({defined_at(self.act)})") from None
+            raise type(error)(f"{name_of(type(self))}.act: {error}") from None
         return self.coding.decision(percept, action)
 
 
