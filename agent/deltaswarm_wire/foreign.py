@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
-from deltaswarm_wire.plugin_errors import PACKAGES, PluginError, defined_at, is_interrupt, note_plugin
+from deltaswarm_wire.plugin_errors import PACKAGES, PluginError, is_interrupt, note_plugin
 
 
 def is_foreign(thing: object) -> bool:
@@ -78,33 +78,42 @@ class Foreign:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # pickle asks before there are attributes
             raise AttributeError(name)
-        plugin, check = self._plugin, self.CHECKS.get(name)
-        where = f"{name_of(type(plugin))}.{name}"
-        value = called(where, getattr, plugin, name, at=type(plugin))
+        try:
+            value = getattr(self._plugin, name)
+        except BaseException as error:
+            raise self._failed(name, type(self._plugin), error) from error
+        check = self.CHECKS.get(name)
         if callable(value):
-            return partial(self._call, where, value, check)
-        return self._checked(where, type(plugin), check, value)
+            return partial(self._call, name, value, check)
+        return value if check is None else self._checked(name, type(self._plugin), check, value)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         note_plugin(type(self._plugin).__module__)
 
-    def _call(self, where: str, method: Callable[..., Any], check: Callable[..., Any] | None, *arguments: Any) -> Any:
-        # An inherited method of deltaswarm's is not the plug-in's place.
-        at = method if is_foreign(method) else type(self._plugin)
-        value = called(where, method, *arguments, at=at, passes=self.PASSES)
-        return self._checked(where, at, check, value, *arguments)
+    def _call(self, name: str, method: Any, check: Callable[..., Any] | None, *arguments: Any) -> Any:
+        try:
+            value = method(*arguments)
+        except BaseException as error:  # a plug-in may raise anything
+            raise self._failed(name, method, error) from error
+        return value if check is None else self._checked(name, method, check, value, *arguments)
 
-    def _checked(
-        self, where: str, function: object, check: Callable[..., Any] | None, value: Any, *arguments: Any
-    ) -> Any:
-        if check is None:
-            return value
+    def _checked(self, name: str, method: Any, check: Callable[..., Any], value: Any, *arguments: Any) -> Any:
         try:
             return check(self._context, value, *arguments)
         except BaseException as error:  # what the plug-in returned may raise anything, too, such as a generator
-            if is_interrupt(error):
-                raise
-            if str(error).startswith("must "):
-                raise PluginError(f"{where} {error} ({defined_at(function)})") from None
-            raise PluginError(f"{where} failed", error, function) from error
+            failed = self._failed(name, method, error)
+            if not str(error).startswith("must "):
+                raise failed from error
+            raise PluginError(f"{self._named(name)} {error} ({failed.where})") from None
+
+    def _failed(self, name: str, method: object, error: BaseException) -> PluginError:
+        """Return what is told of an error. Raises it again if it is an interrupt, or the plug-in's refusal."""
+        if is_interrupt(error) or isinstance(error, self.PASSES):
+            raise error
+        # An inherited method of deltaswarm's is not the plug-in's place.
+        at = method if is_foreign(method) else type(self._plugin)
+        return PluginError(f"{self._named(name)} failed", error, at)
+
+    def _named(self, name: str) -> str:
+        return f"{name_of(type(self._plugin))}.{name}"

@@ -26,6 +26,8 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.commands import CommandForm, forms_of
 from deltaswarm_wire.controller_metrics import ControllerMetric, declared
+from deltaswarm_wire.foreign import name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import (
     CONTROLLERS,
     DYNAMICS,
@@ -217,7 +219,11 @@ def files_of(cls: type[Any]) -> dict[str, Path]:
         files[name] = file
         waiting += [imported for imported in _imports(name, file) if _is_third_party(imported)]
     folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
-    return files | {f"data: {name}": folder / name for name in getattr(cls, "data_files", ())}
+    data = getattr(cls, "data_files", ())
+    if not isinstance(data, tuple | list) or not all(isinstance(name, str | os.PathLike) for name in data):
+        must = f"{name_of(cls)}.data_files must be a tuple of paths (got {data!r:.80})"
+        raise PluginError(f"{must} ({defined_at(cls)})")
+    return files | {f"data: {name}": folder / name for name in data}
 
 
 def _cells_of(cls: type[Any]) -> list[str]:

@@ -58,6 +58,7 @@ def test_what_is_well_passes() -> None:
         (lambda made: made.of(3), "_Numbers.of failed: ZeroDivisionError"),
         (lambda made: made.of(), "_Numbers.of failed: TypeError"),
         (lambda made: made.ends(), "_Numbers.ends failed: SystemExit"),
+        (lambda made: numbers(of=lambda value: [][value]).of(1), "_Numbers.of failed: IndexError"),
         (lambda made: made.nothing, "_Numbers.nothing failed: AttributeError"),
         (lambda made: numbers(of=lambda value: 7).of(1), "_Numbers.of must be at most 4 (got 7)"),
         (lambda made: numbers(of=lambda value: "x").of(1), "_Numbers.of failed: TypeError"),

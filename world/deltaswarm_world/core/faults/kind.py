@@ -162,9 +162,11 @@ def _distorted(agents: int, value: Any, sensed: Sequence[Any], positions_m: Floa
 
 
 def _is_event(event: Any) -> bool:
-    if not isinstance(event, Event) or type(event.event) is not int or not 0 <= event.event <= MAX_ID:
+    if type(event) is not Event:
         return False
-    return all(isinstance(at_m, float | int) and abs(at_m) <= MAX_ABS_M for at_m in (event.x_m, event.y_m))
+    number, x_m, y_m = event
+    is_number = type(number) is int and isinstance(x_m, float | int) and isinstance(y_m, float | int)
+    return is_number and 0 <= number <= MAX_ID and abs(x_m) <= MAX_ABS_M and abs(y_m) <= MAX_ABS_M
 
 
 class ForeignKind(Foreign):
