@@ -188,6 +188,7 @@ def test_a_fault_acts_on_its_agents_from_its_time_on() -> None:
         ("Kind", "def drive(self, velocities_mps): raise SystemExit(0)", "drive failed: SystemExit"),
         ("Kind", "def distort(self, sensed, _): sensed[0].append(Event(1, np.nan, 0.0))", "distort must leave Events"),
         ("Kind", "def distort(self, sensed, _): sensed[0].append(3)", "distort must leave Events"),
+        ("Kind", "def distort(self, sensed, places_m): places_m[:] = 0.0", "distort failed: ValueError"),
         ("Kind", "def misses(self, agent): pass", "misses must return True or False"),
         ("Kind", "def begin(self, fault, living, why): pass", "begin must return True or False"),
         ("Kind", "def begin(self, fault, living, why): living.add(99)", "begin must give a set of agents"),

@@ -139,8 +139,10 @@ class Faults:
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
         """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
+        there_m = positions_m.view()
+        there_m.flags.writeable = False  # a sensor moves no body
         for kind in self._active_kinds:
-            kind.distort(sensed, positions_m)
+            kind.distort(sensed, there_m)
 
     def drive(self, velocities_mps: Floats) -> None:
         """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""
