@@ -27,10 +27,11 @@ class _Lab:
         raise CommandError("the laboratory is closed")
 
     def placed(self, agents: int, say: Any) -> Any:
-        return nullcontext(SimpleNamespace(workers=3, agents=lambda scenario, logs: None)) if agents else None
+        places = SimpleNamespace(workers=3, agents=lambda scenario, logs: None)
+        return None if agents == 0 else nullcontext(places if agents == 1 else 3)
 
     def sweep_engine(self, workers: int) -> Any:
-        return 3
+        return SimpleNamespace(run=lambda tasks: iter([3])) if workers else 3
 
 
 def _agents(engine: Any) -> None:
@@ -47,7 +48,9 @@ def _workers(engine: Any) -> None:
     ("use", "said"),
     [
         (lambda engine: engine.placed(0, print), "_Lab.placed must return an object with __enter__"),
-        (lambda engine: engine.sweep_engine(2), "_Lab.sweep_engine must return an object with run"),
+        (lambda engine: engine.sweep_engine(0), "_Lab.sweep_engine must return an object with run"),
+        (lambda engine: [*engine.sweep_engine(2).run([])], "_Lab: run must yield Done"),
+        (lambda engine: engine.placed(2, print).__enter__(), "_Lab.placed must yield a Placement"),
         (_agents, "agents must return an object with listen"),
         (_workers, "workers must return an object with items"),
         (lambda engine: engine_of(f"{__name__}:_Lab", None), "_Lab failed: RuntimeError: no cable"),
