@@ -129,3 +129,5 @@ def test_what_they_do_wrong_ends_their_process(
     assert f"wrong:{said}" in line
     assert f"({tmp_path / 'wrong.py'}:" in line
     assert not any("hung" in line or "Traceback" in line for line in why)
+    assert main(["run", "smoke", "-q", *more, "--in-process", "--out", str(tmp_path / "run")]) == 1
+    assert f"wrong:{said}" in json.loads(capsys.readouterr().out)["invalid_because"][0]

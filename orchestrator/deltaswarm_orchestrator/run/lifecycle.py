@@ -279,6 +279,8 @@ class _Run:
             begun,
         )
         self.ending.why += self.outcome.messages
+        if not self.stop.by:
+            self.ending.cause = next(iter(self.outcome.messages), None)
         self.ending.logs += told({}, self.outcome.traces)
 
     def _conclude(self) -> dict[str, Any]:
