@@ -172,7 +172,7 @@ def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Co
     except BaseException as error:  # SystemExit too: it would end a run in one process
         if is_interrupt(error):
             raise
-        raise ControllerError(f"controller {control.mode} cannot be made", error) from error
+        raise ControllerError(f"controller {control.mode} cannot be made", error, cls) from error
     return controller
 
 

@@ -26,7 +26,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.plugin_errors import blamed
+from deltaswarm_wire.plugin_errors import PluginError, blamed
 
 
 def parser() -> argparse.ArgumentParser:
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_certificate(settings)
             print(told(settings))
             return 0
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, PluginError) as error:
         print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
         return 2
     warn_of_certificate(settings)

@@ -12,6 +12,7 @@ from deltaswarm_agent.body import NOWHERE, Body, Sensed
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
 from deltaswarm_wire.messages import FREE, MAX_SENSED, Act, Event, Frame, Heard
+from deltaswarm_wire.plugin_errors import PluginError, described
 
 Place = tuple[float, float]
 
@@ -36,6 +37,10 @@ def checked_sensed(sensed: Any) -> Sensed:
         if not (0 <= event.event <= MAX_ID and abs(event.x_m) <= MAX_ABS_M and abs(event.y_m) <= MAX_ABS_M):
             raise ValueError(f"events must have valid ids and positions (got {event})")
     return Sensed(float(sensed.x_m), float(sensed.y_m), float(sensed.std_m), events)
+
+
+def _told(error: Exception) -> str:
+    return f"body failed: {error if isinstance(error, PluginError) else described(error)}"
 
 
 class SetPoint:
@@ -138,7 +143,7 @@ class Driver:
             self._failures += 1
             if self._failures >= MAX_FAILURES:
                 raise error
-            self.fault = f"body failed: {type(error).__name__}: {error}"
+            self.fault = _told(error)
 
     def _doubt(self, sensed: Sensed) -> str:
         if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
@@ -178,7 +183,7 @@ class Follower:
         try:
             self._follow(frame, act)
         except Exception as error:  # a plug-in may raise anything
-            self.fault = f"body failed: {type(error).__name__}: {error}"
+            self.fault = _told(error)
         if self.fault != before:
             log.warning("the robot is %s", f"not well: {self.fault}" if self.fault else "well")
 

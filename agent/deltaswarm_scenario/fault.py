@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltaswarm_wire.checked import Problem, SettingsError, key, rest, unknown_key
-from deltaswarm_wire.plugins import FAULTS, find, own_settings
+from deltaswarm_wire.plugins import FAULTS, find, is_recorded, own_settings
 
 FREEZE = "freeze"
 MAY_LAST, MUST_END, NEVER_ENDS = "duration_s is optional", "duration_s is needed", "duration_s means nothing"
@@ -33,7 +33,7 @@ class FaultSettings:
     @property
     def to_process(self) -> bool:
         """Whether the fault affects the agent's process (by a real signal, if there is a process) or its body."""
-        return bool(find(FAULTS, self.kind, "kind").to_process)
+        return bool(getattr(find(FAULTS, self.kind, "kind"), "to_process", False))
 
     def own(self) -> Any:
         """Return the kind's own settings, from the options.
@@ -62,7 +62,9 @@ class FaultSettings:
             kind = find(FAULTS, self.kind, "kind")
         except SettingsError as error:
             return error.problems
-        problems = []
+        problems: list[Problem] = []
+        if is_recorded(kind):
+            return problems
         if kind.lasts == MUST_END and self.duration_s is None:
             problems.append(Problem("duration_s", "nothing", f"must be given for {self.kind}"))
         if kind.lasts == NEVER_ENDS and self.duration_s is not None:

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from deltaswarm_wire.checked import Problem, SettingsError, key, plain_value
-from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
+from deltaswarm_wire.plugins import RADIO_MODELS, find, is_recorded, own_settings
 
 DISC, LOG_DISTANCE = "disc", "log-distance"
 RECEPTIONS = (DISC, LOG_DISTANCE)
@@ -23,6 +23,9 @@ LEAST_FRAME_BYTES = 5
 """Size of the smallest radio frame: of an agent that relocates, with the smallest numbers."""
 
 MAX_TIME_S = 1e9
+
+REASON = re.compile("[a-z][a-z0-9_]*")
+"""What the reason of a radio model must match: it names a column of the tables."""
 
 Place = tuple[float, ...]
 
@@ -205,9 +208,11 @@ class RadioSettings:
             except SettingsError as error:
                 problems += error.problems
                 continue
+            if is_recorded(model):
+                continue
             if name in RADIO_MODELS.shipped and not hasattr(model, "Settings"):
                 problems.append(Problem(path, repr(name), "must be set by the model's own keys in [radio]"))
-            if not re.fullmatch("[a-z][a-z0-9_]*", str(model.reason)):
+            if not REASON.fullmatch(str(model.reason)):
                 must = "must have a reason of lower-case letters, digits and underscores"
                 problems.append(Problem(path, repr(model.reason), must))
         return problems

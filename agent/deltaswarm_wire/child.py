@@ -33,6 +33,9 @@ NO_ROOM = 74
 WORLD_LOST = 69
 """An operator's world, or the link to it, went before the last step (`EX_UNAVAILABLE` of sysexits.h)."""
 
+PLUGIN_FAILED = 70
+"""A plug-in raised or returned something invalid, and would again (`EX_SOFTWARE` of sysexits.h)."""
+
 LIMIT_REACHED = 71
 """The system allows no more processes, threads, open files or memory (`EX_OSERR` of sysexits.h)."""
 

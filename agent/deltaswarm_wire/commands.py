@@ -28,6 +28,7 @@ from deltaswarm_wire.codec import (
     unpack,
     version,
 )
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 
 BASE_ID = MAX_AGENT_ID
 """The sender of the base's radio frames; no agent has this id."""
@@ -274,8 +275,17 @@ def decode_pace(data: bytes) -> Pace:
 
 
 def forms_of(controller: Any) -> tuple[CommandForm, ...]:
-    """The commands that a controller's class declares; none where it has no `Commands`."""
-    return tuple(getattr(controller, "Commands", ()))
+    """The commands that a controller's class declares; none where it has no `Commands`.
+
+    Raises:
+        PluginError: they are no commands.
+    """
+    forms = getattr(controller, "Commands", ())
+    if not isinstance(forms, tuple | list) or not all(isinstance(form, CommandForm) for form in forms):
+        kind = controller if isinstance(controller, type) else type(controller)
+        must = f"{kind.__module__}:{kind.__qualname__}.Commands must be a tuple of CommandForm (got {forms!r:.80})"
+        raise PluginError(f"{must} ({defined_at(kind)})")
+    return tuple(forms)
 
 
 def named(forms: Sequence[CommandForm], name: str) -> CommandForm | None:

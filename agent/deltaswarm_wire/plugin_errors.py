@@ -35,18 +35,20 @@ class PluginError(Exception):
     Args:
         text: what failed.
         error: what the plug-in raised; None if it raised nothing.
+        function: what was called, whose definition is shown if the error passed no frame of the plug-in.
 
     Attributes:
         kind: the type of `error`; "" without one.
-        where: `file:line` of the plug-in's last frame; "" if it has none.
+        where: `file:line` of the plug-in's last frame, or of `function`; "" if there is neither.
         trace: the traceback from the plug-in's own frame on, which ends with the exception; "" without an error, and
             if it had only deltaswarm's frame that caught what C raised, such as pickle.
     """
 
-    def __init__(self, text: str, error: BaseException | None = None) -> None:
+    def __init__(self, text: str, error: BaseException | None = None, function: object = None) -> None:
         self.kind = self.where = self.trace = ""
         if error is not None:
-            self.kind, self.where, self.trace = type(error).__name__, _where(error), _trace(error)
+            self.kind, self.trace = type(error).__name__, _trace(error)
+            self.where = _where(error) or (defined_at(function) if function else "")
             text = f"{text}: {described(error)}" + (f" ({self.where})" if self.where else "")
         super().__init__(text)
 
@@ -112,9 +114,15 @@ def described(error: BaseException) -> str:
 
 
 def defined_at(function: object) -> str:
-    """Return `file:line` of a function's definition, for people."""
-    code = getattr(function, "__code__", None)
-    return f"{code.co_filename}:{code.co_firstlineno}" if code else "not written in Python"
+    """Return `file:line` of the definition of a function or class, for people."""
+    if code := getattr(function, "__code__", None):
+        return f"{code.co_filename}:{code.co_firstlineno}"
+    import inspect  # slow to import, and needed for classes alone
+
+    try:
+        return f"{inspect.getsourcefile(function)}:{inspect.findsource(function)[1] + 1}"  # type: ignore[arg-type]
+    except (OSError, TypeError):
+        return "not written in Python"
 
 
 def distinct(traces: Mapping[str, str]) -> dict[str, list[str]]:

@@ -5,9 +5,11 @@ What comes with deltaswarm enters by the same door: a name is that of something 
 """
 
 import importlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, is_dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -176,6 +178,51 @@ POINTS = (
 """Every extension point; docs/EXTENDING.md tells how each is used."""
 
 
+@dataclass(frozen=True)
+class RecordedSettings:
+    """The options of a plug-in as a run recorded them, all of them: they were checked when the run began."""
+
+    options: dict[str, Any] = checked.rest("the options")
+
+
+class Recorded:
+    """Stands for the class of a plug-in where a run is read and nothing is computed: no foreign code is imported."""
+
+    Settings = RecordedSettings
+    Metrics: ClassVar[tuple[Any, ...]] = ()
+    """A controller's own numbers, as far as the run recorded them."""
+    Commands: ClassVar[tuple[Any, ...]] = ()
+    """The orders that a controller accepts, likewise."""
+
+
+_recorded: ContextVar[type[Recorded] | None] = ContextVar("recorded", default=None)
+"""What stands for plug-ins here; None: they are imported."""
+
+
+@contextmanager
+def as_recorded(metrics: tuple[Any, ...] = (), commands: tuple[Any, ...] = ()) -> Iterator[None]:
+    """Let `Recorded` stand for all that does not come with deltaswarm's core, in the scenario of a run that is read.
+
+    Args:
+        metrics: the numbers that its controller declared.
+        commands: the orders that its controller accepted.
+    """
+    token = _recorded.set(type("Recorded", (Recorded,), {"Metrics": metrics, "Commands": commands}))
+    try:
+        yield
+    finally:
+        _recorded.reset(token)
+
+
+def is_recorded(found: Any) -> bool:
+    """Whether a class that was found only stands for a plug-in's."""
+    return isinstance(found, type) and issubclass(found, Recorded)
+
+
+OF_SCENARIOS = frozenset(point.group for point in (CONTROLLERS, RADIO_MODELS, FAULTS, INBOX_POLICIES, DYNAMICS))
+"""The groups of what a scenario names."""
+
+
 def find(point: ExtensionPoint, name: str, path: str, others: Collection[str] = ()) -> Any:
     """Find what `name` refers to: the name of something shipped, of an entry point, or `module:Class`.
 
@@ -188,6 +235,8 @@ def find(point: ExtensionPoint, name: str, path: str, others: Collection[str] = 
     Raises:
         SettingsError: there is no such thing, it cannot be imported, or it lacks something.
     """
+    if (recorded := _recorded.get()) and point.group in OF_SCENARIOS and name not in point.shipped:
+        return recorded
     target = name if ":" in name else point.shipped.get(name) or _entry_point(point, name, path, others)
     module, _, attribute = target.partition(":")
     note_plugin(module)

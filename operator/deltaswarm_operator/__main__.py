@@ -34,10 +34,10 @@ from deltaswarm_wire.arguments import (
     tls_of,
     whole,
 )
-from deltaswarm_wire.child import FAILED, exit_code_of
+from deltaswarm_wire.child import FAILED, PLUGIN_FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
-from deltaswarm_wire.plugin_errors import described
+from deltaswarm_wire.plugin_errors import blamed, described
 from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.session import RouterLink, air_pairs, protocol_of, tls_pairs
 
@@ -146,10 +146,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_operator(source)
     except Exception as error:
+        log = logging.getLogger("deltaswarm.operator")
+        if plugin := blamed(error):
+            log.critical("%s", plugin.report)
+            return PLUGIN_FAILED
         code = exit_code_of(error)
-        logging.getLogger("deltaswarm.operator").critical(
-            "%s", described(error), exc_info=code == FAILED and not isinstance(error, OSError)
-        )
+        log.critical("%s", described(error), exc_info=code == FAILED and not isinstance(error, OSError))
         return code
 
 

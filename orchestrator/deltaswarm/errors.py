@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE, Comma
 from deltaswarm_orchestrator.base.limits import reached
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.files import Written
-from deltaswarm_wire.plugin_errors import blamed, distinct
+from deltaswarm_wire.plugin_errors import PluginError, blamed, distinct
 from deltaswarm_wire.reading import working_folder_problem
 
 
@@ -36,6 +36,11 @@ def of_settings(error: SettingsError) -> Error:
     return Error(*map(str, error.problems), traces=(*traces,))
 
 
+def of_plugin(error: PluginError) -> Error:
+    """Return what the user is told of a plug-in that failed."""
+    return Error(str(error), code=FAILED, traces=(error.trace,) if error.trace else ())
+
+
 def error_of(error: BaseException, command: str) -> Error | None:
     """Return what the user is told of an error; None of one that only a mistake of deltaswarm itself can cause."""
     if isinstance(error, Error):
@@ -45,7 +50,7 @@ def error_of(error: BaseException, command: str) -> Error | None:
     if isinstance(error, CommandError):
         return Error(str(error), code=error.code)
     if plugin := blamed(error):
-        return Error(str(plugin), code=FAILED, traces=(plugin.trace,) if plugin.trace else ())
+        return of_plugin(plugin)
     if isinstance(error, KeyboardInterrupt):
         return Error("interrupted", code=INTERRUPTED)
     if isinstance(error, OSError | MemoryError | RuntimeError) and (limit := reached(error)):

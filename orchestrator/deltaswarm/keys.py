@@ -6,6 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import shown
 from deltaswarm_wire.files import write_whole
+from deltaswarm_wire.foreign import called
+from deltaswarm_wire.plugin_errors import defined_at, note_plugin
 
 DENSITY = "events.density"
 
@@ -120,10 +123,18 @@ def _write_grid(density: Callable[[float, float], float], width_m: float, height
 
     columns, rows = (min(math.ceil(length_m), MOST_CELLS) for length_m in (width_m, height_m))
     xs_m, ys_m = ((np.arange(cells) + 0.5) * size_m / cells for cells, size_m in ((columns, width_m), (rows, height_m)))
-    try:
-        weights = np.array([[float(density(x_m, y_m)) for x_m in xs_m.tolist()] for y_m in ys_m.tolist()])
-    except Exception as error:
-        raise Error(f"{DENSITY} must be a function of x and y [m] that returns a number: {error!r}") from error
+    note_plugin(str(getattr(density, "__module__", "")))
+    places_m = [(x_m, y_m) for y_m in ys_m.tolist() for x_m in xs_m.tolist()]
+    values = called(f"the function {DENSITY}", lambda: [density(*place_m) for place_m in places_m], at=density)
+    weights = np.full((rows, columns), np.nan)
+    for cell, (value, (x_m, y_m)) in enumerate(zip(values, places_m, strict=True)):
+        with suppress(TypeError, ValueError):
+            weights.flat[cell] = float(value)
+        if not 0 <= weights.flat[cell] < math.inf:
+            given = f"got {value!r:.80} at x = {x_m:g} m, y = {y_m:g} m"
+            raise Error(f"{DENSITY} must return finite numbers from 0 on ({given}) ({defined_at(density)})")
+    if not 0 < weights.sum() < math.inf:
+        raise Error(f"{DENSITY} must have a positive, finite sum (got {weights.sum():g}) ({defined_at(density)})")
     file.parent.mkdir(parents=True, exist_ok=True)
     np.save(data := io.BytesIO(), weights)
     write_whole(file, data.getvalue())

@@ -1,9 +1,10 @@
 """Sweeps: many runs that differ in some keys, done from Python or by the command line."""
 
+import math
 import os
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
-from deltaswarm_wire.plugin_errors import distinct
+from deltaswarm_wire.foreign import called
+from deltaswarm_wire.plugin_errors import PluginError, defined_at, distinct, note_plugin
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,15 +112,26 @@ def _in_this_process(metrics: Mapping[str, Callable[[Run], float | None]]) -> Ma
     if taken := sorted({key.key.partition(".")[0] for key in EVERY_KEY} & set(metrics)):
         raise Error(f"metrics must have names of their own (got {', '.join(taken)})")
 
+    for metric in metrics.values():
+        note_plugin(str(getattr(metric, "__module__", "")))
+
     def look(outcome: Any, scenario: Any, summary: Mapping[str, Any]) -> dict[str, Any]:
         run = UnsavedRun(outcome, scenario, dict(summary))
-        return {name: _number(metric(run)) for name, metric in metrics.items()}
+        return {name: _number(name, metric, run) for name, metric in metrics.items()}
 
     return lambda: ThisProcess(look)
 
 
-def _number(value: Any) -> float | None:
-    return None if value is None else float(value)
+def _number(name: str, metric: Callable[[Run], Any], run: Run) -> float | None:
+    """Return a metric's number for a run; None for None and NaN, the mean of nothing. Raises PluginError."""
+    value = called(f"metric {name}", metric, run)
+    number = math.inf
+    with suppress(TypeError, ValueError):
+        number = math.nan if value is None else float(value)
+    if math.isinf(number):
+        must = f"metric {name} must return a finite number or None (got {value!r:.80})"
+        raise PluginError(f"{must} ({defined_at(metric)})")
+    return None if math.isnan(number) else number
 
 
 def _invalid(result: "SweepResult") -> Iterator[str]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_learn.vectors import Vector, VectorCoding, VectorSettings, checked_action
+from deltaswarm_wire.foreign import name_of
 
 
 class PolicyController:
@@ -28,7 +29,11 @@ class PolicyController:
 
     def step(self, percept: Percept) -> Decision:
         """Decide in every step."""
-        action = checked_action(self.act(self.coding.observation(percept)), self.coding.action_size)
+        found = self.act(self.coding.observation(percept))
+        try:
+            action = checked_action(found, self.coding.action_size)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{name_of(type(self))}.act: {error}") from None
         return self.coding.decision(percept, action)
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.operator_messages import Report, Workload
+from deltaswarm_wire.plugin_errors import defined_at
 
 
 class StepOutcome(NamedTuple):
@@ -79,10 +80,12 @@ def _from_function(
     value = function(outcome)
     values = value if isinstance(value, Mapping) else dict.fromkeys(agents, value)
     if missing := [agent for agent in agents if agent not in values]:
-        raise ValueError(f"the reward function must return a number, or one for each agent (got none for {missing[0]})")
+        must = f"the reward function must return a number, or one for each agent (got none for {missing[0]})"
+        raise ValueError(f"{must} ({defined_at(function)})")
     for agent in agents:
         if not _is_number(values[agent]):
-            raise ValueError(f"the reward function must return finite numbers (got {values[agent]!r:.80} for {agent})")
+            must = f"the reward function must return finite numbers (got {values[agent]!r:.80} for {agent})"
+            raise ValueError(f"{must} ({defined_at(function)})")
     return {agent: float(values[agent]) for agent in agents}
 
 

@@ -34,6 +34,7 @@ from deltaswarm_sessions.plan import run_folder
 from deltaswarm_sessions.roster import allocated
 from deltaswarm_sessions.staging import staged, write_rows
 from deltaswarm_sessions.variables import KEYS, MEASURES, PARTICIPANT, QUESTION, RUN
+from deltaswarm_wire.plugins import as_recorded
 
 MAX_NAMED = 8
 """Maximum number of runs named in a line."""
@@ -188,7 +189,9 @@ def _questions(runs: Iterable[tuple[Path, Row]]) -> list[Row]:
     found: dict[tuple[Any, ...], Row] = {}
     for place, keys in runs:
         if (place / SCENARIO).exists():
-            for question in questions_of(load_scenario(str(place / SCENARIO))):
+            with as_recorded():
+                scenario = load_scenario(str(place / SCENARIO))
+            for question in questions_of(scenario):
                 row = {"condition": keys["condition"], **question}
                 found.setdefault(tuple(row.values()), row)
     return list(found.values())

@@ -11,6 +11,7 @@ from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import check_files, check_out, must_exist
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
 from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for
+from deltaswarm_wire.plugins import as_recorded
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.plan import Sweep
@@ -263,19 +264,20 @@ def report(arguments: argparse.Namespace) -> int:
             means = ["--processes"] if manifest.get("means") == PROCESSES else []
             go_on = command_line("sweep", folder / "sweep.toml", "--out", folder, *means)
             raise SweepFolderError(f"{folder} has no table.csv; to write it: {go_on}")
-        sweep = load_sweep(str(folder / "sweep.toml"))
-        was = manifest.get("inputs", {})
-        if any(was.get(name, now) != now for name, now in base_of(sweep).items()):
-            raise SweepFolderError(f"{sweep.file.base} must be as it was when {folder} was made; undo the change")
-        table, series = read_table(folder / "table.csv", needs=ID), read_series(folder / "series.csv")
-        study = bare_study(
-            sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
-        )
-        evidence = Evidence.of_sweep(study, table, series, manifest.get("invalid", []))
-        read = [file.name for file in folder.glob("*.csv") if file.stem in ("table", "series")]
-        unsealed = seal.not_sealed(manifest, ["sweep.toml", *read])
-        sealed = "" if unsealed else WITH_THE_RUNS
-        files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder, sealed)
+        with as_recorded():  # a page needs no third-party code
+            sweep = load_sweep(str(folder / "sweep.toml"))
+            was = manifest.get("inputs", {})
+            if any(was.get(name, now) != now for name, now in base_of(sweep).items()):
+                raise SweepFolderError(f"{sweep.file.base} must be as it was when {folder} was made; undo the change")
+            table, series = read_table(folder / "table.csv", needs=ID), read_series(folder / "series.csv")
+            study = bare_study(
+                sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
+            )
+            evidence = Evidence.of_sweep(study, table, series, manifest.get("invalid", []))
+            read = [file.name for file in folder.glob("*.csv") if file.stem in ("table", "series")]
+            unsealed = seal.not_sealed(manifest, ["sweep.toml", *read])
+            sealed = "" if unsealed else WITH_THE_RUNS
+            files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder, sealed)
     except ValueError as error:
         raise CommandError(str(error)) from None
     show(arguments, [str(file) for file in files], str(files[0]))

@@ -6,12 +6,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from zipfile import ZipFile
 
 import pytest
 
 from deltaswarm_agent.body import Body, Sensed
+from deltaswarm_board.bodies import make_body
 from deltaswarm_board.driver import MAX_FAILURES, Driver
 from deltaswarm_wire.messages import MAX_SENSED, Event
 from tests.support.cores import Core, agent_settings
@@ -165,6 +166,23 @@ def test_what_no_body_may_give_is_a_fault(gives: Any, word: str) -> None:
     _, _, faults = steps(gives, WELL)
     assert faults[1] == ""
     assert re.search(word, faults[0]), faults
+
+
+class Odd(Erratic):
+    """A body as a board makes it."""
+
+    def __init__(self, options: Any, context: Any) -> None:
+        super().__init__(options)
+
+
+def test_its_class_and_file_are_named() -> None:
+    """In the fault that the operator is told, and whether it raises, or returns what no body may."""
+    body = make_body(cast(Any, Odd), iter([None, OSError("gone")]), cast(Any, None))
+    driver = Driver(Core(1, agent_settings()).core, body, step_s=1.0, arrive_m=0.2, max_std_m=1.0)
+    for step, said in enumerate(("TypeError: sense must return a Sensed", "OSError: gone")):
+        driver.step(step, float(step), lambda at: ())
+        assert f"{__name__}:Odd.sense failed: {said}" in driver.fault
+        assert f"{__file__}:" in driver.fault
 
 
 def test_any_numbers_do() -> None:

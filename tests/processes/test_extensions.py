@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from tests.support.complaints import Printed
+from tests.support.tiers import in_one_test
 from tests.support.weather import put_weather
 
 pytestmark = pytest.mark.processes
@@ -89,3 +91,43 @@ def test_in_one_process_and_by_processes(tmp_path: Path, monkeypatch: pytest.Mon
     with (swept / "table.csv").open() as file:
         table = {row["radio.models.fog.density"]: row for row in csv.DictReader(file)}
     assert int(table["0.0"]["frames_dropped.fog"]) == 0 < int(table["0.05"]["frames_dropped.fog"])
+
+
+WRONG = """
+import numpy as np
+from deltaswarm_operator.inbox.all import All
+from deltaswarm_world.core.faults.kind import Kind
+
+class Gust(Kind):
+    def drive(self, velocities_mps):
+        velocities_mps[:] = np.nan
+
+class Moody(All):
+    def close_step(self, now_s, items):
+        raise RuntimeError("not today")
+"""
+
+
+@in_one_test(
+    ("key", "part", "said"),
+    [
+        ('fault=[{kind="wrong:Gust", at_s=2, agents=[0]}]', "world", "Gust.drive must leave velocities"),
+        ('operator.inbox.policy="wrong:Moody"', "operator", "Moody.close_step failed: RuntimeError: not today"),
+    ],
+)
+def test_what_they_do_wrong_ends_their_process(
+    key: str, part: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """At once, without a restart, and the run says in one line which part, class, file and line; no agent hangs."""
+    (tmp_path / "wrong.py").write_text(WRONG)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
+    more = ["--set", key, "--set", "operator.person.policy=none", "--record", "off", "--json", "--force"]
+    assert main(["run", "smoke", "-q", *more, "--out", str(tmp_path / "run")]) == 1
+    why = json.loads(capsys.readouterr().out)["why"]
+    [line] = [line for line in why if line.startswith(f"{part} ended")]
+    assert f"wrong:{said}" in line
+    assert f"({tmp_path / 'wrong.py'}:" in line
+    assert not any("hung" in line or "Traceback" in line for line in why)
+    assert main(["run", "smoke", "-q", *more, "--in-process", "--out", str(tmp_path / "run")]) == 1
+    assert f"wrong:{said}" in json.loads(capsys.readouterr().out)["invalid_because"][0]

@@ -51,6 +51,14 @@ class Wanderer(PolicyController):
         return wandering(observation)
 
 
+class Lost(Wanderer):
+    """One that does not know where to."""
+
+    def act(self, observation: Vector) -> Vector:
+        """NaN in each number."""
+        return np.full(SIZE, np.nan, dtype=np.float32)
+
+
 def episode(env: SwarmEnv, seed: int | None = 1) -> Iterator[tuple[Any, ...]]:
     """Yield what `reset` and each `step` return, of one episode of wandering agents."""
     observations, infos = env.reset(seed=seed)

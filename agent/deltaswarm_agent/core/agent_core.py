@@ -9,6 +9,7 @@ from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError, tuple_of
 from deltaswarm_wire.commands import BASE_ID, Command, forms_of
 from deltaswarm_wire.controller_metrics import ControllerMetric, values_of
 from deltaswarm_wire.envelope import Sample, encode_sample, keep_sample, opened
+from deltaswarm_wire.foreign import is_foreign
 from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Frame, Heard, Pose, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import (
     MAX_MEMBERS,
@@ -156,15 +157,21 @@ class AgentCore(Saved):
         except BaseException as error:  # SystemExit too: it would end a run in one process
             if is_interrupt(error):
                 raise
-            raise ControllerError(self._failed_in(step), error) from error
+            raise ControllerError(self._failed_in(step), error, self._place) from error
         try:
             act = checked_act(decision, step) if self._is_checked else act_of(decision, step)
             if self._metrics:
                 act = act._replace(metrics=values_of(self._metrics, controller.metrics))
             return self._outbound(act, decision, percept.pose)
         except Exception as error:  # the decision is invalid: no frame is the controller's
-            text = f"{self._failed_in(step)}: {described(error)} ({defined_at(type(self.controller).step)})"
+            text = f"{self._failed_in(step)}: {described(error)} ({defined_at(self._place)})"
             raise ControllerError(text) from error
+
+    @property
+    def _place(self) -> object:
+        """What an error's place is if no frame of the controller's raised it; a base class of deltaswarm's is none."""
+        kind: Any = type(self.controller)
+        return kind.step if is_foreign(kind.step) else kind
 
     def _failed_in(self, step: int) -> str:
         return (

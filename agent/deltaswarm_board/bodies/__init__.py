@@ -1,9 +1,12 @@
 """The bodies of a board, and how the one that its file names is found."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 from deltaswarm_agent.body import Body, BodyContext
+from deltaswarm_board.driver import checked_sensed
 from deltaswarm_wire import checked
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.foreign import Foreign, called, name_of
 from deltaswarm_wire.plugins import BODIES, find
 
 SHIPPED = {
@@ -29,12 +32,19 @@ def options_of(body: type[Body], table: dict[str, Any], path: str = "body.option
 
     Raises:
         SettingsError: with every mistake.
+        PluginError: the class of the options raised.
     """
-    return checked.load(body.Settings, table, path)
+    name, passes = f"{name_of(body)}.Settings", (SettingsError,)
+    return called(name, checked.load, body.Settings, table, path, at=body, passes=passes)
+
+
+class ForeignBody(Foreign):
+    """A body from outside."""
+
+    CHECKS: ClassVar = {"sense": lambda _, value, time_s: checked_sensed(value)}
 
 
 def make_body(body: type[Body], options: Any, context: BodyContext) -> Body:
-    """Make a body of this class."""
-    make: Any = body
-    made: Body = make(options, context)
+    """Make a body of this class. Raises PluginError if a body from outside raises."""
+    made: Body = ForeignBody.make(body, options, context)
     return made

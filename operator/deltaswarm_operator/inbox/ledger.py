@@ -5,16 +5,14 @@ Times are simulated [s].
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from statistics import fmean
 from typing import Any, NamedTuple
 
 from deltaswarm_operator.inbox.item import MAX_INBOX, Item, item_row
-from deltaswarm_operator.inbox.policy import Policy, Put
+from deltaswarm_operator.inbox.policy import Policy, Put, policy_of
 from deltaswarm_scenario.operator_settings import ALERT, InboxSettings
-from deltaswarm_wire.plugin_errors import PluginError, is_interrupt
-from deltaswarm_wire.plugins import INBOX_POLICIES, find
 
 
 class Held(NamedTuple):
@@ -70,18 +68,8 @@ class Ledger:
     def go_on_with(self, settings: InboxSettings, patience_s: float) -> None:
         """Go on by another policy, which gets what is held back with the next step's items."""
         self._name, self._patience_s = settings.policy, patience_s
-        cls = find(INBOX_POLICIES, settings.policy, "operator.inbox.policy")
-        own = settings.own
-        self._policy = self._guarded(lambda: cls(own))
+        self._policy = policy_of(settings, self.items)
         self._offered = self.held_items
-
-    def _guarded(self, call: Callable[[], Any]) -> Any:
-        try:
-            return call()
-        except BaseException as error:  # a plug-in may raise anything
-            if is_interrupt(error):
-                raise
-            raise PluginError(f"inbox policy {self._name} failed", error) from error
 
     @property
     def order(self) -> str:
@@ -127,16 +115,8 @@ class Ledger:
         self._held |= dict.fromkeys(item.number for item in kept)
         self._held_alerts += sum(item.severity == ALERT for item in kept)
         offered, self._offered = [*self._offered, *kept], []
-        puts: list[Put] = self._guarded(lambda: list(self._policy.close_step(now_s, offered)))
-        for put in puts:
-            self._check(put)
+        puts = list(self._policy.close_step(now_s, offered))
         return [item for put in puts for item in self._show(put, now_s)] + [*items[len(kept) :]]
-
-    def _check(self, put: Any) -> None:
-        numbers = (put.line, *put.items) if isinstance(put, Put) else ()
-        if not numbers or any(type(number) is not int or not 0 <= number < len(self.items) for number in numbers):
-            must = f"must return Puts of items 0 to {len(self.items) - 1} (got {put!r:.80})"
-            raise PluginError(f"inbox policy {self._name} {must}")
 
     def _show(self, put: Put, now_s: float) -> list[Item]:
         shown = []

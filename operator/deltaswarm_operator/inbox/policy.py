@@ -8,7 +8,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from deltaswarm_operator.inbox.item import Item
-from deltaswarm_scenario.operator_settings import INFO, SEVERITIES
+from deltaswarm_scenario.operator_settings import INFO, SEVERITIES, InboxSettings
+from deltaswarm_wire.foreign import Foreign
+from deltaswarm_wire.plugins import INBOX_POLICIES, find
 
 NEWEST, RANKED = "newest", "ranked"
 """How lines are listed and read: by their numbers, or by severity and then age."""
@@ -42,6 +44,46 @@ class Policy(Protocol):
 
     def close_step(self, now_s: float, items: Sequence[Item]) -> Iterable[Put]:
         """Take in the new items of a closed step, oldest first; return what is shown from now on [simulated s]."""
+
+
+def _puts(arrived: Sequence[Item], value: Any, now_s: float, items: Sequence[Item]) -> list[Put]:
+    puts = list(value)
+    for put in puts:
+        numbers = (put.line, *put.items) if isinstance(put, Put) and isinstance(put.items, tuple | list) else ()
+        if not numbers or any(type(number) is not int or not 0 <= number < len(arrived) for number in numbers):
+            raise ValueError(f"must return Puts of items 0 to {len(arrived) - 1} (got {put!r:.80})")
+    return puts
+
+
+def _order(_: Any, value: Any) -> str:
+    if value not in (NEWEST, RANKED):
+        raise ValueError(f"must be {NEWEST!r} or {RANKED!r} (got {value!r:.80})")
+    return str(value)
+
+
+def _held(_: Any, value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"must be a text (got {value!r:.80})")
+    return value
+
+
+class ForeignPolicy(Foreign):
+    """A policy from outside; its context is all items that have arrived, to which the ledger adds."""
+
+    CHECKS: ClassVar = {"close_step": _puts, "ORDER": _order, "HELD": _held}
+
+
+def policy_of(settings: InboxSettings, arrived: Sequence[Item]) -> Policy:
+    """Make the policy that `operator.inbox.policy` names; `arrived` are all items, to which the ledger adds.
+
+    Raises:
+        SettingsError: there is no such policy, or its options have mistakes.
+        PluginError: it cannot be made, or is no policy.
+    """
+    cls = find(INBOX_POLICIES, settings.policy, "operator.inbox.policy")
+    policy: Policy = ForeignPolicy.make(cls, settings.own, context=arrived)
+    _ = policy.ORDER, policy.HELD  # before hours are spent
+    return policy
 
 
 def urgency(item: Item) -> tuple[int, int]:

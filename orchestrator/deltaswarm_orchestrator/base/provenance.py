@@ -13,14 +13,21 @@ import platform
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.commands import CommandForm, forms_of
+from deltaswarm_wire.controller_metrics import ControllerMetric, declared
+from deltaswarm_wire.foreign import name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import (
     CONTROLLERS,
     DYNAMICS,
@@ -28,7 +35,9 @@ from deltaswarm_wire.plugins import (
     INBOX_POLICIES,
     RADIO_MODELS,
     ExtensionPoint,
+    as_recorded,
     find,
+    find_controller,
 )
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
@@ -175,9 +184,39 @@ def _source(point: ExtensionPoint, name: str, path: str, found: Any) -> Source:
 
 
 def data_of(cls: type[Any]) -> dict[str, Path]:
-    """Return the files that `cls.data_files` lists, relative to the class's own file."""
+    """Return the files that `cls.data_files` lists, relative to the class's own file.
+
+    Raises:
+        PluginError: it is no tuple of paths.
+    """
     folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
-    return {name: folder / name for name in getattr(cls, "data_files", ())}
+    names = getattr(cls, "data_files", ())
+    if not isinstance(names, tuple | list) or not all(isinstance(name, str | os.PathLike) for name in names):
+        must = f"{name_of(cls)}.data_files must be a tuple of paths (got {names!r:.80})"
+        raise PluginError(f"{must} ({defined_at(cls)})")
+    return {name: folder / name for name in names}
+
+
+def controller_of(scenario: Scenario) -> dict[str, Any]:
+    """Return what a manifest says of a scenario's controller: its files, and what it declares if it is third-party."""
+    mode = scenario.control.mode
+    own = next((source for source in sources(scenario) if source.what == CONTROLLERS.what), None)
+    found: dict[str, Any] = {"mode": mode, "source": own and own.digest, "files": list(own.files) if own else []}
+    if own:
+        found["metrics"] = [asdict(metric) for metric in declared(mode)]
+        found["commands"] = [checked.plain(form) for form in forms_of(find_controller(mode))]
+    return found
+
+
+def reading(manifest: Mapping[str, Any]) -> AbstractContextManager[None]:
+    """Let no third-party code be imported while a run is read; its manifest says what its controller declared."""
+    try:
+        told = manifest["controller"]
+        metrics = tuple([ControllerMetric(**metric) for metric in told["metrics"]])
+        commands = tuple([checked.load(CommandForm, form) for form in told["commands"]])
+    except (LookupError, TypeError, SettingsError):  # of a shipped controller, or of an earlier version
+        return as_recorded()
+    return as_recorded(metrics, commands)
 
 
 @cache

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Protocol
 
-from deltaswarm.errors import Error, error_of, of_settings
+from deltaswarm.errors import Error, error_of, of_plugin, of_settings
 from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, complain, show_notices
 from deltaswarm_orchestrator.base.output import Output, OutputError, only_results, results, standard_output
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
@@ -15,7 +15,8 @@ from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import Parser
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.files import Written
-from deltaswarm_wire.plugin_errors import PACKAGES
+from deltaswarm_wire.foreign import called, name_of
+from deltaswarm_wire.plugin_errors import PACKAGES, PluginError, defined_at
 from deltaswarm_wire.plugins import COMMANDS as COMMAND_POINT
 from deltaswarm_wire.plugins import PARTS, find
 
@@ -86,7 +87,10 @@ def parser(*complete: str) -> argparse.ArgumentParser:
             summary = (add.__doc__ or "").partition("\n")[0].removesuffix(".")
             command = commands.add_parser(name, help=summary[:1].lower() + summary[1:])
             if name in complete:
-                add(command)
+                called(name_of(add), add, command)
+                if not callable(command.get_default("func")):
+                    must = f"{name_of(add)} must set the default func, a function that does the command"
+                    raise PluginError(f"{must} ({defined_at(add)})")
     for part in PARTS.shipped:
         commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
     return everything
@@ -120,6 +124,8 @@ def _run(argv: list[str], output: Output | None) -> int:
             everything = parser(command)
     except SettingsError as error:
         return _complain_of(of_settings(error))
+    except PluginError as error:
+        return _complain_of(of_plugin(error))
     arguments = everything.parse_args(argv)
     arguments.given = argv
     if not getattr(arguments, "handles_signals", False):
@@ -136,7 +142,11 @@ def carry_out(arguments: argparse.Namespace, command: str) -> int:
     is_plugin = arguments.func.__module__.partition(".")[0] not in PACKAGES
     try:
         with nullcontext() if is_plugin else only_results(to_the_end=True):
-            return int(arguments.func(arguments))
+            code = arguments.func(arguments)
+        if not isinstance(code, int):
+            must = f"{name_of(arguments.func)} must return an exit code, 0 for success (got {code!r:.80})"
+            raise PluginError(f"{must} ({defined_at(arguments.func)})")
+        return int(code)
     except BaseException as error:
         if is_plugin and isinstance(error, SystemExit):
             raise

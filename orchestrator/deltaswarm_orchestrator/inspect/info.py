@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypeVar
 
-from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError, aligned, shown
 from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
@@ -19,6 +19,7 @@ from deltaswarm_orchestrator.results.resume import BRANCH, newest
 from deltaswarm_orchestrator.results.summary import main_rows, summarise
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
+from deltaswarm_wire.plugins import as_recorded
 
 T = TypeVar("T")
 
@@ -33,11 +34,13 @@ def describe(folder: Path) -> dict[str, Any]:
     Raises:
         NotARunError: the manifest or scenario is missing, or a file cannot be read or is not as it was written.
     """
-    scenario, outcome = read_run(folder)
-    if not (manifest := seal.read_sealed(folder / seal.MANIFEST)):
-        raise NotARunError(f"{folder / seal.MANIFEST} is missing")
+    manifest = seal.read_sealed(folder / seal.MANIFEST)
     written = folder / "summary.json"
-    summary = _read(written, json.loads) if written.exists() else summarise(outcome, scenario)
+    scenario, outcome = read_run(folder)
+    with provenance.reading(manifest):
+        summary = _read(written, json.loads) if written.exists() else summarise(outcome, scenario)
+    if not manifest:
+        raise NotARunError(f"{folder / seal.MANIFEST} is missing")
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     unsealed = seal.not_sealed(manifest, results_in(folder))
     run = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files, "not_sealed": unsealed}
@@ -72,7 +75,7 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:
-    """Read the scenario and the outcome of a run.
+    """Read the scenario and the outcome of a run, without the code of its plug-ins.
 
     Raises:
         NotARunError: it is no run folder, or one of its files cannot be read.
@@ -84,7 +87,8 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
         raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({reason})")
     if not is_held(folder):  # a run that is just ending has sealed what it is about to write
         seal.checked(folder / seal.MANIFEST)
-    scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
+    with as_recorded():
+        scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
     try:
         return scenario, run_tables.read_outcome(folder)
     except (OSError, ValueError, TypeError, KeyError) as error:

@@ -10,7 +10,9 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import aligned
 from deltaswarm_orchestrator.inspect.info import read_run
+from deltaswarm_orchestrator.results.folder import SCENARIO
 from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -44,9 +46,10 @@ def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> LinkFind
 
     Raises:
         NotARunError: the folder holds no readable run.
-        SettingsError: there is no such agent, or no such time in the run.
+        SettingsError: there is no such agent, no such time in the run, or a plug-in of the run is not installed here.
     """
-    scenario, outcome = read_run(folder)
+    _, outcome = read_run(folder)
+    scenario = load_scenario(str(folder / SCENARIO))  # with its plug-ins, which the repetition needs
     _check(scenario, sender, receiver, at_s)
     return examine(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.step_records)
 

@@ -6,11 +6,13 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Truth
+from deltaswarm_wire.foreign import called
 from deltaswarm_wire.operator_messages import Report, Status, Workload
-from deltaswarm_wire.plugin_errors import PluginError, is_interrupt
+from deltaswarm_wire.plugin_errors import PluginError, defined_at, is_interrupt
 
 LOOK_EVERY_S = 0.1
 """Wall time between two looks [s]."""
@@ -68,7 +70,12 @@ class Guarded:
         self._failed = False
 
     def __enter__(self) -> Self:
-        self._observer = self._observer.__enter__()
+        own: Any = self._observer
+        enter = f"{self._name}.__enter__"
+        self._observer = called(enter, lambda: own.__enter__(), at=type(own), passes=(CommandError,))
+        if not hasattr(self._observer, "look"):
+            must = f"{enter} must return an observer, with look (got {self._observer!r:.80})"
+            raise PluginError(f"{must} ({defined_at(type(own))})")
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -88,7 +95,8 @@ class Guarded:
             if is_interrupt(error):
                 raise
             self._failed = True
-            self._say(PluginError(f"live: observer {self._name} failed, and is shown no more", error).report)
+            text = f"live: observer {self._name} failed, and is shown no more"
+            self._say(PluginError(text, error, type(self._observer)).report)
 
 
 class Paced:

@@ -1,8 +1,13 @@
 """Where runs are done: on this machine, or by the engine of an installed package."""
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.foreign import Foreign, name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import ENGINES, find
 
 if TYPE_CHECKING:
@@ -10,6 +15,60 @@ if TYPE_CHECKING:
 
 LOCAL = "local"
 """This machine."""
+
+
+def _with(value: Any, *members: str) -> Any:
+    if missing := [member for member in members if not hasattr(value, member)]:
+        raise ValueError(f"must return an object with {', '.join(missing)} (got {value!r:.80})")
+    return value
+
+
+class ForeignPlacement(Foreign):
+    """The places of a run's agents, of an engine from outside."""
+
+    PASSES = (CommandError,)
+    CHECKS: ClassVar = {
+        "workers": lambda _, value: _with(value, "items"),
+        "agents": lambda _, value, *arguments: _with(
+            value, *("listen", "parts", "agents", "write_worlds", "start", "look", "end")
+        ),
+    }
+
+
+@contextmanager
+def _placed(kind: type[Any], value: Any, *arguments: Any) -> Iterator[ForeignPlacement]:
+    with value as placement:
+        if not (hasattr(placement, "workers") and hasattr(placement, "agents")):
+            must = f"{name_of(kind)}.placed must yield a Placement, with workers and agents (got {placement!r:.80})"
+            raise PluginError(f"{must} ({defined_at(kind)})")
+        yield ForeignPlacement(placement)
+
+
+def _runs(kind: type[Any], value: Any, tasks: Any) -> Iterator[Any]:
+    try:
+        for done in value:
+            if not (hasattr(done, "task") and hasattr(done, "result")):
+                raise PluginError(f"{name_of(kind)}: run must yield Done (got {done!r:.80}) ({defined_at(kind)})")
+            yield done
+    finally:
+        getattr(value, "close", lambda: None)()  # abandons the other runs
+
+
+class ForeignSweepEngine(Foreign):
+    """What does the runs of a sweep, of an engine from outside."""
+
+    PASSES = (CommandError,)
+    CHECKS: ClassVar = {"run": _runs}
+
+
+class ForeignEngine(Foreign):
+    """An engine from outside; its context is its class."""
+
+    PASSES = (CommandError, SettingsError)
+    CHECKS: ClassVar = {
+        "placed": lambda kind, value, *arguments: _placed(kind, _with(value, "__enter__", "__exit__")),
+        "sweep_engine": lambda kind, value, workers: ForeignSweepEngine(_with(value, "run"), kind),
+    }
 
 
 def engine_of(
@@ -25,5 +84,6 @@ def engine_of(
     """
     if name in local:
         return None
-    engine: RunEngine = find(ENGINES, name, path, others=local)(scheduler, listen)
+    kind = find(ENGINES, name, path, others=local)
+    engine: RunEngine = ForeignEngine.make(kind, scheduler, listen, context=kind)
     return engine

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -9,17 +10,18 @@ from typing import Any
 
 import msgpack
 
-from deltaswarm_orchestrator.base import seal
+from deltaswarm_orchestrator.base import provenance, seal
+from deltaswarm_orchestrator.base.exits import notice
 from deltaswarm_orchestrator.recording import ACTIONS, COMMANDS, VALUES
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
-from deltaswarm_scenario.operator_links import FIRST_STEP
-from deltaswarm_scenario.operator_settings import AutonomySettings
+from deltaswarm_scenario.operator_links import FIRST_STEP, CommandSettings
+from deltaswarm_scenario.operator_settings import ALL, AutonomySettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.cells import rows_by_column
-from deltaswarm_wire.commands import forms_of
+from deltaswarm_wire.commands import TARGET_NUMBERS, ArgumentForm, CommandForm, forms_of, named
 from deltaswarm_wire.operator_messages import Clock, encode_report
-from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.plugins import INBOX_POLICIES, find_controller
 
 PROBES = "probes.csv"
 
@@ -49,7 +51,12 @@ def write_steps(run: Path, file: Path) -> None:
         SealError: a table of the run is not as the run wrote it.
         FileNotFoundError: there is no recording.
     """
-    seal.checked(run / seal.MANIFEST)
+    manifest = seal.checked(run / seal.MANIFEST)
+    with provenance.reading(manifest):
+        _write_steps(run, file)
+
+
+def _write_steps(run: Path, file: Path) -> None:
     recording = read_recording(run)
     if not recording.workloads:
         raise RecordingError("the recording must hold at least one step (got none)")
@@ -65,8 +72,13 @@ def write_steps(run: Path, file: Path) -> None:
             if row["kind"] == "read":
                 read.setdefault(float(row["time_s"]), []).extend(map(int, row["items"].split()))
     operator = replace(scenario.operator, autonomy=AutonomySettings())  # what the system commanded is in the script
+    if (policy := operator.inbox.policy) not in INBOX_POLICIES.shipped:
+        notice(f"replay: the inbox policy {policy} is not run again; the page shows every item")
+        operator = replace(operator, inbox=replace(operator.inbox, policy=ALL, options={}))
     scenario = replace(scenario, operator=operator)
-    briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
+    forms = forms_of(find_controller(scenario.control.mode))
+    forms += _as_given(command for command in scenario.command if named(forms, command.name) is None)
+    briefing = scenario.for_operator(forms, 1.0)
     acts: dict[float, list[dict[str, Any]]] = {}
     for act in acts_of(actions, _rows(run / PROBES)):
         acts.setdefault(act["time_s"], []).append(act)
@@ -83,6 +95,23 @@ def write_steps(run: Path, file: Path) -> None:
             stream.write(
                 msgpack.packb((clock, workload, reports, read.get(workload.time_s, []), acts.get(workload.time_s, [])))
             )
+
+
+def _as_given(commands: Iterable[CommandSettings]) -> tuple[CommandForm, ...]:
+    """Return forms of commands that no manifest describes: those of an earlier version of deltaswarm."""
+    return tuple(
+        CommandForm(
+            command.name,
+            tuple(TARGET_NUMBERS),
+            tuple(
+                [
+                    ArgumentForm(name, "text" if isinstance(value, str) else "number")
+                    for name, value in command.arguments.items()
+                ]
+            ),
+        )
+        for command in {command.name: command for command in commands}.values()
+    )
 
 
 def _rows(file: Path) -> list[dict[str, str]]:

@@ -46,8 +46,6 @@ HINTS: dict[type[Any], dict[str, Any]] = {kind: get_type_hints(kind) for kind in
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
     """Return the manifest of a run that begins: where its results come from."""
-    found = sources(scenario)
-    own = next((source for source in found if source.what == CONTROLLERS.what), None)
     return {
         "name": scenario.name,
         "seed": scenario.seed,
@@ -63,12 +61,8 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "code": provenance.code_digest(),
         "inputs": {**inputs.identify(scenario)},
         "build": provenance.build(),
-        "controller": {
-            "mode": scenario.control.mode,
-            "source": own and own.digest,
-            "files": list(own.files) if own else [],
-        },
-        "extensions": [source._asdict() for source in found if source is not own],
+        "controller": provenance.controller_of(scenario),
+        "extensions": [source._asdict() for source in sources(scenario) if source.what != CONTROLLERS.what],
     }
 
 

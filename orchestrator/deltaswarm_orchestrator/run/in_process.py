@@ -322,10 +322,10 @@ def run_in_process(
             last = step == steps - 1 or bool(stopped())
             record = swarm.step(step, last, sink)
             last = swarm.world.is_last  # also if no agent is left
-        except BaseException as error:  # of a radio model or a fault, or of an agent that is restarted
+            workload = swarm.close_step(Clock(step, record.time_s, last))
+        except BaseException as error:  # of a plug-in, or of an agent that is restarted
             note(error, step * scenario.run.step_s)
             break
-        workload = swarm.close_step(Clock(step, record.time_s, last))
         outcome.step_records.append(record)
         outcome.workloads.append(workload)
         if sink is not None:
@@ -347,7 +347,10 @@ def run_in_process(
         if last:
             break
     outcome.messages += _failures(outcome)
-    swarm.finish(outcome, time.monotonic() - began)
+    try:
+        swarm.finish(outcome, time.monotonic() - began)
+    except BaseException as error:  # of dynamics that are asked for their totals
+        note(error, scenario.run.duration_s)
     return outcome
 
 

@@ -35,7 +35,8 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import NOBODY_LEFT
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
-from deltaswarm_wire.plugin_errors import described, is_interrupt
+from deltaswarm_wire.foreign import called, name_of
+from deltaswarm_wire.plugin_errors import blamed, described, is_interrupt
 from deltaswarm_wire.plugins import OBSERVERS, find
 
 AT_ONCE = "a second signal ended the run at once"
@@ -66,9 +67,11 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
                     url = context.viewer.url
                     reporter.say(f"live: open {url} in Foxglove; it shows the truth, which the operator does not know")
                 if options.observer:
-                    named = find(OBSERVERS, options.observer, "--live")(options.live_connect, scenario)
+                    kind = find(OBSERVERS, options.observer, "--live")
+                    named = called(name_of(kind), kind, options.live_connect, scenario, passes=(CommandError,))
+                    shows = called(f"{name_of(kind)}.shows", getattr, named, "shows", at=kind)
                     context.named = stack.enter_context(Guarded(named, complain))
-                    reporter.say(f"live: {named.shows}")
+                    reporter.say(f"live: {shows}")
                 return _run(context)
         except KeyboardInterrupt as error:
             if not is_interrupt(error):
@@ -175,6 +178,9 @@ class _Run:
 
     def _note_error(self, error: BaseException, what: str) -> str:
         """Keep the traceback of an error for the user; return the line for `why`."""
+        if plugin := blamed(error):
+            self.ending.logs += filter(None, [plugin.trace])
+            return str(plugin)
         self.ending.logs.append("".join(traceback.format_exception(error)).rstrip())
         return f"{what}: {described(error)}"
 
@@ -279,6 +285,8 @@ class _Run:
             begun,
         )
         self.ending.why += self.outcome.messages
+        if not self.stop.by:
+            self.ending.cause = next(iter(self.outcome.messages), None)
         self.ending.logs += told({}, self.outcome.traces)
 
     def _conclude(self) -> dict[str, Any]:

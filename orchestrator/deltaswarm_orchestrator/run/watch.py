@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_wire.child import ENDED_BY_CONDUCTOR, GAVE_UP, LIMIT_REACHED, NO_ROOM, WORLD_LOST
+from deltaswarm_wire.child import ENDED_BY_CONDUCTOR, GAVE_UP, LIMIT_REACHED, NO_ROOM, PLUGIN_FAILED, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 
 POLL_S = 0.1
@@ -209,7 +209,9 @@ class Watch:
         step = self._observer.newest_step
         self._vain_restarts = self._vain_restarts + 1 if step <= self._step_at_restart else 0
         self._step_at_restart = step
-        if not self._has_begun or operator.exit_code == NO_ROOM or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
+        if not self._has_begun or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
+            return False
+        if operator.exit_code in (NO_ROOM, PLUGIN_FAILED):
             return False
         if self._swarm.part(WORLD).exit_code is not None:
             return False

@@ -21,7 +21,15 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.controller_metrics import declared
-from deltaswarm_wire.plugins import DYNAMICS, RADIO_MODELS, controller_settings, find, find_controller, own_settings
+from deltaswarm_wire.plugins import (
+    DYNAMICS,
+    RADIO_MODELS,
+    controller_settings,
+    find,
+    find_controller,
+    is_recorded,
+    own_settings,
+)
 from deltaswarm_wire.reading import parsed_toml
 from deltaswarm_wire.reading import read_toml as read_toml_file
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
@@ -100,7 +108,10 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     operator = scenario.operator
     if not scenario.has_commander and not operator.page.orders and operator.autonomy.sets_delta == OPERATOR:
         return []
-    forms = forms_of(find_controller(scenario.control.mode))
+    controller = find_controller(scenario.control.mode)
+    if is_recorded(controller):
+        return []
+    forms = forms_of(controller)
     names = ", ".join(form.name for form in forms if scenario.control.mode not in form.refused_in) or "none"
     problems = []
     needed = SET_STRUCTURE if operator.autonomy.keeps_budget else SET_DELTA

@@ -30,6 +30,7 @@ from deltaswarm_orchestrator.sweeps.job import (
     nothing_more,
     work,
 )
+from deltaswarm_wire.plugin_errors import blamed
 
 ATTEMPTS = 2
 """A run whose worker was killed is repeated once: the signal may have been meant for another process."""
@@ -187,6 +188,7 @@ def attempt(task: Task, look: Look = nothing_more) -> tuple[Result | None, str, 
             reason = f"{ATTEMPTS} times disturbed; the last time {error}"
         except RunError as error:
             return None, str(error), False
-        except Exception:
-            return None, traceback.format_exc(), False
+        except Exception as error:
+            plugin = blamed(error)
+            return None, plugin.report if plugin else traceback.format_exc(), False
     return None, reason, False

@@ -17,6 +17,8 @@ from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFil
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings, SensitivitySettings, corners, drawn
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.foreign import called, name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import SWEEPS, find
 
 STUDY_TABLES = (
@@ -39,8 +41,17 @@ def built_in() -> dict[str, dict[str, Traversable]]:
 
     Raises:
         SettingsError: an extension's files cannot be found.
+        PluginError: an extension's function raised, or returned no files.
     """
-    return {kind: find(SWEEPS, kind, SWEEPS.group)() for kind in SWEEPS.names()}
+    return {kind: _files_of(find(SWEEPS, kind, SWEEPS.group)) for kind in SWEEPS.names()}
+
+
+def _files_of(function: Any) -> dict[str, Traversable]:
+    found = called(name_of(function), function)
+    if not isinstance(found, dict) or not all(isinstance(file, Traversable) for file in found.values()):
+        must = f"{name_of(function)} must return a dict of files by name (got {found!r:.80})"
+        raise PluginError(f"{must} ({defined_at(function)})")
+    return found
 
 
 def built_in_files() -> dict[str, Traversable]:

@@ -4,6 +4,7 @@ import copy
 import multiprocessing
 import os
 import pickle
+import re
 import subprocess
 import sys
 import threading
@@ -23,9 +24,9 @@ from deltaswarm_learn.environment import SwarmEnv
 from deltaswarm_learn.rewards import StepOutcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.scenarios.load import check_table
+from deltaswarm_orchestrator.scenarios.load import check_table, load_scenario
 from deltaswarm_wire.checked import SettingsError, plain
-from tests.support.learning import FAULTS, KILLED, SIZE, Wanderer, busy_env, digest_of_episode, episode, table_of
+from tests.support.learning import FAULTS, KILLED, SIZE, Lost, Wanderer, busy_env, digest_of_episode, episode, table_of
 from tests.support.tiers import in_one_test
 
 with warnings.catch_warnings():
@@ -101,6 +102,14 @@ def test_an_episode_is_a_run() -> None:
     assert summary["valid"]
     assert summary["frames"]["received"] > 100
     assert summary["completed"] > 0
+
+
+def test_a_policy_that_is_lost_is_named() -> None:
+    """With its class, file and line; its agents fail, and the run is not valid."""
+    outcome = run_in_process(load_scenario("smoke", [f"control.mode={Lost.__module__}:Lost", "run.duration_s=5"]))
+    assert len(outcome.causes) == 6
+    assert f"{Lost.__module__}:Lost.act: an action must have finite numbers" in outcome.causes[0]
+    assert re.search(r"learning\.py:\d+\)", outcome.causes[0])
 
 
 def test_a_copy_goes_on_by_itself() -> None:

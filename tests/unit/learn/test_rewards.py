@@ -30,7 +30,7 @@ def test_a_function_rewards_all_or_each() -> None:
     assert reward_function(lambda _: {"agent_0": 1, "agent_1": 2}, AGENTS)(outcome())["agent_1"] == 2.0
     wrong: list[Any] = [None, "1", float("nan"), {"agent_0": 1.0}, {"agent_0": 1.0, "agent_1": None}, True]
     for value in wrong:
-        with pytest.raises(ValueError, match="the reward function must return"):
+        with pytest.raises(ValueError, match=rf"the reward function must return .*{__file__}:"):
             reward_function(lambda _, value=value: value, AGENTS)(outcome())
 
 

@@ -321,7 +321,9 @@ def test_a_wrong_key_is_named(table: dict[str, Any], wrong: str) -> None:
         ("return [(0, (0,))]", "must return Puts of items 0 to 0"),
         ("return [Put(0, (True,))]", "must return Puts of items 0 to 0"),
         ("return None", "failed: TypeError"),
+        ("return [Put(0, 0)]", "must return Puts of items 0 to 0"),
         ("raise OSError('no')", "failed: OSError: no"),
+        ("yield 1 / 0", "failed: ZeroDivisionError"),
     ],
 )
 def test_what_a_policy_does_wrong_is_told_in_one_line(body: str, said: str, tmp_path: Path, monkeypatch: Any) -> None:
@@ -339,7 +341,8 @@ def test_what_a_policy_does_wrong_is_told_in_one_line(body: str, said: str, tmp_
     ledger = inbox(policy=f"{name}:Own")
     with pytest.raises(PluginError, match=said) as caught:
         ledger.close_step(0.0, items_of([[(0, INFO, [])]], 1.0)[0])
-    assert f"inbox policy {name}:Own" in str(caught.value)
+    assert str(caught.value).startswith(f"{name}:Own.close_step ")
+    assert f"({tmp_path / name}.py:" in str(caught.value)
     assert os.linesep not in str(caught.value)
 
 

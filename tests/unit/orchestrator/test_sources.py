@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.base.provenance import sources
+from deltaswarm_orchestrator.base.provenance import files_of, sources
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_wire.plugin_errors import PluginError
+from tests.support.tiers import in_one_test
 
 FILES = {
     "mine.py": """
@@ -107,3 +109,11 @@ def test_a_file_that_it_declares_must_be_there(folder: Path) -> None:
 def test_shipped_controllers_are_identified_by_the_version() -> None:
     """Their code is in the digest of deltaswarm's own, as that of shipped faults is."""
     assert sources(load_scenario("smoke", ['fault=[{kind="kill",at_s=1,agents=[0]}]'])) == []
+
+
+@in_one_test("wrong", [3, "table.csv", (3,)])
+def test_data_files_must_be_paths(wrong: Any) -> None:
+    """Else the class is named, with its place."""
+    kind = type("Own", (), {"data_files": wrong, "__module__": __name__})
+    with pytest.raises(PluginError, match=rf"{__name__}:Own\.data_files must be a tuple of paths"):
+        files_of(kind)

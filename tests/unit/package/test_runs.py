@@ -182,8 +182,9 @@ def test_a_density_may_be_a_function(tmp_path: Path) -> None:
     assert run.events["y_m"].between(0, 10).all()
     again = deltaswarm.run(tmp_path / "run" / "scenario.toml", progress=False)
     assert again.digest == run.digest
-    with pytest.raises(deltaswarm.Error, match="must be a function of x and y"):
-        deltaswarm.run("smoke", {"events.density": lambda x: x})
+    for wrong in (lambda x: x, lambda x, y: 1 / 0, lambda x, y: x - 1, lambda x, y: float("nan"), lambda x, y: 0.0):
+        with pytest.raises(deltaswarm.Error, match=rf"events\.density (must|failed).*{__file__}:"):
+            deltaswarm.run("smoke", {"events.density": wrong})
 
 
 NOTEBOOK = """

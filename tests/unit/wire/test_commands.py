@@ -29,6 +29,7 @@ from deltaswarm_wire.commands import (
     make_target,
 )
 from deltaswarm_wire.operator_messages import MAX_ANSWERS, MAX_MEMBERS, Answer, Report, ReportedMember, encode_report
+from deltaswarm_wire.plugin_errors import PluginError
 from tests.support import commanding
 from tests.support.commanding import FORM, RIGHT, a_command, sign
 from tests.support.strategies import Codec, complaint, repacked, strange
@@ -221,3 +222,12 @@ def test_a_frame_without_payload_relays_something() -> None:
     for raw in ((2, 0, None), (2, 0, None, ()), (2, 0, None, (b"",) * 9), (2, 0, b"x", (None,)), (2, 0, "x", (b"",))):
         with pytest.raises(WireError):
             commanding.RELAYING.decode(pack(raw))
+
+
+@in_one_test("wrong", [3, ("gather",), "gather", property(lambda self: ())])
+def test_what_a_controller_declares_must_be_commands(wrong: Any) -> None:
+    """Else its class is named, with its place; one that declares none has none."""
+    kind = type("Own", (), {"Commands": wrong, "__module__": __name__})
+    with pytest.raises(PluginError, match=rf"{__name__}:Own\.Commands must be a tuple of CommandForm"):
+        wire.forms_of(kind)
+    assert wire.forms_of(object) == ()

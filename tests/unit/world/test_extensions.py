@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deltaswarm_orchestrator.base.provenance import sources
-from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import commented_toml, load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, plain
@@ -17,6 +17,24 @@ from deltaswarm_world.core.air.radio import Air
 from tests.support.cores import play
 from tests.support.tiers import in_one_test
 from tests.support.weather import put_weather
+
+WRONG = """
+import numpy as np
+from deltaswarm_wire.messages import Event
+from deltaswarm_world.core.dynamics import Points
+from deltaswarm_world.core.faults.kind import Kind
+from weather import Curtain
+
+class Wrong({base}):
+    {body}
+"""
+"""A plug-in with one member that raises, or that returns what no run can go on with."""
+
+USES = {
+    "Kind": 'fault=[{{kind="{name}:Wrong", at_s=3, agents=[0]}}]',
+    "Curtain": 'radio.models."{name}:Wrong"={{}}',
+    "Points": 'world.dynamics="{name}:Wrong"',
+}
 
 FOG, WIND = 'radio.models."weather:Fog".density=0.05', 'fault=[{kind="weather:Wind", at_s=10, agents=[0, 1]}]'
 
@@ -154,3 +172,52 @@ def test_a_fault_acts_on_its_agents_from_its_time_on() -> None:
             assert drift_m[:2].tolist() == pytest.approx(np.array([[0.2, 0.0], [0.2, 0.0]]))
             assert not drift_m[2:].any()
     assert windy.world.totals(complete=False)["faults"][0]["kind"] == "weather:Wind"
+
+
+@in_one_test(
+    ("base", "body", "said"),
+    [
+        ("Kind", "def drive(self, velocities_mps): velocities_mps[:] = np.nan", "drive must leave velocities"),
+        ("Kind", "def drive(self, velocities_mps): velocities_mps[0] = 1e6", "drive must leave velocities"),
+        (
+            "Kind",
+            "def drive(self, velocities_mps): return velocities_mps / 2",
+            "drive must change the velocities in place",
+        ),
+        ("Kind", "def drive(self): pass", "drive failed: TypeError"),
+        ("Kind", "def drive(self, velocities_mps): raise SystemExit(0)", "drive failed: SystemExit"),
+        ("Kind", "def distort(self, sensed, _): sensed[0].append(Event(1, np.nan, 0.0))", "distort must leave Events"),
+        ("Kind", "def distort(self, sensed, _): sensed[0].append(3)", "distort must leave Events"),
+        ("Kind", "def distort(self, sensed, places_m): places_m[:] = 0.0", "distort failed: ValueError"),
+        ("Kind", "def misses(self, agent): pass", "misses must return True or False"),
+        ("Kind", "def begin(self, fault, living, why): pass", "begin must return True or False"),
+        ("Kind", "def begin(self, fault, living, why): living.add(99)", "begin must give a set of agents"),
+        ("Kind", "def begin(self, fault, living, why): self._orders.add('no', {0}, why)", "begin failed: ValueError"),
+        ("Kind", "deaf = 3", "deaf must give a set of agents"),
+        ("Kind", "def __init__(self): pass", " failed: TypeError"),
+        ("Points", "def move(self, places, *_): places[0] = np.nan; return places", "move must give positions"),
+        ("Points", "def move(self, places, *_): return places + 1e4", "move must give positions"),
+        ("Points", "def move(self, places, *_): return places.tolist()", "move must give positions"),
+        ("Points", "starts_m = np.zeros((1, 2))", "starts_m must give positions"),
+        ("Points", "def misplaced(self, places_m): return [False] * len(places_m)", "misplaced must return a mask"),
+        ("Points", "bumped = None", "bumped must give a set of agents"),
+        ("Points", "def states(self): return [1]", "states must return None or a state for each"),
+        ("Points", "totals = {'share': float('nan')}", "totals must have finite numbers"),
+        ("Curtain", "def cuts(self, links, time_s): return np.array([True, False, True])", "cuts must return a mask"),
+        ("Curtain", "def cuts(self, links, time_s): return np.full(len(links), np.nan)", "cuts must return a mask"),
+        ("Curtain", "def cuts(self, links, time_s): return links.nothing", "cuts failed: AttributeError"),
+        ("Curtain", "of = classmethod(lambda cls, context: 3)", "of must return a radio model"),
+        ("Curtain", "holds_for_step = 'no'", "holds_for_step must be True or False"),
+    ],
+)
+def test_what_they_do_wrong_ends_the_run_in_one_line(base: str, body: str, said: str, tmp_path: Path) -> None:
+    """With class, member, file and line; the run is not complete, and no NaN reaches a body or an agent."""
+    name = f"wrong_{abs(hash((base, body)))}"
+    (tmp_path / f"{name}.py").write_text(WRONG.format(base=base, body=body))
+    outcome = run_in_process(scenario("run.duration_s=20", "record=off", USES[base].format(name=name)))
+    assert not outcome.world.get("complete")
+    told = outcome.messages[0]
+    assert told.startswith(f"{name}:Wrong")
+    assert said in told
+    assert f"{tmp_path / name}.py:" in told
+    assert "\n" not in told

@@ -65,6 +65,44 @@ def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Ind
     return first[beside], second[beside]
 
 
+def checked_rows(value: object, count: int, what: str, low: Floats | float, high: Floats | float) -> Floats:
+    """Return a plug-in's array (count, 2) as floats.
+
+    Raises:
+        ValueError: it is no such array, or one of its values is not from `low` to `high`.
+    """
+    if not isinstance(value, np.ndarray) or value.shape != (count, 2) or value.dtype.kind not in "fiu":
+        raise ValueError(f"must {what}, an array of numbers of shape ({count}, 2) (got {_kind(value)})")
+    rows: Floats = value.astype(np.float64, copy=False)
+    is_well = (rows >= low) & (rows <= high)  # false for NaN, too
+    if not is_well.all():
+        row = int(is_well.all(axis=1).argmin())
+        raise ValueError(f"must {what}, finite and in range (got {rows[row].tolist()} for agent {row})")
+    return rows
+
+
+def checked_mask(value: object, count: int, what: str) -> Mask:
+    """Return a plug-in's mask, an array (count,) of bool. Raises ValueError if it is none."""
+    if not isinstance(value, np.ndarray) or value.shape != (count,) or value.dtype != np.bool_:
+        raise ValueError(f"must return a mask of {what}, an array of bool of shape ({count},) (got {_kind(value)})")
+    return value
+
+
+def checked_agents(value: object, count: int) -> frozenset[int]:
+    """Return a plug-in's set of agents. Raises ValueError if it is none."""
+    if not isinstance(value, set | frozenset) or any(type(agent) is not int for agent in value):
+        raise ValueError(f"must give a set of agents' numbers (got {value!r:.80})")
+    if strangers := [agent for agent in value if not 0 <= agent < count]:
+        raise ValueError(f"must give a set of agents from 0 to {count - 1} (got {strangers[0]})")
+    return frozenset(value)
+
+
+def _kind(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype} of shape {value.shape}"
+    return "None" if value is None else type(value).__name__
+
+
 def generator(seed: int, *stream: int) -> np.random.Generator:
     """Make the generator of one stream of a run, which an agent cannot derive from its own seed."""
     return np.random.default_rng([int.from_bytes(derived_key(seed, "world"), "little"), *stream])

@@ -4,14 +4,17 @@
 as `module:Class`. Its options are its own frozen dataclass `Settings` and stand in `[world]`.
 """
 
+import json
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.foreign import Foreign
 from deltaswarm_wire.plugins import DYNAMICS, NoSettings, find, own_settings
-from deltaswarm_world.core.arrays import Floats, Mask
+from deltaswarm_world.core.arrays import Floats, Mask, checked_agents, checked_mask, checked_rows
 from deltaswarm_world.core.faults.kind import ActiveFault
 from deltaswarm_world.core.obstacles import Obstacles
 
@@ -94,6 +97,48 @@ class Points:
         return {}
 
 
+Room = tuple[int, float, float]
+"""Number of agents; width and height of the arena [m]."""
+
+
+def _places(room: Room, value: Any, *arguments: Any) -> Floats:
+    agents, *size_m = room
+    return checked_rows(value, agents, "give positions [m] within the arena", 0.0, np.array(size_m))
+
+
+def _states(room: Room, value: Any) -> Sequence[BodyState] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple) or len(value) != room[0]:
+        raise ValueError(f"must return None or a state for each of {room[0]} bodies (got {value!r:.80})")
+    if wrong := [state for state in value if not (isinstance(state, BodyState) and all(map(isfinite, state)))]:
+        raise ValueError(f"must return a BodyState of finite numbers for each body (got {wrong[0]!r:.80})")
+    return value
+
+
+def _totals(_: Room, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"must be a dict (got {value!r:.80})")
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"must have finite numbers, texts, lists and dicts alone ({error})") from None
+    return value
+
+
+class ForeignDynamics(Foreign):
+    """Dynamics from outside."""
+
+    CHECKS: ClassVar = {
+        "starts_m": lambda room, value: value if value is None else _places(room, value),
+        "misplaced": lambda room, value, places_m: checked_mask(value, room[0], "the positions"),
+        "move": _places,
+        **dict.fromkeys(("bumped", "blocked"), lambda room, value: checked_agents(value, room[0])),
+        "states": _states,
+        "totals": _totals,
+    }
+
+
 def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
     """Make the dynamics that `world.dynamics` names.
 
@@ -102,5 +147,7 @@ def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
     """
     world = scenario.world
     settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
-    dynamics: Dynamics = find(DYNAMICS, world.dynamics, "world.dynamics")(settings, scenario, obstacles)
+    room = scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m
+    kind = find(DYNAMICS, world.dynamics, "world.dynamics")
+    dynamics: Dynamics = ForeignDynamics.make(kind, settings, scenario, obstacles, context=room)
     return dynamics

@@ -8,10 +8,12 @@ import numpy as np
 
 from deltaswarm_scenario.fault import MAY_LAST, FaultSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.messages import Event
-from deltaswarm_wire.orders import NOTE, ProcessOrder
+from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
+from deltaswarm_wire.foreign import Foreign
+from deltaswarm_wire.messages import MAX_SPEED_MPS, Event
+from deltaswarm_wire.orders import ACTIONS, NOTE, ProcessOrder
 from deltaswarm_wire.plugins import NoSettings
-from deltaswarm_world.core.arrays import Floats
+from deltaswarm_world.core.arrays import Floats, checked_agents, checked_rows
 
 
 @dataclass
@@ -42,7 +44,13 @@ class Orders:
         self._step = step
 
     def add(self, action: str, agents: Collection[int], why: str) -> None:
-        """Add an order for some agents' processes; without agents, a note."""
+        """Add an order for some agents' processes; without agents, a note.
+
+        Raises:
+            ValueError: there is no such action.
+        """
+        if action not in ACTIONS:
+            raise ValueError(f"action must be one of {', '.join(ACTIONS)} (got {action!r:.80})")
         if agents or action == NOTE:
             time_s = self._step * self._step_s
             self.given.append(ProcessOrder(self._numbered, self._step, time_s, action, tuple(sorted(agents)), why))
@@ -118,3 +126,57 @@ class Kind:
 
     def drive(self, velocities_mps: Floats) -> None:
         """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""
+
+
+def _begun(agents: int, value: Any, fault: ActiveFault, living: Any, why: str) -> bool:
+    checked_agents(living, agents)
+    return _truth(agents, value)
+
+
+def _ended(agents: int, value: Any, fault: ActiveFault, living: Any) -> None:
+    checked_agents(living, agents)
+
+
+def _truth(_: int, value: Any, *arguments: Any) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"must return True or False (got {value!r:.80})")
+    return bool(value)
+
+
+def _driven(agents: int, value: Any, velocities_mps: Floats) -> None:
+    if value is not None:
+        raise ValueError(f"must change the velocities in place, and return None (got {type(value).__name__})")
+    checked_rows(velocities_mps, agents, "leave velocities [m/s]", -MAX_SPEED_MPS, MAX_SPEED_MPS)
+
+
+def _distorted(agents: int, value: Any, sensed: Sequence[Any], positions_m: Floats) -> None:
+    if value is not None:
+        raise ValueError(f"must change what is sensed in place, and return None (got {type(value).__name__})")
+    if len(sensed) != agents:
+        raise ValueError(f"must leave a list for each of {agents} agents (got {len(sensed)})")
+    for agent, events in enumerate(sensed):
+        if wrong := [event for event in events if not _is_event(event)]:
+            raise ValueError(
+                f"must leave Events with an id and a finite position (got {wrong[0]!r:.80} of agent {agent})"
+            )
+
+
+def _is_event(event: Any) -> bool:
+    if type(event) is not Event:
+        return False
+    number, x_m, y_m = event
+    is_number = type(number) is int and isinstance(x_m, float | int) and isinstance(y_m, float | int)
+    return is_number and 0 <= number <= MAX_ID and abs(x_m) <= MAX_ABS_M and abs(y_m) <= MAX_ABS_M
+
+
+class ForeignKind(Foreign):
+    """A kind of fault from outside; its context is the number of agents."""
+
+    CHECKS: ClassVar = {
+        "begin": _begun,
+        "end": _ended,
+        **dict.fromkeys(("agents", "blind", "deaf"), lambda agents, value: checked_agents(value, agents)),
+        "misses": _truth,
+        "distort": _distorted,
+        "drive": _driven,
+    }

@@ -13,7 +13,7 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.plugins import FAULTS, find
 from deltaswarm_world.core.arrays import Floats, generator
-from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
+from deltaswarm_world.core.faults.kind import ActiveFault, ForeignKind, Kind, Orders
 
 FAULT_STREAM = 11
 """The faults' stream of the run; each fault has two generators: for its targets and for its effect."""
@@ -36,7 +36,10 @@ class Faults:
         self._orders = Orders(self._step_s)
         names = dict.fromkeys((*FAULTS.shipped, *(fault.kind for fault in scenario.fault)))
         self._kinds: dict[str, Kind] = {
-            name: find(FAULTS, name, "fault.kind")(name, scenario, self._orders) for name in names
+            name: ForeignKind.make(
+                find(FAULTS, name, "fault.kind"), name, scenario, self._orders, context=scenario.agents.count
+            )
+            for name in names
         }
         self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
         """Step and index of pending faults, the next one last."""
@@ -136,8 +139,10 @@ class Faults:
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
         """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
+        there_m = positions_m.view()
+        there_m.flags.writeable = False  # a sensor moves no body
         for kind in self._active_kinds:
-            kind.distort(sensed, positions_m)
+            kind.distort(sensed, there_m)
 
     def drive(self, velocities_mps: Floats) -> None:
         """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""

@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 from zlib import crc32
 
 import numpy as np
 
+from deltaswarm_scenario.radio import REASON
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DROP_REASONS
+from deltaswarm_wire.foreign import Foreign, called, is_foreign, name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
 from deltaswarm_world.core.air.channel.links import Diagnosis, Links
 from deltaswarm_world.core.air.channel.reach import Reach
-from deltaswarm_world.core.arrays import Mask, generator
+from deltaswarm_world.core.arrays import Mask, checked_mask, generator
 
 FOREIGN_STREAM = 30
 """Stream of the generators of models from outside, each with a number from its class."""
@@ -71,6 +74,35 @@ class Model(Protocol):
         """Explain a single link (the only row), without a draw and without a change of state."""
 
 
+def _cuts(_: None, value: Any, links: Links, time_s: float) -> Mask | None:
+    # The air changes the mask.
+    return None if value is None else checked_mask(value, len(links), "the links").copy()
+
+
+def _explanation(_: None, value: Any, links: Links, time_s: float) -> Diagnosis:
+    if not isinstance(value, Diagnosis) or not isinstance(value.says, str) or not isinstance(value.numbers, dict):
+        raise ValueError(f"must be a Diagnosis of a reason, whether it cuts, a text and a dict (got {value!r:.80})")
+    return value._replace(cuts=bool(value.cuts))
+
+
+def _reason(_: None, value: Any) -> str:
+    if not isinstance(value, str) or not REASON.fullmatch(value):
+        raise ValueError(f"must be lower-case letters, digits and underscores (got {value!r:.80})")
+    return value
+
+
+def _truth(_: None, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"must be True or False (got {value!r:.80})")
+    return value
+
+
+class ForeignModel(Foreign):
+    """A model from outside."""
+
+    CHECKS: ClassVar = {"cuts": _cuts, "explain": _explanation, "reason": _reason, "holds_for_step": _truth}
+
+
 def models_of(scenario: Scenario, reach: Reach) -> list[Model]:
     """Build the models that are on, in order; the first one that cuts a frame gives the reason.
 
@@ -85,7 +117,13 @@ def models_of(scenario: Scenario, reach: Reach) -> list[Model]:
         if hasattr(kind, "Settings") and name not in named:
             continue
         settings = own_settings(RADIO_MODELS, name, named[name], path) if name in named else None
-        model = kind.of(Context(scenario, reach, settings, f"{kind.__module__}:{kind.__qualname__}"))
+        model = called(f"{name_of(kind)}.of", kind.of, Context(scenario, reach, settings, name_of(kind)))
+        if model is not None and is_foreign(kind):
+            if not all(hasattr(model, member) for member in RADIO_MODELS.needed):
+                must = f"{name_of(kind)}.of must return a radio model or None (got {model!r:.80})"
+                raise PluginError(f"{must} ({defined_at(kind.of)})")
+            model = ForeignModel(model)
+            _ = model.cuts, model.explain, model.reason, model.holds_for_step  # before hours are spent
         if model is not None:
             models.append(model)
     return models
