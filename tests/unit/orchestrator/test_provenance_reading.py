@@ -112,8 +112,13 @@ def test_a_run_is_read_without_its_plugins(folder: Path, capsys: Printed, monkey
         if where:
             monkeypatch.syspath_prepend(where)
         assert deltaswarm.open(run).summary["controller"] == {"asked": asked}
-        out = ("--out", str(folder / f"out-{where is None}"))
-        for command in (("info", run), ("why", run), ("export", run, "--format", "csv", *out), ("report", sweep, *out)):
+        table, page = (("--out", str(folder / f"{name}-{where is None}")) for name in ("table", "page"))
+        for command in (
+            ("info", run),
+            ("why", run),
+            ("export", run, "--format", "csv", *table),
+            ("report", sweep, *page),
+        ):
             assert main([*command]) == 0, capsys.readouterr().err
         write_steps(folder / "run", folder / "steps")
         assert b"gather" in (folder / "steps").read_bytes()

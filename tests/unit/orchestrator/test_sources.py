@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.base.provenance import files_of, sources
+from deltaswarm_orchestrator.base.provenance import data_of, sources
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.plugin_errors import PluginError
 from tests.support.tiers import in_one_test
@@ -116,4 +116,4 @@ def test_data_files_must_be_paths(wrong: Any) -> None:
     """Else the class is named, with its place."""
     kind = type("Own", (), {"data_files": wrong, "__module__": __name__})
     with pytest.raises(PluginError, match=rf"{__name__}:Own\.data_files must be a tuple of paths"):
-        files_of(kind)
+        data_of(kind)
