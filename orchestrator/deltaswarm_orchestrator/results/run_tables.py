@@ -59,10 +59,10 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "commit": provenance.commit(),
         "host": provenance.host(),
         "code": provenance.code_digest(),
-        "inputs": {**inputs.identify(scenario)},
         "build": provenance.build(),
         "controller": provenance.controller_of(scenario),
         "extensions": [source._asdict() for source in sources(scenario) if source.what != CONTROLLERS.what],
+        "inputs": {**inputs.identify(scenario)},
     }
 
 
