@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE, CommandError
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.extras import missing_by
 from deltaswarm_wire.plugin_errors import blamed, distinct
 
 
@@ -45,11 +46,8 @@ def error_of(error: BaseException, command: str) -> Error | None:
         return Error("interrupted", code=INTERRUPTED)
     if isinstance(error, OSError) and error.filename is not None:
         return Error(f"{os.fsdecode(error.filename)} could not be read or written: {error.strerror}", code=FAILED)
-    if isinstance(error, ModuleNotFoundError):
-        from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
-
-        if is_of_studies(error):
-            return Error(f"{command} needs {error.name}: {INSTALL_STUDY}")
+    if needs := missing_by(error):
+        return Error(f"{command} {needs}")
     return None
 
 

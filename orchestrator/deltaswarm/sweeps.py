@@ -131,11 +131,14 @@ def check(loaded: "Sweep", folder: Path, means: str) -> None:
     """Make every check of a sweep before anything is started or written.
 
     Raises:
-        CommandError: the sweep would be refused.
+        SettingsError, CommandError: the sweep would be refused.
     """
     from deltaswarm_orchestrator.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.run.options import check_packages
 
     check_out(folder)
+    for scenario in loaded.scenarios:
+        check_packages(scenario)
     if means == PROCESSES:
         check_parts_can_start(max(variant.scenario.agents.count for variant in loaded.variants))
     if os.path.exists(folder):  # unlike `Path.exists`, False for an impossible name

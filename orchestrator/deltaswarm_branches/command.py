@@ -167,6 +167,8 @@ def branch(arguments: argparse.Namespace) -> int:
     added = tuple(_added(text, at_s) for text in arguments.add_command)
     difference = Difference(difference.drop, added, difference.sets, difference.later)
     planned = plan(parent, step, difference)
+    if arguments.replicates:
+        import deltaswarm_branches.value  # noqa: F401 (needs the extra study, which is said before the runs)
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
     options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)

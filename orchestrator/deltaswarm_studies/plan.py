@@ -12,12 +12,12 @@ import numpy as np
 
 from deltaswarm_orchestrator.base.provenance import build
 from deltaswarm_orchestrator.compiling import hint
-from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.sweeps.plan import Variant
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.stats import pairs_needed, smallest_p
 from deltaswarm_studies.study import Study
+from deltaswarm_wire.extras import missing_by
 from deltaswarm_wire.operator_messages import Clock
 
 MEASURED_VARIANTS = 24
@@ -118,9 +118,9 @@ def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None
         from deltaswarm_studies.contrasts import smallest_effects  # needs pandas and SciPy
         from deltaswarm_studies.origin import sealed_tables
     except ModuleNotFoundError as error:
-        if not is_of_studies(error):
+        if not (needs := missing_by(error)):
             raise
-        return {}, f"the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
+        return {}, f"to tell the smallest effects that could be shown {needs}"
     sealed_tables(file.parent)
     return smallest_effects(study, file), None
 

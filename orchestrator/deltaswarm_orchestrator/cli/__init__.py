@@ -139,7 +139,7 @@ def carry_out(arguments: argparse.Namespace, command: str) -> int:
         if is_plugin and isinstance(error, SystemExit):
             raise
         is_the_users = is_plugin and isinstance(error, KeyboardInterrupt)
-        if (told := error_of(KeyboardInterrupt() if is_the_users else error, f"deltaswarm {command}")) is None:
+        if (told := error_of(KeyboardInterrupt() if is_the_users else error, command)) is None:
             raise
         return _complain_of(told)
 
