@@ -18,7 +18,7 @@ from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
 from deltaswarm_orchestrator.base.paths import must_exist
 from deltaswarm_orchestrator.processes.engines import engine_of
-from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO
+from deltaswarm_orchestrator.scenarios import DEFAULT_SCENARIO
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import did_you_mean

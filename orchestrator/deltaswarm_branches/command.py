@@ -9,12 +9,12 @@ from deltaswarm_branches.keys import LATER
 from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder
 from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, number, show, whole
-from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
     from deltaswarm_branches.pairs import Work
+    from deltaswarm_scenario.operator_links import CommandSettings
 
 ADDED = "--add-command"
 
@@ -200,12 +200,14 @@ def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
     _say_if_too_few(arguments.replicates, len(rows))
 
 
-def _added(text: str, at_s: float) -> CommandSettings:
+def _added(text: str, at_s: float) -> "CommandSettings":
     """Read an order from the text of a TOML table, with or without braces; by default it leaves at the branching point.
 
     Raises:
         SettingsError: it is no order.
     """
+    from deltaswarm_scenario.operator_links import CommandSettings
+
     inner = text.strip()
     inner = inner if inner.startswith("{") else f"{{{inner}}}"
     try:

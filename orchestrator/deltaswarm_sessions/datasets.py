@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_sessions import BIDS, PSYCH_DS
 
-BIDS, PSYCH_DS = "bids", "psych-ds"
 BIDS_VERSION = "1.10.0"
 DESCRIPTION = "dataset_description.json"
 README = (

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
+from deltaswarm_sessions import MAX_PARTICIPANT
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.plan import allocation_of
-from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings
+from deltaswarm_sessions.settings import SessionSettings
 from deltaswarm_wire.files import write_whole
 
 ROSTER = "roster.json"

@@ -8,12 +8,6 @@ from typing import Any
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
-from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_sessions.commitment import FILE, code_problems, read, run_problems, settings_of
-from deltaswarm_sessions.folder import RECORD, attempt_number, read_record, summary_of
-from deltaswarm_sessions.plan import order_and_numbers, run_folder, seed_of
-from deltaswarm_sessions.roster import allocated
 
 
 def add_verify(command: argparse.ArgumentParser) -> None:
@@ -30,6 +24,8 @@ def add_verify(command: argparse.ArgumentParser) -> None:
 
 def verify(arguments: argparse.Namespace) -> int:
     """Print what differs from the plan, and whether each run repeats; return FAILED if anything differs."""
+    from deltaswarm_sessions.commitment import FILE, code_problems, read
+
     sessions: Path = arguments.data
     if not (entry := read(sessions)):
         raise CommandError(f"DATA must be a folder of sessions with a {FILE} (got {sessions}); --freeze writes it")
@@ -54,6 +50,11 @@ def verify(arguments: argparse.Namespace) -> int:
 
 def _runs(sessions: Path, entry: dict[str, Any]) -> Iterator[dict[str, str]]:
     """Yield each complete run with what is wrong with it, which is empty if it is as planned and repeats."""
+    from deltaswarm_sessions.commitment import settings_of
+    from deltaswarm_sessions.folder import RECORD, attempt_number, read_record
+    from deltaswarm_sessions.plan import order_and_numbers, run_folder, seed_of
+    from deltaswarm_sessions.roster import allocated
+
     settings = settings_of(entry)
     for file in sorted(sessions.glob(f"participant-*/{RECORD}")):
         record = read_record(file.parent)
@@ -68,6 +69,11 @@ def _runs(sessions: Path, entry: dict[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], seed: int) -> str:
+    from deltaswarm_orchestrator.run.in_process import run_in_process
+    from deltaswarm_orchestrator.scenarios.load import load_scenario
+    from deltaswarm_sessions.commitment import run_problems
+    from deltaswarm_sessions.folder import summary_of
+
     if not run.exists():
         return "its folder was deleted"
     if condition != planned:

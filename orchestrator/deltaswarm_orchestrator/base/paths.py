@@ -1,7 +1,6 @@
 """Paths that a user gives: what must be there, what can be written, and which folder is free."""
 
 import os
-import tempfile
 from itertools import chain, count
 from pathlib import Path
 
@@ -22,6 +21,8 @@ def check_out(folder: Path) -> None:
     Raises:
         CommandError: it cannot.
     """
+    import tempfile  # which the options of a command need not load
+
     nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
     try:
         with tempfile.TemporaryFile(dir=nearest):

@@ -7,7 +7,6 @@ from typing import Any, Protocol, TypeVar
 
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.processes.engines import LOCAL
-from deltaswarm_wire import session
 from deltaswarm_wire.extras import missing
 
 N = TypeVar("N", int, float)
@@ -102,6 +101,8 @@ def _markers(text: str) -> str:
 
 def host_and_port(text: str) -> str:
     """Check where a page is to be served, for `type=`."""
+    from deltaswarm_wire import session
+
     try:
         session.host_and_port(f"tcp/{text}")
     except ValueError:

@@ -10,6 +10,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.scenarios import BUILT_IN, files_in
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps import forms
 from deltaswarm_orchestrator.sweeps.forms import OWN, Row
@@ -30,7 +31,7 @@ GRID = "events.density.file"
 
 def files() -> dict[str, Traversable]:
     """Return the files of the core's own sweeps, by name."""
-    return scenarios.files_in("sweeps/built_in")
+    return files_in("sweeps/built_in")
 
 
 @cache
@@ -119,7 +120,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
         raise SettingsError(list(dict.fromkeys(problems)))
     # The sweep's record must show all that its runs had in common, including overrides from the command line.
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
-    kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
+    kept = file.base if file.base in BUILT_IN else str((beside / file.base).resolve())
     factors = [[_label(row) for row in rows] for rows in choices]
     return Sweep(replace(file, base=kept, scenario=shared), variants, factors, points)
 
