@@ -101,6 +101,7 @@ def value(arguments: argparse.Namespace) -> int:
 
     parent = read_parent(arguments.run)
     check_out(parent.folder)
+    _say_if_too_few(arguments.replicates, len(set(arguments.orders)) or len(parent.orders))
     rows, found, later = value_of_command(
         parent,
         arguments.orders,
@@ -114,7 +115,6 @@ def value(arguments: argparse.Namespace) -> int:
     lines = [(f"{row.order.number} {row.order.command.name}", row.worth.measure, in_words(row.worth)) for row in rows]
     result = {"files": list(map(str, files)), "later_orders": later, "orders": told}
     show(arguments, result, f"{aligned(lines)}\n{files[0]}")
-    _say_if_too_few(arguments.replicates, len(rows))
     return OK
 
 
@@ -123,9 +123,11 @@ def _say_done(count: int, of: int) -> None:
         notice(f"{count} of {of} pairs of runs")
 
 
-def _say_if_too_few(replicates: int, comparisons: int) -> None:
+def _say_if_too_few(replicates: int, orders: int) -> None:
+    from deltaswarm_branches.pairs import MEASURES
     from deltaswarm_branches.worth import replicates_needed
 
+    comparisons = orders * len(MEASURES)
     if replicates < (least := replicates_needed(comparisons)):
         notice(f"--replicates should be at least {least} to decide anything in {comparisons} comparisons")
 
@@ -169,6 +171,8 @@ def branch(arguments: argparse.Namespace) -> int:
     planned = plan(parent, step, difference)
     if arguments.replicates:
         import deltaswarm_branches.value  # noqa: F401 (needs the extra study, which is said before the runs)
+
+        _say_if_too_few(arguments.replicates, 1)
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
     options = RunOptions(out=out.with_name(f"{out.name}.part"), in_process=not arguments.processes, resume=True)
@@ -197,7 +201,6 @@ def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
     notice(f"branch minus parent, over {arguments.replicates} replicates:")
     notice(aligned((row.measure, in_words(row)) for row in rows))
     notice(str(files[0]))
-    _say_if_too_few(arguments.replicates, len(rows))
 
 
 def _added(text: str, at_s: float) -> "CommandSettings":

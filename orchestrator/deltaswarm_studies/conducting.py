@@ -24,6 +24,7 @@ from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.load import load_study
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, provenance_of, sealed_tables
 from deltaswarm_studies.page import write
+from deltaswarm_studies.plan import too_few
 from deltaswarm_studies.protocol import Protocol, protocol_of
 from deltaswarm_studies.settings import CONFIRMATORY
 from deltaswarm_studies.study import Study
@@ -141,7 +142,8 @@ def study(
         check_out(folder)
         if not render:
             sweeps.check(loaded.sweep, folder / "sweep", means)
-            lines += [line for some in beforehand(loaded, folder) for line in some]
+            if told := [line for some in beforehand(loaded, folder) for line in some]:
+                warnings.warn("\n".join(told), stacklevel=2)
         try:
             done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
         except (OSError, ValueError) as error:
@@ -158,7 +160,7 @@ def beforehand(study: Study, folder: Path) -> tuple[list[str], list[str]]:
     notes = []
     if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
         notes.append(f"{study.name}: not frozen (--freeze fixes what it asks and expects before its first run)")
-    return [f"{study.name}: {line}" for line in protocol.problems], notes
+    return [f"{study.name}: {line}" for line in protocol.problems], notes + too_few(study)
 
 
 def concluded(study: Study, folder: Path, conduct: Conduct | None, *, reuse: bool) -> StudyResult:

@@ -54,6 +54,8 @@ def sweep(arguments: argparse.Namespace) -> int:
         plan = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
         show(arguments, plan, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
         return OK
+    if loaded.points:
+        notice("points of a sensitivity sweep are judged by `deltaswarm study`, by claims; `deltaswarm report` cannot")
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series, with_events=arguments.events)
     show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
     if result.invalid:

@@ -297,6 +297,11 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
         "repeats_needed": 7, "shows": None,
     }  # fmt: skip
     assert [(family["name"], family["tests"]) for family in rest] == [("claims of 'Kelly'", 2), ("claims", 1)]
+    assert planning.too_few(study) == [
+        "made-up: 2 of 3 families of tests can show nothing with 6 replicates; 7 are needed (study --plan lists the "
+        "families)"
+    ]
+    assert planning.too_few(made(OWN + ONE)) == []
     lines = planning.text(planned).splitlines()
     assert lines[1] == "  about 0:00:18 on 4 cores, by the speed of the first steps of each variant"
     two = "2 tests in a family, smallest corrected p 0.062: can show nothing, 7 replicates are needed"
