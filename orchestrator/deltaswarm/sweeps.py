@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from deltaswarm.errors import Error, one_error
+from deltaswarm.errors import Error, in_python, one_error
 from deltaswarm.keys import MAIN, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES, Run, UnsavedRun
 from deltaswarm_orchestrator.base.advice import command_line
@@ -93,7 +93,7 @@ def sweep(
         table = result.table
         table.attrs |= {"folder": str(folder), "digest": result.manifest["digest"]}
     if lines := [*complaints(result), *_invalid(result)]:
-        warnings.warn("\n".join(lines), stacklevel=2)
+        warnings.warn(in_python("\n".join(lines)), stacklevel=2)
     return table
 
 
@@ -171,8 +171,6 @@ def engine_maker(
     workers = jobs or default_workers(means)
     if engine := engine_of(name, scheduler, path=path, local=local):
         return lambda: engine.sweep_engine(workers)
-    if scheduler:
-        raise CommandError("--scheduler is for --engine dask")
     return lambda: LocalEngine(workers)
 
 

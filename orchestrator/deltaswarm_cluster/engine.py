@@ -28,7 +28,10 @@ class Dask:
 
         Raises:
             SettingsError: they cannot.
+            CommandError: there is no scheduler.
         """
+        if not self._scheduler:
+            raise CommandError("--engine dask must be given with --scheduler for a run: its agents are on the workers")
         self._remote.check(scenario)
 
     def placed(self, agents: int, say: Callable[[str], object]) -> AbstractContextManager[DaskPlacement]:

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from deltaswarm import sweeps
-from deltaswarm.errors import one_error
+from deltaswarm.errors import in_python, one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
 from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError, notice
@@ -143,14 +143,16 @@ def study(
         if not render:
             sweeps.check(loaded.sweep, folder / "sweep", means)
             if told := [line for some in beforehand(loaded, folder) for line in some]:
-                warnings.warn("\n".join(told), stacklevel=2)
+                warnings.warn(in_python("\n".join(told)), stacklevel=2)
         try:
             done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
+        except FileNotFoundError as error:
+            raise CommandError(f"{loaded.name}: {error.filename} is not there; render=False makes it", FAILED) from None
         except (OSError, ValueError) as error:
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
         lines += done.complaints(is_whole=not given and replicates is None)
     if lines:
-        warnings.warn("\n".join(lines), stacklevel=2)
+        warnings.warn(in_python("\n".join(lines)), stacklevel=2)
     return done
 
 
@@ -159,7 +161,8 @@ def beforehand(study: Study, folder: Path) -> tuple[list[str], list[str]]:
     protocol = protocol_of(study, folder)
     notes = []
     if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
-        notes.append(f"{study.name}: not frozen (--freeze fixes what it asks and expects before its first run)")
+        freeze = "`deltaswarm study --freeze` fixes what it asks and expects before its first run"
+        notes.append(f"{study.name}: not frozen ({freeze})")
     return [f"{study.name}: {line}" for line in protocol.problems], notes + too_few(study)
 
 

@@ -54,7 +54,11 @@ def too_few(study: Study) -> list[str]:
     families = [row for row in _families(study, {}) if row["name"] not in {*published} - {*tested}]
     needed = [row["repeats_needed"] for row in families if row["repeats"] < row["repeats_needed"]]
     count = f"{len(needed)} of {len(families)} families of tests can show nothing with {study.repeats} replicates"
-    return [f"{study.name}: {count}; {max(needed)} are needed (study --plan lists the families)"] if needed else []
+    return (
+        [f"{study.name}: {count}; {max(needed)} are needed (`deltaswarm study --plan` lists the families)"]
+        if needed
+        else []
+    )
 
 
 def text(planned: dict[str, Any]) -> str:

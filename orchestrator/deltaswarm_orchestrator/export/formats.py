@@ -101,7 +101,7 @@ def _writer(source: Path, chosen: Format, name: str, options: Mapping[str, Any])
         next(records(source), None)  # which refuses another file
         return lambda out: Exported(write_complete_copy(source, out))
     if needs := missing(*chosen.needs, extra="export"):
-        raise ExportError(f"--format {name} {needs}")
+        raise ExportError(f"the format {name} {needs}")
     module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
     film = read_film(source)
 

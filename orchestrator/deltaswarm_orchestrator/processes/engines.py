@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_wire.plugins import ENGINES, find
 
 if TYPE_CHECKING:
@@ -21,9 +22,11 @@ def engine_of(
 
     Raises:
         SettingsError: there is no such engine.
-        CommandError: something that it needs is not installed.
+        CommandError: something that it needs is not installed, or this machine has no use for a scheduler.
     """
     if name in local:
+        if scheduler:
+            raise CommandError("--scheduler is for --engine dask")
         return None
     engine: RunEngine = find(ENGINES, name, path, others=local)(scheduler, listen)
     return engine

@@ -298,8 +298,8 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     }  # fmt: skip
     assert [(family["name"], family["tests"]) for family in rest] == [("claims of 'Kelly'", 2), ("claims", 1)]
     assert planning.too_few(study) == [
-        "made-up: 2 of 3 families of tests can show nothing with 6 replicates; 7 are needed (study --plan lists the "
-        "families)"
+        "made-up: 2 of 3 families of tests can show nothing with 6 replicates; 7 are needed (`deltaswarm study "
+        "--plan` lists the families)"
     ]
     assert planning.too_few(made(OWN + ONE)) == []
     lines = planning.text(planned).splitlines()
