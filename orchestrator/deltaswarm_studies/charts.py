@@ -29,7 +29,7 @@ BOX_FROM = 5
 MOST_UPRIGHT = 7
 """With more categories than this in a row of panels, the names under the axis are rotated."""
 
-LETTERS_TURNED = 30
+LETTERS_TURNED = 40
 """A name of more letters is upright."""
 
 BOX_IN = 0.26
