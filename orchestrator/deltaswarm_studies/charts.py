@@ -246,6 +246,8 @@ def _categories(axes: Axes, names: Sequence[str]) -> None:
     axes.set_xticks(range(len(names)), words, rotation=angle, ha="right" if turned else "center")
     if turned:
         for label in axes.get_xticklabels():
-            label.set(rotation_mode="anchor", va="center" if upright else label.get_va())
+            label.set_rotation_mode("anchor")
+            if upright:
+                label.set_verticalalignment("center")
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.tick_params(axis="x", length=0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, BboxBase
 
 LEAST_LETTERS = 6
 """A line is not made shorter."""
@@ -77,8 +77,8 @@ def _places(figure: Figure) -> Iterator[Place]:
                 yield Place(axes, text, text.get_window_extent(renderer), is_upright)
 
 
-def _is_cut(box: Bbox, page: Bbox) -> bool:
-    return (
+def _is_cut(box: Bbox, page: BboxBase) -> bool:
+    return bool(
         box.x0 < page.x0 - MARGIN_PX
         or box.y0 < page.y0 - MARGIN_PX
         or box.x1 > page.x1 + MARGIN_PX

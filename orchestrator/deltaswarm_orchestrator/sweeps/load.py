@@ -99,8 +99,8 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
     in_all |= {one.name for one in ranges}
     for reason, names in (("is set by the sweep for each run", OWN), ("varies in this sweep", in_all)):
-        wrong = [(path, name) for path, name in set_here if name in names]
-        problems += [Problem(name, repr(_at(base, name)), f"{reason}, {ALSO} {_place(path)}") for path, name in wrong]
+        given = [(path, name) for path, name in set_here if name in names]
+        problems += [Problem(name, repr(_at(base, name)), f"{reason}, {ALSO} {_place(path)}") for path, name in given]
     if ("--set", GRID) in set_here and not problems:  # a path on the command line is relative to the working folder
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
     base["record"] = "off"
