@@ -169,24 +169,6 @@ def test_every_command_explains_itself(command: str, capsys: Printed) -> None:
     assert capsys.readouterr().out.startswith("usage: ")
 
 
-def test_help_loads_nothing_that_a_run_needs() -> None:
-    """--version and the --help of every command are shown before numpy, protobuf and the scenario's settings load."""
-    program = """
-import sys
-from deltaswarm_orchestrator.cli import all_commands, main
-words = [[command, "--help"] for command in (*all_commands(), "agent", "world", "operator")]
-for command in (["--version"], ["--help"], *words, ["agent", "board", "--help"], ["operator", "--no-world", "--help"]):
-    try:
-        main(command)
-    except SystemExit as ended:
-        assert ended.code == 0, command
-slow = ("numpy", "google.protobuf", "mcap", "pandas", "rich", "deltaswarm_scenario", "deltaswarm_orchestrator.run")
-print([name for name in slow if name in sys.modules], file=sys.stderr)
-"""
-    done = subprocess.run([*COMMAND[:1], "-c", program], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "[]\n")
-
-
 def test_the_help_explains_every_exit_code(capsys: Printed) -> None:
     """A line each, from the table that the commands use."""
     assert refused("--help") == 0
