@@ -32,7 +32,7 @@ exclude_patterns = [".*", "**/.*", "**/__pycache__", "build", "runs", "sweeps", 
 myst_heading_anchors = 3
 myst_fence_as_directive = ["mermaid"]
 
-# Notebooks are kept without outputs and run when the site is built; `-D nb_execution_mode=off` leaves that out.
+# Notebooks are run when the site is built; with `-D nb_execution_mode=off` it has the outputs of their files.
 nb_execution_mode = "force"
 nb_execution_show_tb = True
 nb_execution_timeout = 300

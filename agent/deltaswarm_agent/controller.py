@@ -62,7 +62,8 @@ class Percept(NamedTuple):
         step: the number of the step; steps may be missing between two percepts.
         time_s: its simulated time [s].
         pose: the agent's position [m; world frame].
-        poses: its positions in the steps since its last percept, oldest first.
+        poses: where it was in the steps between its last percept and this one, oldest first; without `pose`, and empty
+            if it was asked in the step before.
         events: the events within its sensing range.
         heard: (sender, payload) of received radio frames in sender order, the newest of each sender.
         commands: operator commands that are new to the agent, meant for it, and declared by its controller. `life_s` is

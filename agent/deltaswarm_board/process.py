@@ -25,6 +25,7 @@ from deltaswarm_board.settings import BoardSettings
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import Signed
+from deltaswarm_wire.extras import missing
 from deltaswarm_wire.keys import RADIO, REPORT
 from deltaswarm_wire.messages import Heard
 from deltaswarm_wire.signing import SigningError, age_limit, verifier
@@ -276,10 +277,8 @@ def _verify(settings: BoardSettings) -> Verify:
 def _recorder_class() -> "type[FrameRecorder]":
     try:
         from deltaswarm_board.recording import FrameRecorder
-    except ImportError:
-        raise SettingsError(
-            [Problem("log.record", "'mcap'", "must be off without the package mcap (extra mcap)")]
-        ) from None
+    except ImportError as error:
+        raise SettingsError([Problem("log.record", "'mcap'", missing("mcap") or str(error))]) from None
     return FrameRecorder
 
 

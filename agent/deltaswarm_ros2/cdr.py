@@ -9,14 +9,11 @@ from functools import lru_cache
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
-from deltaswarm_ros2.definitions import SEQUENCE, MessageField, fields_of
+from pycdr2 import IdlStruct, make_idl_struct
+from pycdr2._support import Buffer, Endianness
+from pycdr2.types import array, float32, float64, int32, sequence, uint8, uint32
 
-try:
-    from pycdr2 import IdlStruct, make_idl_struct
-    from pycdr2._support import Buffer, Endianness
-    from pycdr2.types import array, float32, float64, int32, sequence, uint8, uint32
-except ModuleNotFoundError:
-    raise ImportError("the package pycdr2 must be installed (extra ros2)") from None
+from deltaswarm_ros2.definitions import SEQUENCE, MessageField, fields_of
 
 _BASIC = MappingProxyType(
     {

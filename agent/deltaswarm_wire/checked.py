@@ -43,7 +43,8 @@ class Problem:
 
     def __str__(self) -> str:
         path, given, allowed = map(one_line, (self.path, self.given, self.allowed))
-        return f"{path} {allowed} (got {given})" if allowed.startswith("must ") else f"{path}: {given}; {allowed}"
+        is_of_key = allowed.startswith(("must ", "is ", "varies "))
+        return f"{path} {allowed} (got {given})" if is_of_key else f"{path}: {given}; {allowed}"
 
 
 class SettingsError(ValueError):

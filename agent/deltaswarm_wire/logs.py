@@ -4,8 +4,6 @@ import logging
 import os
 import sys
 
-from deltaswarm_wire.session import without_sources
-
 
 def open_standard_streams() -> None:
     """Open those that are closed on the null device: else a file or socket would get the number of one.
@@ -30,6 +28,8 @@ class LogFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """Format one record."""
+        from deltaswarm_wire.session import without_sources  # which commands need not load
+
         return without_sources(super().format(record))
 
 

@@ -11,9 +11,9 @@ from contextvars import ContextVar
 from dataclasses import dataclass, is_dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from deltaswarm_wire import checked
+from deltaswarm_wire import checked, extras
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.plugin_errors import PluginError, described, is_interrupt, note_plugin
+from deltaswarm_wire.plugin_errors import PluginError, blamed, described, is_interrupt, note_plugin
 
 PAPER = "deltaswarm_agent.controllers.paper.controller:PaperController"
 
@@ -245,6 +245,8 @@ def find(point: ExtensionPoint, name: str, path: str, others: Collection[str] = 
     except BaseException as error:  # a plug-in may raise anything
         if is_interrupt(error):
             raise
+        if (needs := extras.missing_by(error)) and blamed(error) is None:
+            raise SettingsError([Problem(path, repr(name), needs)]) from None
         must, trace = f"must name a {point.what} that can be imported: {described(error)}", PluginError("", error).trace
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             must, trace = f"{must}; PYTHONPATH must name the folder of the module", ""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_wire.arguments import secret_problem
 from deltaswarm_wire.commands import AHEAD_S, Signed, decode_command
+from deltaswarm_wire.extras import missing
 from deltaswarm_wire.files import write_secret
 from deltaswarm_wire.keys import Keys
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 PUBLIC_KEY_BYTES = 32
 PUBLIC_KEY_RULE = f"must be {2 * PUBLIC_KEY_BYTES} hexadecimal digits"
-NEEDS = "needs the package cryptography (extra commands of the board): pip install cryptography"
 
 CLOCK_ERROR_S = 120.0
 """How far the clocks of operator and receiver may differ [s]."""
@@ -45,8 +45,8 @@ def make_key(file: Path) -> str:
     try:
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-    except ImportError:
-        raise SigningError(NEEDS) from None
+    except ImportError as error:
+        raise SigningError(missing("cryptography") or str(error)) from None
     key = Ed25519PrivateKey.generate()
     pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     write_secret(file, pem)
@@ -95,8 +95,8 @@ def verifier(public: str, run: str) -> Callable[[Signed], bool]:
     try:
         from cryptography.exceptions import InvalidSignature
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-    except ImportError:
-        raise SigningError(NEEDS) from None
+    except ImportError as error:
+        raise SigningError(missing("cryptography") or str(error)) from None
     key, context = Ed25519PublicKey.from_public_bytes(bytes.fromhex(public)), _context(run)
 
     def verify(signed: Signed) -> bool:
@@ -118,8 +118,8 @@ def _private_key(file: Path) -> "Ed25519PrivateKey":
     try:
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-    except ImportError:
-        raise SigningError(NEEDS) from None
+    except ImportError as error:
+        raise SigningError(missing("cryptography") or str(error)) from None
     if problem := secret_problem(file):
         raise SigningError(f"{file} {problem}")
     try:

@@ -77,7 +77,7 @@ def described(command: argparse.ArgumentParser) -> Iterator[str]:
         if group not in own and group.title:
             yield from ("", f"**{group.title.capitalize()}**")
         yield from ("", "| argument | meaning |", "| --- | --- |")
-        yield from (f"| {spelled(action)} | {cell(action.help)} |" for action in actions)
+        yield from (f"| {spelled(action)} | {cell(action.help and action.help % vars(action))} |" for action in actions)
     if command.epilog:
         yield from ("", "```text", *command.epilog.splitlines(), "```")
 
@@ -138,7 +138,7 @@ def spelled(action: argparse.Action) -> str:
 def cell(text: str | None) -> str:
     """Write a help text in a cell of a table."""
     own = "print the version" if text == "show program's version number and exit" else text or ""
-    return marked(own.replace("%%", "%")).replace("|", r"\|")
+    return marked(own).replace("|", r"\|")
 
 
 def marked(text: str) -> str:

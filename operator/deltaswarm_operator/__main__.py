@@ -9,14 +9,9 @@ import socket
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from deltaswarm_operator.io.command_options import add_arguments, command_options_of
-from deltaswarm_operator.io.files import TABLE
-from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
-from deltaswarm_operator.io.process import StepSource, run_operator
-from deltaswarm_operator.io.world_source import WorldSource, WorldSourceConfig
-from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
-from deltaswarm_scenario.scenario import RunSettings
+from deltaswarm_operator import ANY_PORT
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import REVOKED, TLS, air_rules, revoked_beside
 from deltaswarm_wire.arguments import (
@@ -35,11 +30,18 @@ from deltaswarm_wire.arguments import (
     whole,
 )
 from deltaswarm_wire.child import FAILED, PLUGIN_FAILED, exit_code_of
+from deltaswarm_wire.codec import MAX_ABS_M
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import blamed, described
 from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.session import RouterLink, air_pairs, protocol_of, tls_pairs
+
+if TYPE_CHECKING:
+    from deltaswarm_operator.io.open_air_source import OpenAirSource
+    from deltaswarm_operator.io.process import StepSource
+    from deltaswarm_operator.io.world_source import WorldSource
+    from deltaswarm_scenario.operator_settings import OperatorSettings
 
 NO_WORLD = "--no-world"
 MODES = ("peer", "router")
@@ -121,10 +123,37 @@ def open_air_parser() -> argparse.ArgumentParser:
         metavar="S",
         help="interval of status lines [s] (default: 10)",
     )
-    add_arguments(made)
+    _add_commanding(made)
     add_tls_arguments(made)
     add_zenoh_argument(made)
     return made
+
+
+def _add_commanding(made: argparse.ArgumentParser) -> None:
+    """Add the options of commands and station."""
+    told = made.add_argument_group("commands and station")
+    told.add_argument("--station", action="store_true", help="serve a page to watch and command; prints its address")
+    told.add_argument(
+        "--station-listen", metavar="HOST:PORT", help=f"address of the page (default: {ANY_PORT}, any free port)"
+    )
+    told.add_argument("--controller", metavar="MODE", help="the boards' controller, which accepts the commands")
+    told.add_argument("--command-key", type=Path, metavar="FILE", help="private key that signs the commands")
+    told.add_argument("--commands", type=Path, metavar="FILE", help="[[command]] tables; at_s since the start [s]")
+    told.add_argument(
+        "--task", type=Path, metavar="FILE", help="a board's file: its table [agent] has arena, step and controller"
+    )
+    told.add_argument("--base", type=_place, metavar="X,Y", help="where the base is, for boards with air.range_m [m]")
+
+
+def _place(text: str) -> tuple[float, float]:
+    x_m, sign, y_m = text.partition(",")
+    try:
+        place = (float(x_m), float(y_m))
+    except ValueError:
+        place = None
+    if not sign or place is None or not all(abs(value) <= MAX_ABS_M for value in place):
+        raise argparse.ArgumentTypeError(f"must be X,Y in metres (got {text!r})")
+    return place
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -133,6 +162,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     log_to_standard_error()
     without_world = NO_WORLD in argv
     arguments = (open_air_parser() if without_world else parser()).parse_args(argv)
+    from deltaswarm_operator.io.files import TABLE  # none of what is imported in functions is needed for --help
+    from deltaswarm_operator.io.process import run_operator
+
     try:
         source: StepSource = _open_air(arguments) if without_world else _world(arguments)
         config = source.config
@@ -155,7 +187,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
 
 
-def _world(arguments: argparse.Namespace) -> WorldSource:
+def _world(arguments: argparse.Namespace) -> "WorldSource":
+    from deltaswarm_operator.io.world_source import WorldSource, WorldSourceConfig
+    from deltaswarm_scenario.operator_settings import Briefing
+
     briefing = arguments.briefing and checked.load(Briefing, read_toml(arguments.briefing))
     config = WorldSourceConfig(
         briefing=briefing,
@@ -178,8 +213,11 @@ def _end(descriptor: int | None) -> socket.socket | None:
     return None if descriptor is None else socket.socket(fileno=descriptor)
 
 
-def _open_air(arguments: argparse.Namespace) -> OpenAirSource:
+def _open_air(arguments: argparse.Namespace) -> "OpenAirSource":
     """Check the arguments. Raises ValueError, OSError."""
+    from deltaswarm_operator.io.command_options import command_options_of
+    from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
+
     connect, listen = arguments.connect, arguments.listen
     if not connect and not listen:
         raise ValueError(f"{NO_WORLD} needs --listen or --connect")
@@ -222,11 +260,15 @@ def _open_air(arguments: argparse.Namespace) -> OpenAirSource:
     return OpenAirSource(config)
 
 
-def _settings(arguments: argparse.Namespace) -> OperatorSettings:
+def _settings(arguments: argparse.Namespace) -> "OperatorSettings":
+    from deltaswarm_scenario.operator_settings import OperatorSettings
+
     return checked.load(OperatorSettings, {"threshold_hz": arguments.threshold_hz}, "operator")
 
 
 def _step_s(arguments: argparse.Namespace) -> float:
+    from deltaswarm_scenario.scenario import RunSettings
+
     return checked.load(RunSettings, {"step_s": arguments.step_s}, "run").step_s
 
 

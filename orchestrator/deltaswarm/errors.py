@@ -1,6 +1,7 @@
 """The one exception of this package: its text is what the command line prints, and its code the exit code."""
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ from deltaswarm_orchestrator.base import disk
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE, CommandError
 from deltaswarm_orchestrator.base.limits import reached
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.extras import missing_by
 from deltaswarm_wire.files import Written
 from deltaswarm_wire.plugin_errors import PluginError, blamed, distinct
 from deltaswarm_wire.reading import working_folder_problem
@@ -57,11 +59,8 @@ def error_of(error: BaseException, command: str) -> Error | None:
         return Error(f"{command} failed: {limit}; {Written.summary()}", code=FAILED)
     if isinstance(error, OSError):
         return Error(_of_system(error, command), code=FAILED)
-    if isinstance(error, ModuleNotFoundError):
-        from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
-
-        if is_of_studies(error):
-            return Error(f"{command} needs {error.name}: {INSTALL_STUDY}")
+    if needs := missing_by(error):
+        return Error(f"{command} {needs}")
     return None
 
 
@@ -78,6 +77,37 @@ def _of_system(error: OSError, command: str) -> str:
     return f"{named}; {written}" if Written.count else named
 
 
+_OPTION = re.compile(r"(?P<command>deltaswarm [a-z][^;`]*)|(?P<by>by )?(?<![\w`/-])--(?P<name>[a-z-]+)(?![\w-])")
+"""An option in a message, except in a command line."""
+
+IN_PYTHON = {
+    "commands": "commands",
+    "engine": "engine",
+    "force": "force=True",
+    "in-process": "engine='in-process'",
+    "jobs": "jobs",
+    "out": "out",
+    "processes": "engine='processes'",
+    "record": "the key record =",
+    "repeats": "replicates",
+    "scheduler": "scheduler",
+    "seed": "seed",
+    "set": "keys",
+}
+"""What is given by an option on the command line, as functions take it."""
+
+
+def in_python(text: str) -> str:
+    """Return a message of the command line with its options as a caller from Python gives them."""
+
+    def named(option: re.Match[str]) -> str:
+        name = IN_PYTHON.get(option["name"] or "")
+        by = option["by"] or ""
+        return option[0] if name is None else f"{'in ' if by and name == 'keys' else by}{name}"
+
+    return _OPTION.sub(named, text)
+
+
 @contextmanager
 def one_error(command: str) -> Iterator[None]:
     """Raise whatever the user is to be told of as `Error`; `command` is what was asked for, for messages.
@@ -90,4 +120,4 @@ def one_error(command: str) -> Iterator[None]:
     except Exception as error:
         if (told := error_of(error, command)) is None:
             raise
-        raise told from None
+        raise Error(*map(in_python, told.lines), code=told.code, traces=told.traces) from None

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm.arguments import SEEDS, public
-from deltaswarm.errors import Error, one_error
+from deltaswarm.errors import Error, in_python, one_error
 from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
 from deltaswarm_orchestrator.base.paths import must_exist
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.engines import engine_of
-from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO
+from deltaswarm_orchestrator.scenarios import DEFAULT_SCENARIO
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import MAX_NUMBER, did_you_mean
@@ -75,9 +75,9 @@ def run(
         file = None if commands is None else Path(commands)
         density = folder.parent / f"{folder.name}-density.npy"
         loaded, given = scenario_of(os.fspath(scenario), keys or {}, seed, file, density)
-        placed = engine_of(engine, scheduler, path="engine", local=(IN_PROCESS, PROCESSES))
         if engine != IN_PROCESS:
             check_importable(given, f"engine is {engine!r}; {IN_PROCESS!r} takes it as it is")
+        placed = engine_of(engine, scheduler, path="engine", local=(IN_PROCESS, PROCESSES))
         options = RunOptions(out=folder, in_process=engine == IN_PROCESS, force=force, engine=placed)
         check(loaded, options)
         result = conduct(loaded, options, quiet=not progress)
@@ -86,7 +86,7 @@ def run(
             raise Error(*result.messages, code=FAILED)
     if reasons := result.summary["invalid_because"]:
         told = [message for message in result.messages if not any(message in reason for reason in reasons)]
-        warnings.warn("\n".join([f"not valid: {reason}" for reason in reasons] + told), stacklevel=3)
+        warnings.warn(in_python("\n".join([f"not valid: {reason}" for reason in reasons] + told)), stacklevel=3)
     return done
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm.arguments import COUNTS, SEEDS, public
-from deltaswarm.errors import Error, one_error
+from deltaswarm.errors import Error, in_python, one_error
 from deltaswarm.keys import MAIN, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES, Run, UnsavedRun
 from deltaswarm_orchestrator.base.advice import command_line
@@ -96,7 +96,7 @@ def sweep(
         table = result.table
         table.attrs |= {"folder": str(folder), "digest": result.manifest["digest"]}
     if lines := [*complaints(result), *_invalid(result)]:
-        warnings.warn("\n".join(lines), stacklevel=3)
+        warnings.warn(in_python("\n".join(lines)), stacklevel=3)
     return table
 
 
@@ -145,11 +145,14 @@ def check(loaded: "Sweep", folder: Path, means: str) -> None:
     """Make every check of a sweep before anything is started or written.
 
     Raises:
-        CommandError: the sweep would be refused.
+        SettingsError, CommandError: the sweep would be refused.
     """
     from deltaswarm_orchestrator.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.run.options import check_packages
 
     check_out(folder)
+    for scenario in loaded.scenarios:
+        check_packages(scenario)
     if means == PROCESSES:
         check_parts_can_start(max(variant.scenario.agents.count for variant in loaded.variants))
     if os.path.exists(folder):  # unlike `Path.exists`, False for an impossible name
@@ -182,8 +185,6 @@ def engine_maker(
     workers = jobs or default_workers(means)
     if engine := engine_of(name, scheduler, path=path, local=local):
         return lambda: engine.sweep_engine(workers)
-    if scheduler:
-        raise CommandError("--scheduler is for --engine dask")
     return lambda: LocalEngine(workers)
 
 

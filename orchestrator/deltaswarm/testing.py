@@ -47,7 +47,7 @@ def percept(
     pose: Pose = (20.0, 20.0),
     *,
     events: Iterable[Pose | Event] = (),
-    heard: Mapping[int, bytes] | None = None,
+    heard: Mapping[int, bytes] | Iterable[tuple[int, bytes]] = (),
     commands: Iterable[Command] = (),
     poses: Iterable[Pose] = (),
     step_s: float = 1.0,
@@ -58,13 +58,13 @@ def percept(
         step: the number of the step; `time_s` is that times `step_s` [s].
         pose: its position [m].
         events: sensed events, or their positions [m], which get the ids 1, 2 and so on.
-        heard: payloads by sender.
+        heard: (sender, payload) of received frames, or payloads by sender.
         commands: the operator's commands that are new to it.
-        poses: its positions in the steps since the last percept [m].
+        poses: where it was in the steps between its last percept and this one, oldest first [m].
         step_s: length of a step [s].
     """
     sensed = (one if isinstance(one, Event) else Event(number, *one) for number, one in enumerate(events, 1))
-    known = sorted((heard or {}).items())
+    known = sorted(dict(heard).items())
     return Percept(step, step * step_s, pose, tuple(poses), tuple(sensed), known, tuple(commands))
 
 

@@ -10,13 +10,13 @@ from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder, part_of
 from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, show
 from deltaswarm_orchestrator.recording import VALUES
-from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
     from deltaswarm_branches.pairs import Work
+    from deltaswarm_scenario.operator_links import CommandSettings
 
 ADDED = "--add-command"
 
@@ -103,6 +103,7 @@ def value(arguments: argparse.Namespace) -> int:
 
     parent = read_parent(arguments.run)
     check_out(parent.folder / VALUES, "RUN/value")
+    _say_if_too_few(arguments.replicates, len(set(arguments.orders)) or len(parent.orders))
     rows, found, later = value_of_command(
         parent,
         arguments.orders,
@@ -116,7 +117,6 @@ def value(arguments: argparse.Namespace) -> int:
     lines = [(f"{row.order.number} {row.order.command.name}", row.worth.measure, in_words(row.worth)) for row in rows]
     result = {"files": list(map(str, files)), "later_orders": later, "orders": told}
     show(arguments, result, f"{aligned(lines)}\n{files[0]}")
-    _say_if_too_few(arguments.replicates, len(rows))
     return OK
 
 
@@ -125,9 +125,11 @@ def _say_done(count: int, of: int) -> None:
         notice(f"{count} of {of} pairs of runs")
 
 
-def _say_if_too_few(replicates: int, comparisons: int) -> None:
+def _say_if_too_few(replicates: int, orders: int) -> None:
+    from deltaswarm_branches.pairs import MEASURES
     from deltaswarm_branches.worth import replicates_needed
 
+    comparisons = orders * len(MEASURES)
     if replicates < (least := replicates_needed(comparisons)):
         notice(f"--replicates should be at least {least} to decide anything in {comparisons} comparisons")
 
@@ -169,7 +171,12 @@ def branch(arguments: argparse.Namespace) -> int:
     added = tuple(_added(text, at_s) for text in arguments.add_command)
     difference = Difference(difference.drop, added, difference.sets, difference.later)
     planned = plan(parent, step, difference)
-    unchanged = plan(parent, step, Difference()) if arguments.replicates else planned
+    unchanged = planned
+    if arguments.replicates:
+        import deltaswarm_branches.value  # noqa: F401 (needs the extra study, which is said before the runs)
+
+        unchanged = plan(parent, step, Difference())
+        _say_if_too_few(arguments.replicates, 1)
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
     check_target(out, arguments.force)
     part, is_in_process = part_of(out), not arguments.processes
@@ -200,15 +207,16 @@ def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
     notice(f"branch minus parent, over {arguments.replicates} replicates:")
     notice(aligned((row.measure, in_words(row)) for row in rows))
     notice(str(files[0]))
-    _say_if_too_few(arguments.replicates, len(rows))
 
 
-def _added(text: str, at_s: float) -> CommandSettings:
+def _added(text: str, at_s: float) -> "CommandSettings":
     """Read an order from a TOML table: its lines, or one line with or without braces; it leaves at the branching point.
 
     Raises:
         SettingsError: it is no order.
     """
+    from deltaswarm_scenario.operator_links import CommandSettings
+
     inner = text.strip()
     if "\n" not in inner:  # else lines of TOML, as in a scenario
         inner = f"command = {inner}" if inner.startswith("{") else f"command = {{{inner}}}"

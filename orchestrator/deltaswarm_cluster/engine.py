@@ -1,6 +1,5 @@
 """`--engine dask`: the agents of a run, or the runs of a sweep, on the workers of a Dask scheduler."""
 
-import importlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from deltaswarm_cluster.plan import ClusterError, Remote, divide, spans
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.extras import missing
 from deltaswarm_wire.session import host_and_port
 
 if TYPE_CHECKING:
@@ -20,18 +20,19 @@ class Dask:
     """The `RunEngine` of the workers of a Dask scheduler; without an address, for sweeps, of a local cluster."""
 
     def __init__(self, scheduler: str | None, listen: str = "") -> None:
-        try:
-            importlib.import_module("distributed")
-        except ImportError:
-            raise CommandError("--engine dask needs Dask: pip install 'deltaswarm[cluster]'") from None
+        if needs := missing("distributed"):
+            raise CommandError(f"engine dask {needs}")
         self._scheduler, self._remote = scheduler, Remote(scheduler or "", listen)
 
     def check(self, scenario: Scenario) -> None:
         """Check that the agents of a scenario can run there.
 
         Raises:
-            SettingsError, CommandError: they cannot, or the address at which the world would listen is taken.
+            SettingsError: they cannot.
+            CommandError: there is no scheduler, or the address at which the world would listen is taken.
         """
+        if not self._scheduler:
+            raise CommandError("--engine dask must be given with --scheduler for a run: its agents are on the workers")
         self._remote.check(scenario)
         if self._remote.listen:
             check_ports({"--listen": self._remote.listen})

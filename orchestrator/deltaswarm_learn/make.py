@@ -5,14 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 from deltaswarm.arguments import COUNTS, fitted
 from deltaswarm.errors import one_error
-from deltaswarm_orchestrator.base.exits import CommandError
 
 if TYPE_CHECKING:
     from pettingzoo import AECEnv
 
     from deltaswarm_learn.environment import SwarmEnv
-
-EXTRA = ("gymnasium", "pettingzoo")
 
 
 def parallel_env(*arguments: Any, **named: Any) -> "SwarmEnv":
@@ -21,13 +18,9 @@ def parallel_env(*arguments: Any, **named: Any) -> "SwarmEnv":
     Raises:
         Error: arguments are wrong, or the extra `learn` is not installed.
     """
-    with one_error("parallel_env"):
-        try:
-            from deltaswarm_learn.environment import SwarmEnv
-        except ModuleNotFoundError as error:
-            if str(error.name).partition(".")[0] not in EXTRA:
-                raise
-            raise CommandError(f"a learning environment needs {error.name}: pip install 'deltaswarm[learn]'") from None
+    with one_error("deltaswarm.parallel_env"):
+        from deltaswarm_learn.environment import SwarmEnv
+
         bound = fitted(inspect.signature(SwarmEnv), arguments, named, {"max_cycles": COUNTS})
         return SwarmEnv(*bound.args, **bound.kwargs)
 

@@ -189,7 +189,7 @@ def check_compiler() -> None:
         except metadata.PackageNotFoundError:
             found = ""
         if not found or _numbers(found) < _numbers(least):
-            missing.append(f"{name} (pip install '{name}')")
+            missing.append(f"{name} (pip install 'deltaswarm[compile]')")
     command = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
     if not shutil.which(command):
         missing.append(f"the C compiler {command} (on Debian: apt install gcc)")

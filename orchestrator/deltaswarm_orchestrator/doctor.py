@@ -3,31 +3,16 @@
 import multiprocessing
 import os
 import platform
-import re
 import socket
 import sys
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, version
 
 from deltaswarm_orchestrator.base import limits, provenance
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
-
-REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
-"""A requirement as this package's own metadata states it."""
+from deltaswarm_wire.extras import extras, install, needed
 
 CONNECT_WITHIN_S = 5.0
-INSTALL_STUDY = "pip install 'deltaswarm[study]'"
-
-
-def needed(extra: str = "") -> dict[str, str]:
-    """Return the least versions of the packages, by name, that deltaswarm or one of its extras needs."""
-    matches = (REQUIREMENT.fullmatch(text) for text in requires("deltaswarm") or ())
-    return {match["name"]: match["least"] for match in matches if match and (match["extra"] or "") == extra}
-
-
-def is_of_studies(error: ModuleNotFoundError) -> bool:
-    """Return whether a module is missing that the extra `study` installs."""
-    return (error.name or "").partition(".")[0] in needed("study")
 
 
 @dataclass(frozen=True)
@@ -43,8 +28,6 @@ class CheckResult:
 def examine(agents: int) -> list[CheckResult]:
     """Check this machine, for runs with this many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
-    lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
-    studies = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
     cores = len(os.sched_getaffinity(0))
     problem = loopback_problem()
     loopback = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
@@ -53,7 +36,7 @@ def examine(agents: int) -> list[CheckResult]:
     return [
         CheckResult("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
         *packages,
-        CheckResult("sweeps and studies", studies, True),
+        *map(_extra, extras()),
         CheckResult("build", provenance.build(), True),
         CheckResult("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
         *(
@@ -68,6 +51,13 @@ def examine(agents: int) -> list[CheckResult]:
         CheckResult("loopback", loopback, problem is None, "ip link set lo up (as root)"),
         CheckResult("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
     ]
+
+
+def _extra(extra: str) -> CheckResult:
+    """Tell whether an extra is installed, which not every installation needs."""
+    lacking = [name for name, least in needed(extra).items() if not _package(name, least).is_well]
+    found = f"not installed (without {', '.join(lacking)}): {install(extra)}" if lacking else "installed"
+    return CheckResult(f"extra {extra}", found, True)
 
 
 def _package(name: str, least: str) -> CheckResult:

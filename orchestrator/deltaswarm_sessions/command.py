@@ -1,17 +1,8 @@
-"""The command `deltaswarm session`: read its options, and print what it returns."""
+"""The command `deltaswarm session`: its options. What it does is imported when it is done."""
 
 import argparse
-import sys
-from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.advice import as_given
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
-from deltaswarm_orchestrator.base.output import results_on
-from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.cli.arguments import (
     Group,
     add_dry_run,
@@ -19,29 +10,15 @@ from deltaswarm_orchestrator.cli.arguments import (
     add_markers,
     add_quiet,
     host_and_port,
-    show,
 )
-from deltaswarm_orchestrator.processes.station import LOOPBACK
-from deltaswarm_orchestrator.recording import PART
-from deltaswarm_orchestrator.scenarios.load import LANGUAGES, language_at
-from deltaswarm_sessions import commitment, ledger, roster
-from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
-from deltaswarm_sessions.folder import RECORD, folder_name, read_record
-from deltaswarm_sessions.giveaways import situation_warnings
-from deltaswarm_sessions.plan import outline, outline_text, plan
-from deltaswarm_sessions.runner import Runner
-from deltaswarm_sessions.session import Session
-from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings, load_session
-from deltaswarm_sessions.tables import RUNS, WIDE, write_tables
-from deltaswarm_sessions.variables import OF_SWARM
+from deltaswarm_sessions import DATASETS, MAX_PARTICIPANT
 from deltaswarm_wire.arguments import number, whole
-
-QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
-"""Options of --plan."""
 
 
 def add_session(command: argparse.ArgumentParser) -> None:
     """Do all runs of one participant, in a balanced order."""
+    from deltaswarm_orchestrator.scenarios import LANGUAGES
+
     command.description = (
         "Run the session of one participant: the training first, then the conditions in a balanced order, each on a "
         "station's page. To continue a session that was interrupted, run the same command again."
@@ -90,7 +67,7 @@ def add_session(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--format",
-        choices=tuple(KINDS),
+        choices=DATASETS,
         action="append",
         default=[],
         help="with --table: also export a dataset in BIDS or Psych-DS into the folder of this name in FOLDER",
@@ -109,7 +86,6 @@ def add_session(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--station-listen",
         type=host_and_port,
-        default=LOOPBACK,
         metavar="HOST:PORT",
         help="address of the page, which is not encrypted (default: this machine only, any free port)",
     )
@@ -152,195 +128,7 @@ def _add_question(group: Group) -> None:
 
 
 def session(arguments: argparse.Namespace) -> int:
-    """Do the remaining runs of a participant's session, write the tables of all participants, or plan their number."""
-    settings, beside = load_session(arguments.session)
-    asked = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
-    if asked and arguments.plan is None:
-        raise CommandError(f"--{next(iter(asked))} must be given with --plan, without which it has no effect")
-    if arguments.plan is not None:
-        return _plan(arguments, settings, asked)
-    out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
-    out = out / roster.PILOT if arguments.pilot else out
-    check_files(out)
-    if arguments.reason and arguments.withdraw is None:
-        raise CommandError("--reason must be given with --withdraw, without which it has no effect")
-    if arguments.freeze:
-        file, found = commitment.freeze(settings, beside, out)
-        show(arguments, {"file": str(file), "hash": found}, f"{found}\n{file}: keep it secret until the study is over")
-        return OK
-    if arguments.wide and not arguments.table:
-        raise CommandError("--wide must be given with --table, without which it has no effect")
-    if arguments.format and not arguments.table:
-        raise CommandError("--format must be given with --table, without which it has no effect")
-    if arguments.participant is None:
-        return _keep(arguments, settings, out)
-    if arguments.language is not None:
-        settings = replace(settings, language=language_at(arguments.language, Path()))
-    return _do(arguments, settings, beside, out)
+    """Do what the options say."""
+    from deltaswarm_sessions import doing
 
-
-def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -> int:
-    """Work on the participants of a folder of sessions: number, withdraw, correct a number, write tables."""
-    if arguments.table:
-        check_out(arguments.table)
-    with ledger.held(out, only_reads=bool(arguments.table)) as is_writable:
-        _finish(arguments, settings, out)
-        if arguments.next:
-            number = roster.next_number(settings, out)
-            show(arguments, number, _next_text(number))
-        elif arguments.withdraw is not None:
-            told = _withdraw(arguments, settings, out, arguments.withdraw)
-            lines = [
-                f"deleted: {told['deleted'] or 'nothing, there is no folder'}",
-                *(f"written again without the participant: {folder}" for folder in told["tables"]),
-                *(f"not reached: {what}" for what in told["not_reached"]),
-            ]
-            show(arguments, told, "\n".join(lines))
-        elif arguments.renumber:
-            folder = roster.renumber(out, *arguments.renumber)
-            show(arguments, {"folder": str(folder)}, str(folder))
-        else:
-            files = _tables(arguments, settings, out, is_writable=is_writable)
-            show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
-    return OK
-
-
-def _finish(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -> None:
-    """Finish what an earlier command began and did not end, unless this one is the same command again."""
-    noted = ledger.read(out)
-    match noted.unfinished:
-        case () | (arguments.withdraw,):
-            return
-        case (number,):
-            _withdraw(arguments, settings, out, number)
-        case (old, new):
-            if arguments.renumber == [old, new]:
-                return
-            roster.renumber(out, old, new)
-    notice(f"an earlier {noted.option} was interrupted; it is finished now")
-
-
-def _tables(arguments: argparse.Namespace, settings: SessionSettings, out: Path, *, is_writable: bool) -> list[Path]:
-    """Write the tables, and note where beforehand, so that a withdrawal finds even those that are cut off."""
-    if is_writable:
-        roster.note_tables(out, arguments.table)
-    files = write_tables(out, arguments.table, settings.exclude, is_wide=arguments.wide)
-    files += [export(kind, arguments.table, Path(arguments.session).stem) for kind in arguments.format]
-    if not is_writable:
-        notice(f"{out} cannot be written, so --withdraw will not find the tables in {arguments.table}")
-    return files
-
-
-def _as_in_file(arguments: argparse.Namespace, settings: SessionSettings) -> SessionSettings:
-    """Return the settings without the language of one participant, to which no plan commits."""
-    return settings if arguments.language is None else load_session(arguments.session)[0]
-
-
-def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
-    """Do the remaining runs of one participant, or print which they are."""
-    participant: int = arguments.participant
-    check_out(out)
-    roster.check_number(out, participant)
-    folder = out / folder_name(participant)
-    _, record = before = _state(out, participant)
-    kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected", "begun") if name in record}
-    kept |= {"pilot": True} if arguments.pilot else {}
-    frozen, warnings = commitment.check_plan(_as_in_file(arguments, settings), beside, out)
-    if record and (was := record.get("frozen", "")) != frozen:
-        raise CommandError(
-            f"{folder} must be a session of the plan that is frozen in {out}, {frozen or 'none'} (got a session of "
-            f"{was or 'none'}): restore {ledger.COMMITMENT}, or use another --out"
-        )
-    kept |= {"frozen": frozen} if frozen else {}
-    kept |= {} if record else {"begun": provenance.now()}
-    runs = plan(settings, kept.get("allocated", participant), beside)
-    runner = Runner(
-        session=Session(participant, runs, shows_score=settings.score, kept=kept),
-        folder=folder,
-        speed=settings.speed,
-        listen=arguments.station_listen,
-        markers=arguments.markers or "",
-        researcher=arguments.researcher,
-        quiet=arguments.quiet,
-        command=as_given(arguments),
-    )
-    for warning in [*warnings, *runner.check()]:
-        notice(warning)
-    if arguments.dry_run:
-        for warning in situation_warnings(runner.session.runs):
-            notice(warning)
-        outlined = outline(settings, runner.session.runs, is_concealed=not runner.has_begun)
-        show(arguments, outlined, outline_text(outlined))
-        return OK
-    out.mkdir(parents=True, exist_ok=True)
-    with ledger.held(out):  # what was checked above may have changed since
-        roster.check_number(out, participant)
-        if _state(out, participant) != before:
-            raise CommandError(f"{folder} or the frozen plan was changed by another command; give this one again")
-        ledger.write(out, ledger.read(out))
-        runner.begin()
-        roster.note_begun(out, participant)
-    with results_on(sys.stderr) if arguments.json else nullcontext():
-        code = runner.run()
-    if code == OK:
-        show(arguments, {"folder": str(runner.folder), **runner.session.record}, str(runner.folder))
-    return code
-
-
-def _state(out: Path, participant: int) -> tuple[str, dict[str, Any]]:
-    """Return the hash that is frozen, and the participant's record; either may be empty."""
-    folder = out / folder_name(participant)
-    return commitment.read(out).get("hash", ""), read_record(folder) if (folder / RECORD).exists() else {}
-
-
-def _next_text(found: dict[str, Any]) -> str:
-    """Format the result of `next_number`."""
-    told = {"complete or under way": "counted", "begun and not complete": "not_complete", "withdrawn": "withdrawn"}
-    lines = [f"{words}: {', '.join(map(str, found[name]))}" for words, name in told.items() if found[name]]
-    return "\n".join([str(found["next"]), *lines])
-
-
-def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Path, participant: int) -> dict[str, Any]:
-    """Delete a participant's data and write the tables again; return what was reached and what was not."""
-    removed = roster.withdraw(out, participant, arguments.reason)
-    for folder in removed.tables:
-        try:
-            write_tables(out, folder, settings.exclude, is_wide=(folder / f"{WIDE}.tsv").exists())
-            for kind in KINDS:
-                if (folder / kind / DESCRIPTION).exists() or (folder / f"{kind}{PART}").exists():
-                    export(kind, folder, Path(arguments.session).stem)
-        except (OSError, CommandError) as error:
-            raise CommandError(
-                f"the withdrawal of {participant} is not finished: the tables in {folder} cannot be written again "
-                f"({error}); mend that, then give the command again",
-                FAILED,
-            ) from None
-    ledger.write(out, ledger.read(out)._replace(unfinished=()))
-    return {
-        "deleted": str(removed.folder) if removed.folder else None,
-        "tables": [str(folder) for folder in removed.tables],
-        "not_reached": [*(f"tables in {folder}" for folder in removed.not_there), roster.BEYOND_REACH],
-    }
-
-
-def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:
-    """Print how many participants are needed to find a difference between two conditions."""
-    from deltaswarm_sessions.pilot import Question, plan_participants, text  # imports SciPy
-
-    check_files(arguments.plan)
-    effect = asked.get("effect")
-    if effect is not None and ("metric" not in asked or not effect):
-        raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")
-    planned = plan_participants(settings, arguments.plan / f"{RUNS}.tsv", Question(**asked))
-    if of_swarm := [name for name in OF_SWARM if name in planned["metrics"]]:
-        notice(
-            f"measures of the swarm, not of the person: {', '.join(of_swarm)}; participants with the same stream "
-            "and no orders have the same value and are no replicates"
-        )
-    if effect is None:
-        notice(
-            "the effect is the pilot's own, which is uncertain: give the least difference that matters by --effect, "
-            "with --metric"
-        )
-    show(arguments, planned, text(planned))
-    return OK
+    return doing.session(arguments)

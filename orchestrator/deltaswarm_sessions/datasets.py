@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_sessions import BIDS, PSYCH_DS
 from deltaswarm_sessions.staging import staged, write_rows
 from deltaswarm_wire.cells import rows_by_column
 from deltaswarm_wire.files import write_whole
 
-BIDS, PSYCH_DS = "bids", "psych-ds"
 BIDS_VERSION = "1.10.0"
 DESCRIPTION = "dataset_description.json"
 README = (

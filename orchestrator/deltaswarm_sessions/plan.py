@@ -14,10 +14,12 @@ from random import Random
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import aligned
+from deltaswarm_orchestrator.scenarios import BUILT_IN
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_scenario.operator_settings import begun_with
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import AFTER, BEFORE
+from deltaswarm_sessions import MAX_PARTICIPANT
 from deltaswarm_sessions.settings import (
     CROSSED,
     EACH,
@@ -25,7 +27,6 @@ from deltaswarm_sessions.settings import (
     FIRST,
     LAST,
     MAX_CONDITIONS,
-    MAX_PARTICIPANT,
     RANDOM,
     CriterionSettings,
     SessionSettings,
@@ -177,7 +178,7 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
     numbers = [number for _, number in order_and_numbers(settings, participant)]
     for place, ((condition, stream), number) in enumerate(zip(runs_of, numbers, strict=True)):
         name, label = condition.scenario, condition.label
-        if name not in scenarios.BUILT_IN:
+        if name not in BUILT_IN:
             name = str((beside / name).resolve())
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         ends = criterion is not None and criterion.if_not_reached == END and place == 0

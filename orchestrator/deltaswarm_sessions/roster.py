@@ -15,11 +15,11 @@ from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import MAX_PARTICIPANT, ledger
 from deltaswarm_sessions.folder import RECORD, folder_name, intact_record, read_record
 from deltaswarm_sessions.ledger import Withdrawn
 from deltaswarm_sessions.plan import allocation_of
-from deltaswarm_sessions.settings import MAX_PARTICIPANT, SessionSettings
+from deltaswarm_sessions.settings import SessionSettings
 
 PILOT = "pilot"
 """The folder of a pilot's sessions, in that of the study."""

@@ -13,13 +13,14 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.task import JudgementTask
 from deltaswarm_scenario.technique import Technique
 from deltaswarm_scenario.techniques import measures
+from deltaswarm_sessions import MAX_PARTICIPANT
 from deltaswarm_sessions.exclusion import ExclusionSettings
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
 
-MAX_CONDITIONS, MAX_PARTICIPANT = 50, 9999
+MAX_CONDITIONS = 50
 TRAINING = "training"
 RANDOM, IN_TURN = "random", "in turn"
 CROSSED, OWN = "crossed", "own"

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import tomli_w
 
-from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, load_scenario, read_toml
+from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
+from deltaswarm_orchestrator.scenarios.load import load_scenario, read_toml
 from deltaswarm_scenario.page_language import page_texts
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_sessions.plan import plan

@@ -29,6 +29,9 @@ BOX_FROM = 5
 MOST_UPRIGHT = 7
 """With more categories than this in a row of panels, the names under the axis are rotated."""
 
+LETTERS_TURNED = 40
+"""A name of more letters is upright."""
+
 BOX_IN = 0.26
 """Least width of a box with the space around it [in]."""
 
@@ -232,10 +235,19 @@ def _categories(axes: Axes, names: Sequence[str]) -> None:
     longest = max(len(word) for name in names for word in name.split() or [""])
     turned = longest > room or len(names) * columns > MOST_UPRIGHT * columns
     words = [style.shown(name) for name in names]
-    words = words if turned else ["\n".join(textwrap.wrap(text, room, break_long_words=False)) for text in words]
-    axes.set_xticks(range(len(names)), words, rotation=40 if turned else 0, ha="right" if turned else "center")
+    upright = turned and max(map(len, words)) > LETTERS_TURNED
+    if not turned:
+        words = ["\n".join(textwrap.wrap(text, room, break_long_words=False)) for text in words]
+    elif upright:
+        lines = max(1, int((style.TEXT_IN - 0.5) / columns / len(names) / style.LINE_IN))
+        width = max(LETTERS_TURNED, -(-max(map(len, words)) // lines) + 5)
+        words = ["\n".join(textwrap.wrap(text, width)) for text in words]
+    angle = 90 if upright else 40 if turned else 0
+    axes.set_xticks(range(len(names)), words, rotation=angle, ha="right" if turned else "center")
     if turned:
         for label in axes.get_xticklabels():
             label.set_rotation_mode("anchor")
+            if upright:
+                label.set_verticalalignment("center")
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.tick_params(axis="x", length=0)

@@ -109,7 +109,7 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         yield f"claim[{i}].metric", [claim.metric, *claim.predictors], metrics
         yield f"claim[{i}] ({claim.id})", claim.variants, variants
     for i, recovery in enumerate(file.recovery):
-        yield f"recovery[{i}].metric", [recovery.metric], _over_time()
+        yield f"recovery[{i}].metric", [recovery.metric], study.over_time
         yield f"recovery[{i}].factor", [recovery.factor], factors
         yield f"recovery[{i}].level", [recovery.level, recovery.reference], factors.get(recovery.factor, ())
     for i, fit in enumerate(file.fit):
@@ -126,7 +126,7 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
     for i, figure in enumerate(file.figure):
         where, drawn = f"figure[{i}]", KINDS[figure.kind]
         for name in drawn.metrics:
-            known = MOMENTS if drawn.is_of_events else _over_time() if drawn.is_over_time else metrics
+            known = MOMENTS if drawn.is_of_events else study.over_time if drawn.is_over_time else metrics
             yield f"{where}.{name}", [getattr(figure, name)], known
         for name in drawn.factors:
             yield f"{where}.{name}", [getattr(figure, name)] if getattr(figure, name) else [], factors
@@ -142,10 +142,6 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         for j, result in enumerate(finding.because):
             kind = next(kind for kind in ids if kind in result)
             yield f"finding[{i}].because[{j}].{kind}", [str(name) for name in listed(result[kind])], ids[kind]
-
-
-def _over_time() -> list[str]:
-    return [name for name, metric in BUILT_IN.items() if metric.series]
 
 
 def _repeated_names(study: Study) -> Iterator[Problem]:

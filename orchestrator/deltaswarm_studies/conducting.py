@@ -11,7 +11,7 @@ import pandas as pd
 
 from deltaswarm import sweeps
 from deltaswarm.arguments import COUNTS, public
-from deltaswarm.errors import one_error
+from deltaswarm.errors import in_python, one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
 from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError, notice
@@ -25,6 +25,7 @@ from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.load import OF_A_STUDY, load_study
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, provenance_of, sealed_tables
 from deltaswarm_studies.page import write
+from deltaswarm_studies.plan import too_few
 from deltaswarm_studies.protocol import Protocol, protocol_of
 from deltaswarm_studies.settings import CONFIRMATORY
 from deltaswarm_studies.study import Study
@@ -144,14 +145,17 @@ def study(
         check_out(folder, among=() if render else OF_A_STUDY)
         if not render:
             sweeps.check(loaded.sweep, folder / "sweep", means)
-            lines += [line for some in beforehand(loaded, folder) for line in some]
+            if told := [line for some in beforehand(loaded, folder) for line in some]:
+                warnings.warn(in_python("\n".join(told)), stacklevel=3)
         try:
             done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
+        except FileNotFoundError as error:
+            raise CommandError(f"{loaded.name}: {error.filename} is not there; render=False makes it", FAILED) from None
         except ValueError as error:
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
         lines += done.complaints(is_whole=not given and replicates is None)
     if lines:
-        warnings.warn("\n".join(lines), stacklevel=3)
+        warnings.warn(in_python("\n".join(lines)), stacklevel=3)
     return done
 
 
@@ -160,8 +164,9 @@ def beforehand(study: Study, folder: Path) -> tuple[list[str], list[str]]:
     protocol = protocol_of(study, folder)
     notes = []
     if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
-        notes.append(f"{study.name}: not frozen (--freeze fixes what it asks and expects before its first run)")
-    return [f"{study.name}: {line}" for line in protocol.problems], notes
+        freeze = "`deltaswarm study --freeze` fixes what it asks and expects before its first run"
+        notes.append(f"{study.name}: not frozen ({freeze})")
+    return [f"{study.name}: {line}" for line in protocol.problems], notes + too_few(study)
 
 
 def concluded(study: Study, folder: Path, conduct: Conduct | None, *, reuse: bool) -> StudyResult:

@@ -84,8 +84,10 @@ class Evidence:
             *vacuous_claims(study, judged),
             *at_ceiling,
             *tables.part_of_points(study),
+            *study.left_out,
         ]
-        """Contrasts and claims with too few replicates, claims that nothing could contradict, verdicts at a ceiling."""
+        """Contrasts and claims with too few replicates, claims that nothing could contradict, verdicts at a ceiling,
+        and what is left out."""
 
     def _invalid_lines(self, study: Study) -> list[str]:
         """Say which runs are no replicates, and which variants are not judged for that."""

@@ -24,6 +24,10 @@ MARKER_PT = 3.0
 """Half the width of a marker [points]."""
 
 
+LONGEST = 24
+"""Letters of a label that is written beside its point."""
+
+
 class Label(NamedTuple):
     """A label of a point, at its place in the data."""
 
@@ -34,10 +38,18 @@ class Label(NamedTuple):
     colour: str = style.BLACK
 
 
-def place(figure: Figure, labels: Sequence[Label]) -> None:
-    """Write each label beside its point; the figure must be laid out."""
+def place(figure: Figure, labels: Sequence[Label]) -> tuple[str, ...]:
+    """Write each label beside its point; the figure must be laid out.
+
+    If one is long, all points are numbered. Return what the caption must then say.
+    """
+    names = list(dict.fromkeys(label.text for label in labels))
+    are_long = any(len(name) > LONGEST for name in names)
     with style.drawing():
-        _place(figure, labels)
+        _place(
+            figure, [label._replace(text=str(names.index(label.text) + 1)) for label in labels] if are_long else labels
+        )
+    return (f"Points: {'; '.join(f'{place}: {name}' for place, name in enumerate(names, 1))}.",) if are_long else ()
 
 
 def _place(figure: Figure, labels: Sequence[Label]) -> None:

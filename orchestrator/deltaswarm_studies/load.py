@@ -1,6 +1,7 @@
 """Make studies, from TOML files, from built-in ones, or for a sweep without a study file, each checked as a whole."""
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -68,7 +69,8 @@ def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
     of_runs = {**BUILT_IN, **controllers_own(sweep)}
     built_in = {name: metric.within(name, file.study.from_s, file.study.until_s) for name, metric in of_runs.items()}
     factors = dict(zip(names, sweep.factors, strict=True))
-    study = Study(name, file, sweep, factors, built_in | {settings.name: settings.metric() for settings in file.metric})
+    metrics = built_in | {settings.name: settings.metric() for settings in file.metric}
+    study = Study(name, file, sweep, factors, metrics)
     if problems := list(dict.fromkeys(problems_of(study))):
         raise SettingsError(problems)
     return study
@@ -79,7 +81,7 @@ def bare_study(
 ) -> Study:
     """Make a study that compares every factor's levels with the first, or with `reference`.
 
-    `more` are columns of the table to study besides the main metrics.
+    `more` are columns of the table to study besides the main metrics, of which those are left out that cannot be shown.
 
     Raises:
         ValueError: If no factor has the reference among its levels, or the table lacks a column.
@@ -97,30 +99,61 @@ def bare_study(
         if column not in table:
             raise ValueError(f"--metric must be a column of table.csv (got {column!r})")
     recorded = [name for name in MAIN if BUILT_IN[name].column in table and table[BUILT_IN[name].column].notna().any()]
-    file = StudyFile(
-        StudySettings(
-            title=f"Sweep {sweep.name}",
-            kind=EXPLORATORY,
-            question="How do the levels of what was swept differ?",
-            factors=titles,
-            metrics=(*recorded, *more),
-            window_s=sweep.file.sweep.series_every_s or 300.0,
-        ),
-        tuple(_metric_of(column) for column in more),
-        tuple(
-            ContrastSettings(
-                id=name,
-                text=f"The levels of {titles[name]} against {references[name]}",
-                factor=name,
-                reference=references[name],
-                metrics=(*recorded[:1], *recorded[2:], *more),
-            )
-            for name, levels in factors.items()
-            if len(levels) > 1
-        ),
-        figure=tuple(_figures(sweep, titles, [name for name in DRAWN if name in recorded], has_series)),
-    )
-    return make_study(sweep.name, file, sweep)
+
+    def file_of(
+        main: Sequence[str], compared: Mapping[str, Sequence[str]], figures: Sequence[FigureSettings]
+    ) -> StudyFile:
+        return StudyFile(
+            StudySettings(
+                title=f"Sweep {sweep.name}",
+                kind=EXPLORATORY,
+                question="How do the levels of what was swept differ?",
+                factors=titles,
+                metrics=(*main, *more),
+                window_s=sweep.file.sweep.series_every_s or 300.0,
+            ),
+            tuple(_metric_of(column) for column in more),
+            tuple(
+                ContrastSettings(
+                    id=name,
+                    text=f"The levels of {titles[name]} against {references[name]}",
+                    factor=name,
+                    reference=references[name],
+                    metrics=(*metrics, *more),
+                )
+                for name, metrics in compared.items()
+                if metrics or more
+            ),
+            figure=tuple(figures),
+        )
+
+    left_out: dict[str, list[str]] = {}
+
+    def is_possible(part: str, main: Sequence[str], by: str = "", figures: Sequence[FigureSettings] = ()) -> bool:
+        try:
+            make_study(sweep.name, file_of(main, {by: main} if by else {}, figures), sweep)
+        except SettingsError as error:
+            reason = re.sub(r" \(contrast\[0\]: '\w+'\)|^contrast\[0\]\.metrics ", "", str(error.problems[0]))
+            left_out.setdefault(reason, []).append(part)
+            return False
+        return True
+
+    varying = [name for name, levels in factors.items() if len(levels) > 1]
+    shown = [name for name in recorded if is_possible(BUILT_IN[name].title, [name])]
+    compared = {
+        factor: [
+            name
+            for name in shown
+            if name != WAITING_ALL
+            and is_possible(f"{BUILT_IN[name].title}, compared by {titles[factor]}", [name], factor)
+        ]
+        for factor in varying
+    }
+    drawn = _figures(sweep, titles, [name for name in DRAWN if name in shown], has_series)
+    figures = [figure for figure in drawn if is_possible(f"the figure {figure.name!r}", shown, figures=[figure])]
+    lines = [f"Left out: {'; '.join(parts)}, since {reason}." for reason, parts in left_out.items()]
+    study = make_study(sweep.name, file_of(shown, compared, figures), sweep)
+    return replace(study, left_out=tuple(lines))
 
 
 def _metric_of(column: str) -> MetricSettings:

@@ -30,6 +30,9 @@ COLUMNS = 3
 HEIGHT_IN = 1.6
 """Least height of a panel without what is around it [in]."""
 
+TICKS_IN = 1.2
+"""Height of labels below an axis for which a figure has room [in]; with taller ones it is taller itself."""
+
 LETTERS_UP = 36
 """Most letters along the vertical axis; a longer label has two lines."""
 
@@ -99,9 +102,17 @@ def panels(
             axes.set_ylabel("\n".join(textwrap.wrap(style.shown(y_label), width)))
         if handles:
             style.add_legend(figure, handles, frame.legend_title)
-    style.laid_out(figure)
+    style.laid_out(figure, max(0.0, _tallest_in(figure) - TICKS_IN))
     short_in = HEIGHT_IN - grid[0, 0].bbox.height / figure.dpi
     return figure if short_in <= 0 else style.laid_out(figure, lines * short_in)
+
+
+def _tallest_in(figure: Figure) -> float:
+    """Return the height of the tallest label below an axis [in]."""
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    with style.drawing():
+        ticks = [label for axes in figure.axes if axes.get_visible() for label in axes.get_xticklabels()]
+        return max(label.get_window_extent(renderer).height for label in ticks) / figure.dpi
 
 
 # Rows

@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,12 @@ import numpy as np
 
 from deltaswarm_orchestrator.base.provenance import build
 from deltaswarm_orchestrator.compiling import hint
-from deltaswarm_orchestrator.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.sweeps.plan import Variant
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.stats import pairs_needed, smallest_p
 from deltaswarm_studies.study import Study
+from deltaswarm_wire.extras import missing_by
 from deltaswarm_wire.operator_messages import Clock
 
 MEASURED_VARIANTS = 24
@@ -31,17 +31,6 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
     `pilot` is a folder whose `runs.csv`, if there is one, says how much replicates differ: a pilot's, or published.
     """
     effects, note = _effects(study, pilot / "runs.csv")
-    families = [
-        _family(study, f"contrast {contrast.id!r}, {metric}", tested) | {"shows": effects.get((number, metric))}
-        for number, contrast in enumerate(study.file.contrast)
-        for tested in [[list(itertools.chain(*row.sides)) for row in study.comparisons(contrast)]]
-        for metric in study.metrics_of(contrast)
-    ]
-    families += [
-        _family(study, f"claims of {source!r}" if source else "claims", tested)
-        for source in dict.fromkeys(claim.source for claim in study.file.claim)
-        for tested in [[claim.variants for claim in study.file.claim if claim.source == source]]
-    ]
     planned_s = wall_s(study) / workers
     return {
         "study": study.name,
@@ -52,10 +41,24 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
         "workers": workers,
         "wall_s": planned_s,
         "compiling": hint(planned_s, build()),
-        "families": families,
+        "families": _families(study, effects),
         "note": note if study.file.contrast else None,
         "sensitivity": _sensitivity(study) if study.ranges else None,
     }
+
+
+def too_few(study: Study) -> list[str]:
+    """Say whether the replicates can show nothing in some families of tests, whatever the runs give."""
+    published = [_claims(claim.source) for claim in study.file.claim if claim.published is not None]  # need no pairs
+    tested = [_claims(claim.source) for claim in study.file.claim if claim.published is None]
+    families = [row for row in _families(study, {}) if row["name"] not in {*published} - {*tested}]
+    needed = [row["repeats_needed"] for row in families if row["repeats"] < row["repeats_needed"]]
+    count = f"{len(needed)} of {len(families)} families of tests can show nothing with {study.repeats} replicates"
+    return (
+        [f"{study.name}: {count}; {max(needed)} are needed (`deltaswarm study --plan` lists the families)"]
+        if needed
+        else []
+    )
 
 
 def text(planned: dict[str, Any]) -> str:
@@ -71,6 +74,25 @@ def text(planned: dict[str, Any]) -> str:
             *([f"  {planned['sensitivity']}"] if planned["sensitivity"] else []),
         ]
     )
+
+
+def _families(study: Study, effects: Mapping[tuple[int, str], str | None]) -> list[dict[str, Any]]:
+    """Describe each family of tests: those of a contrast in a metric, and the claims of a source."""
+    families = [
+        _family(study, f"contrast {contrast.id!r}, {metric}", tested) | {"shows": effects.get((number, metric))}
+        for number, contrast in enumerate(study.file.contrast)
+        for tested in [[list(itertools.chain(*row.sides)) for row in study.comparisons(contrast)]]
+        for metric in study.metrics_of(contrast)
+    ]
+    return families + [
+        _family(study, _claims(source), tested)
+        for source in dict.fromkeys(claim.source for claim in study.file.claim)
+        for tested in [[claim.variants for claim in study.file.claim if claim.source == source]]
+    ]
+
+
+def _claims(source: str) -> str:
+    return f"claims of {source!r}" if source else "claims"
 
 
 def _family(study: Study, name: str, tested: Sequence[Iterable[str]]) -> dict[str, Any]:
@@ -118,9 +140,9 @@ def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None
         from deltaswarm_studies.contrasts import smallest_effects  # needs pandas and SciPy
         from deltaswarm_studies.origin import sealed_tables
     except ModuleNotFoundError as error:
-        if not is_of_studies(error):
+        if not (needs := missing_by(error)):
             raise
-        return {}, f"the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
+        return {}, f"to tell the smallest effects that could be shown {needs}"
     sealed_tables(file.parent)
     return smallest_effects(study, file), None
 

@@ -50,13 +50,13 @@ def plane(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
         legend.append(Line2D([], [], color=style.BLACK, linewidth=0.8, label=f"medians{what and f', by {what}'}"))
     title, x_title = study.legend_title(settings.hue), study.metrics[settings.x].label
     figure = panels(settings, study, evidence, rows, draw, Frame(x_title, legend, title, starts_at_zero=False))
-    place(figure, labels)
+    numbered = place(figure, labels)
     sizes = sizes_of(settings, study, rows, factors, metrics)
     told = f"A point per replicate, {n_of(sizes)}."
     if max(sizes.values()) >= BOX_FROM:
         told += " Ellipses span one standard deviation around the mean"
         told += "." if min(sizes.values()) >= BOX_FROM else f"; fewer than {BOX_FROM} points have none."
-    notable = (*_axes_from(figure.axes), *averaged(settings, study))
+    notable = (*numbered, *_axes_from(figure.axes), *averaged(settings, study))
     return Drawing(figure, (told, *notable, *notes(settings, study, evidence, rows, sizes)))
 
 
@@ -96,12 +96,12 @@ def frontier(settings: FigureSettings, study: Study, evidence: Evidence) -> Draw
     ]
     frame = Frame(study.metrics[settings.x].label, legend, starts_at_zero=False)
     figure = panels(settings, study, evidence, rows, draw, frame)
-    place(figure, labels)
+    numbered = place(figure, labels)
     sizes = {study.variant_title(name): int((rows["variant"] == name).sum()) for name in dict.fromkeys(variants)}
     told = [f"Medians of {n_of(sizes)} replicates, {intervals(has_interval)} along both axes."]
     if beside := [f"{what} of {name}" for name, (what, _) in along.items() if what]:
         told.append(f"Beside the points: {', '.join(beside)}.")
-    return Drawing(figure, (*told, *_axes_from(figure.axes), *notes(settings, study, evidence, rows, sizes)))
+    return Drawing(figure, (*told, *numbered, *_axes_from(figure.axes), *notes(settings, study, evidence, rows, sizes)))
 
 
 def path_labels(study: Study, path: Sequence[str]) -> tuple[str, dict[str, str]]:

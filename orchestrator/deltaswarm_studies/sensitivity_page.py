@@ -139,17 +139,24 @@ def _plain(title: str) -> str:
     return title.partition(" [")[0]
 
 
+LETTERS, UPRIGHT_IN = 30, 1.2
+"""Titles of more letters below the matrix are upright, in lines of as many; the figure is as much taller [in]."""
+
+
 def matrix(study: Study, result: Sensitivity) -> Figure:
     """Draw the rank correlation of each feature (columns) with each claim's effect (rows)."""
     claims, titles = [claim.id for claim in study.file.claim], [feature.title for feature in result.features]
     rho = result.keys.pivot(index="claim", columns="title", values="rho").loc[claims, titles].to_numpy(float)
     with style.drawing():
-        figure = style.new_figure(style.TEXT_IN, 1.4 + 0.5 * len(claims))
+        are_long = max(map(len, titles)) > LETTERS
+        figure = style.new_figure(style.TEXT_IN, 1.4 + 0.5 * len(claims) + UPRIGHT_IN * are_long)
         axes = figure.subplots()
         image = axes.imshow(rho, vmin=-1, vmax=1, cmap="RdBu_r", aspect="auto")
         texts = {claim.id: "\n".join(textwrap.wrap(claim.text, 26)) for claim in study.file.claim}
         axes.set_yticks(range(len(claims)), [texts[claim].replace("$", r"\$") for claim in claims])
-        axes.set_xticks(range(len(titles)), [title.replace("$", r"\$") for title in titles], rotation=40, ha="right")
+        turned: dict[str, Any] = {"rotation": 90} if are_long else {"rotation": 40, "ha": "right"}
+        texts_below = ["\n".join(textwrap.wrap(title.replace("$", r"\$"), LETTERS)) for title in titles]
+        axes.set_xticks(range(len(titles)), texts_below, **turned)
         axes.tick_params(length=0)
         for _, row in result.keys.iterrows():
             x, y = titles.index(row["title"]), claims.index(row["claim"])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep, flattened
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings
-from deltaswarm_studies.metrics import StudyMetric, Timing
+from deltaswarm_studies.metrics import BUILT_IN, StudyMetric, Timing, controllers_own
 from deltaswarm_studies.settings import ContrastSettings, StudyFile
 from deltaswarm_wire import checked
 
@@ -42,6 +42,8 @@ class Study:
     """The levels of each factor, in order."""
     metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
+    left_out: tuple[str, ...] = ()
+    """What was asked for by nobody and cannot be shown, with the reason."""
     is_built_in: bool = False
     """Whether it comes with deltaswarm."""
 
@@ -57,6 +59,12 @@ class Study:
         steps_s = {label: run.step_s for label, run in runs.items()}
         ends_s = {label: run.duration_s for label, run in runs.items()}
         return Timing(steps_s, ends_s, self.sweep.file.sweep.series_every_s)
+
+    @cached_property
+    def over_time(self) -> Mapping[str, StudyMetric]:
+        """The metrics of runs, and of their controllers, that have a time series."""
+        of_runs = {**BUILT_IN, **controllers_own(self.sweep)}
+        return {name: metric for name, metric in of_runs.items() if metric.series}
 
     @property
     def repeats(self) -> int:

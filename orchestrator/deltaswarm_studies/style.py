@@ -7,6 +7,7 @@ made without pyplot.
 import io
 import itertools
 import textwrap
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from deltaswarm_studies import fitting
 from deltaswarm_wire.files import write_whole
 
 TEXT_IN = 4.8
@@ -30,6 +32,12 @@ TEXT_IN = 4.8
 
 LETTERS = 70
 """Letters that are side by side in a figure as wide as the text."""
+
+LINE_IN = 0.14
+"""Height of a line of text [in]."""
+
+LAYOUTS = 4
+"""Most layouts of a figure whose texts become narrower from one to the next."""
 
 SPACING: Mapping[str, float] = {"columnspacing": 1.2}
 
@@ -128,7 +136,7 @@ def add_legend(
     for count in range(min(columns, len(handles)), 0, -1):
         legend = figure.legend(
             handles=handles,
-            title=shown(title) or None,
+            title="\n".join(textwrap.wrap(shown(title), LETTERS)) or None,
             loc="outside lower center",
             ncols=count,
             **spacing,
@@ -141,11 +149,19 @@ def add_legend(
 
 
 def laid_out(figure: Figure, taller_in: float = 0.0) -> Figure:
-    """Lay a figure out, made taller if need be, for good: that takes long, and what follows relies on all places."""
+    """Lay a figure out, made taller if need be, for good: that takes long, and what follows relies on all places.
+
+    Titles and labels that would be cut or lie on others are written in more lines.
+    """
     figure.set_figheight(figure.get_figheight() + taller_in)
-    figure.set_layout_engine("constrained")
-    with drawing():
-        figure.draw_without_rendering()
+    with drawing(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "constrained_layout not applied")  # until the texts are narrower
+        for _ in range(LAYOUTS):
+            figure.set_layout_engine("constrained")
+            figure.draw_without_rendering()
+            if not (lines := fitting.wrapped(figure)):
+                break
+            figure.set_figheight(figure.get_figheight() + lines * LINE_IN)
     figure.set_layout_engine("none")
     return figure
 

@@ -108,6 +108,10 @@ def snapshot(scenario: Scenario, time_s: float) -> DrawnSwarm:
     )
 
 
+COLUMNS = 3
+"""Most panels side by side."""
+
+
 def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_IN) -> Figure:
     """Draw one panel per snapshot, side by side (the paper's three panels: decentralised, hierarchical, hybrid).
 
@@ -125,18 +129,22 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
     """
     if not snapshots:
         raise ValueError("there are no snapshots")
-    count = len(snapshots)
+    columns = min(len(snapshots), COLUMNS)
+    rows = -(-len(snapshots) // columns)
     tallest = max(shot.height_m / shot.width_m for shot in snapshots.values())
     with style.drawing():
-        figure = style.new_figure(width_in, (width_in - 0.4) / count * tallest + 0.6)
-        row = figure.subplots(1, count, squeeze=False)[0]
+        figure = style.new_figure(width_in, ((width_in - 0.4) / columns * tallest + 0.6) * rows)
+        grid = [*figure.subplots(rows, columns, squeeze=False).flat]
+        for axes in grid[len(snapshots) :]:
+            axes.set_visible(False)
         densest = max(float(shot.phi.max()) for shot in snapshots.values())  # one shade means one density
         same = len({(shot.width_m, shot.height_m) for shot in snapshots.values()}) == 1
-        for place, (axes, (title, shot)) in enumerate(zip(row, snapshots.items(), strict=True)):
+        for place, (axes, (title, shot)) in enumerate(zip(grid, snapshots.items(), strict=False)):
             _panel(axes, shot, densest)
             axes.set_title(f"({chr(ord('a') + place)}) {style.shown(title)}")
-            axes.set_xlabel("x [m]")
-            if place == 0:
+            if place + columns >= len(snapshots):
+                axes.set_xlabel("x [m]")
+            if place % columns == 0:
                 axes.set_ylabel("y [m]")
             elif same:
                 axes.tick_params(labelleft=False)

@@ -123,7 +123,7 @@ def windows_with_levels(study: Study, series: pd.DataFrame) -> pd.DataFrame:
     window_s = study.file.study.window_s
     width = study.timing.windows(window_s)
     rows = series[ID].assign(window=study.timing.index(series["time_s"]) // width, events=series["events_followed"])
-    recorded = {name: metric for name, metric in metrics.BUILT_IN.items() if metric.series and metric.series in series}
+    recorded = {name: metric for name, metric in study.over_time.items() if metric.series in series}
     for name, metric in recorded.items():
         rows[name] = study.timing.per_second(name, series[metric.series], series["variant"])
     events = [name for name in recorded if name in metrics.PER_EVENT]

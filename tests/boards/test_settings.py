@@ -168,8 +168,8 @@ sys.exit(main([sys.argv[1], "--check"]))
 """
     for table, code, word in (
         ({}, 0, ""),
-        ({"body": {"kind": "mavlink"}}, 2, "extra mavlink"),
-        ({"log": {"record": "mcap", "folder": str(tmp_path / "logs")}}, 2, "extra mcap"),
+        ({"body": {"kind": "mavlink"}}, 2, "needs pymavlink: pip install"),
+        ({"log": {"record": "mcap", "folder": str(tmp_path / "logs")}}, 2, "needs mcap: pip install"),
     ):
         command = [sys.executable, "-c", program, str(a_file(tmp_path, **table))]
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -23,7 +23,7 @@ def build(out: Path, options: str = "") -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, with the notebooks as they are kept: without outputs."""
+    """The site, with the notebooks as they are kept."""
     out = tmp_path_factory.mktemp("docs") / "site"
     assert not build(out, "-D nb_execution_mode=off").stderr
     return out

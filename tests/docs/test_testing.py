@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm.testing import percept
 from deltaswarm_orchestrator.cli import main
 from tests.support.pages import ROOT, shell
 
@@ -77,3 +78,10 @@ def test_the_commands_work(tmp_path: Path) -> None:
     done = shell(script, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "cumulative" in done.stdout
+
+
+def test_a_percept_takes_what_it_holds() -> None:
+    """Frames that were heard, as pairs or by sender: the newest of each, in sender order."""
+    heard = [(2, b"x"), (7, b"y")]
+    assert percept(heard=heard[::-1]).heard == percept(heard=dict(heard)).heard == heard
+    assert percept().heard == []

@@ -11,16 +11,13 @@ import pytest
 from tests.support.pages import ROOT, blocks, files, shell
 
 PAGE = (ROOT / "docs" / "TUTORIAL.md").read_text()
-SHORTER = {
-    "deltaswarm run smoke": "--set run.duration_s=100",
-    "deltaswarm study scout.toml\n": "--set run.duration_s=100 --set metrics.horizon_s=50 --repeats 7 --prove 0 -j 1",
-}
+SHORTER = {"deltaswarm run smoke": "--set run.duration_s=100"}
 
 
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_tutorial_ends_in_a_figure(tmp_path: Path) -> None:
-    """Every command in order (runs are shorter): equal digests, a claim that is judged, and the reader's own figure."""
+    """Every command in order (single runs are shorter): equal digests, the own figure, and what the page says of it."""
     install, *steps = blocks(PAGE)
     assert install.startswith("python3 -m venv .venv")
     folder = tmp_path / "swarm"
@@ -35,12 +32,19 @@ def test_the_tutorial_ends_in_a_figure(tmp_path: Path) -> None:
         )
     done = shell(script, tmp_path, HOME=str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
-    smoke, alike = (json.loads((folder / f"runs/{name}/summary.json").read_text()) for name in ("smoke", "one-process"))
-    assert smoke["digest"] == alike["digest"]
+    smoke, same = (json.loads((folder / f"runs/{name}/summary.json").read_text()) for name in ("smoke", "one-process"))
+    assert smoke["digest"] == same["digest"]
     study = folder / "studies" / "scout"
     assert pd.read_csv(study / "claims.csv")["verdict"].notna().all()
-    contrasts = pd.read_csv(study / "contrasts.csv").query("within == 'scout' and metric == 'messages'")
-    assert (contrasts["estimate"] == 1).all(), "scouts do not use their radio"
+    rows = pd.read_csv(study / "contrasts.csv").set_index(["contrast", "metric", "within"])
+    alike, less = rows.loc[("loss", "messages", "scout")], rows.loc[("loss", "messages", "hybrid")]
+    assert (alike["estimate"], alike["verdict"]) == (1, "alike"), "scouts do not use their radio"
+    told = [(less, "{estimate:.2f} times as many"), (less, "*{verdict}* (p = {p_holm:.3f})")]
+    sooner = [rows.loc[("modes", "waiting_all", f"loss={loss}")] for loss in (0.0, 0.5)]
+    told += [(sooner[0], "about {estimate:.2f} times as long"), (sooner[0], "(*{verdict}*, p = {p_holm:.3f})")]
+    told += [(sooner[1], "({estimate:.2f} times, p = {p_holm:.3f})")]
+    for row, words in told:
+        assert words.format(**row) in " ".join(PAGE.split()), words.format(**row)
     for end in ("png", "svg", "pdf"):
         assert (study / "figures" / f"messages.{end}").exists()
 

@@ -6,10 +6,8 @@ import secrets
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import tomli_w
-
-from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.arguments import (
@@ -30,8 +28,9 @@ from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugin_errors import blamed, described
 from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.session import CERTIFIED, RouterLink, protocol_of
-from deltaswarm_world.io.process import run_world
-from deltaswarm_world.io.saving import WorldConfig, load
+
+if TYPE_CHECKING:
+    from deltaswarm_scenario.scenario import Scenario
 
 log = logging.getLogger("deltaswarm.world")
 
@@ -102,6 +101,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     The first line of standard output has the endpoints on which it listens.
     """
     arguments = parser().parse_args(argv)
+    from deltaswarm_scenario.scenario import Scenario  # none of these is needed for --help
+    from deltaswarm_world.io.process import run_world
+    from deltaswarm_world.io.saving import WorldConfig, load
+
     log_to_standard_error()
     try:
         scenario = checked.load(Scenario, read_toml(arguments.scenario))
@@ -156,8 +159,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
 
 
-def write_agent_settings(folder: Path, scenario: Scenario) -> None:
+def write_agent_settings(folder: Path, scenario: "Scenario") -> None:
     """Write one settings file per agent, each with the agent's own seed."""
+    import tomli_w
+
     folder.mkdir(exist_ok=True)
     for agent in range(scenario.agents.count):
         with naming(file := folder / f"{agent}.toml"):

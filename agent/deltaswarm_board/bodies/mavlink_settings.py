@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from types import MappingProxyType
 
 from deltaswarm_board.bodies.guard import GuardLimits
 from deltaswarm_board.bodies.guarded import GuardedSettings
 from deltaswarm_board.bodies.mavlink_link import MAX_BAUD, MIN_BAUD, parse_device
 from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.extras import missing
 
 CUSTOM_MODE = 1
 """The flag in a heartbeat's `base_mode`: the mode is in `custom_mode`."""
@@ -97,15 +97,8 @@ class MavlinkSettings(GuardedSettings):
         except ValueError as error:
             problems.append(Problem("device", repr(self.device), str(error)))
         else:
-            for module, package in (("pymavlink", "pymavlink"), ("serial", "pyserial")):
-                if (module != "serial" or kind == "serial") and find_spec(module) is None:
-                    problems.append(
-                        Problem(
-                            "device",
-                            repr(self.device),
-                            f"must be another device without the package {package} (extra mavlink)",
-                        )
-                    )
+            if needs := missing("pymavlink", *(["serial"] if kind == "serial" else [])):
+                problems.append(Problem("device", repr(self.device), needs))
         if unknown := [mode for mode in self.modes if mode.upper() not in MODES]:
             problems.append(Problem("modes", ", ".join(map(repr, unknown)), f"must be from {', '.join(sorted(MODES))}"))
         return problems

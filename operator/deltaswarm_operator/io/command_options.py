@@ -5,19 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_operator import ANY_PORT
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
-from deltaswarm_scenario.radio import Place
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_wire import checked
-from deltaswarm_wire.codec import MAX_ABS_M
 from deltaswarm_wire.commands import CommandForm, forms_of, named
 from deltaswarm_wire.plugins import controller_settings, find_controller
 from deltaswarm_wire.reading import read_toml
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.signing import Sign, signer
 
-LOOPBACK = "127.0.0.1:0"
 NO_KEY = "needs --command-key FILE, whose public part the boards know; make one: deltaswarm certificates --operator-key"
 
 
@@ -39,22 +37,6 @@ class _Script:
     """A file of commands."""
 
     command: tuple[CommandSettings, ...] = checked.key((), "commands, by the time since the operator's start")
-
-
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """Add the options of commands and station."""
-    told = made.add_argument_group("commands and station")
-    told.add_argument("--station", action="store_true", help="serve a page to watch and command; prints its address")
-    told.add_argument(
-        "--station-listen", metavar="HOST:PORT", help=f"address of the page (default: {LOOPBACK}, any free port)"
-    )
-    told.add_argument("--controller", metavar="MODE", help="the boards' controller, which accepts the commands")
-    told.add_argument("--command-key", type=Path, metavar="FILE", help="private key that signs the commands")
-    told.add_argument("--commands", type=Path, metavar="FILE", help="[[command]] tables; at_s since the start [s]")
-    told.add_argument(
-        "--task", type=Path, metavar="FILE", help="a board's file: its table [agent] has arena, step and controller"
-    )
-    told.add_argument("--base", type=_place, metavar="X,Y", help="where the base is, for boards with air.range_m [m]")
 
 
 def command_options_of(
@@ -95,7 +77,7 @@ def command_options_of(
         command=_script(arguments.commands, forms),
     )
     sign = signer(arguments.command_key, arguments.run) if arguments.command_key else None
-    listen = (arguments.station_listen or LOOPBACK) if arguments.station else None
+    listen = (arguments.station_listen or ANY_PORT) if arguments.station else None
     return CommandOptions(briefing, sign, task.step_s, listen)
 
 
@@ -137,14 +119,3 @@ def _read(file: Path) -> dict[str, Any]:
         return read_toml(file)
     except ValueError as error:
         raise ValueError(f"{file} {error}") from None
-
-
-def _place(text: str) -> Place:
-    x_m, sign, y_m = text.partition(",")
-    try:
-        place = (float(x_m), float(y_m))
-    except ValueError:
-        place = None
-    if not sign or place is None or not all(abs(value) <= MAX_ABS_M for value in place):
-        raise argparse.ArgumentTypeError(f"must be X,Y in metres (got {text!r})")
-    return place

@@ -2,7 +2,6 @@
 
 import os
 import stat
-import tempfile
 from collections.abc import Collection
 from itertools import chain, count
 from pathlib import Path
@@ -79,6 +78,8 @@ def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True, among:
     """
     if is_ours and os.path.isdir(folder):  # unlike `Path.is_dir`, False for an impossible name
         check_files(folder, 0)
+    import tempfile  # which the options of a command need not load
+
     nearest = next((path for path in (folder, *folder.absolute().parents) if os.path.lexists(path)), folder)
     try:
         with tempfile.TemporaryFile(dir=nearest):

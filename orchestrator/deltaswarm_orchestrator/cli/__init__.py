@@ -61,8 +61,11 @@ def all_commands() -> list[str]:
     return [*COMMANDS, *COMMAND_POINT.names()]
 
 
-def parser(*complete: str) -> argparse.ArgumentParser:
-    """Return the parser of the command line: the names of all commands, and the arguments of those in `complete`."""
+def parser(*complete: str, has_help: bool = True) -> argparse.ArgumentParser:
+    """Return the parser of the command line: the names of all commands, and the arguments of those in `complete`.
+
+    Without `has_help` the other commands of extensions have no summaries, for which their modules must be imported.
+    """
     everything = Parser(
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages,\nworkload measured.",
@@ -76,10 +79,13 @@ def parser(*complete: str) -> argparse.ArgumentParser:
         if name in complete:
             module = importlib.import_module(f"{__name__}.{MODULES.get(name, name)}")
             getattr(module, f"add_{name}")(command)
-    if not set(complete) <= COMMANDS.keys():  # else there is no need to look through all packages
-        for name in COMMAND_POINT.names():
+    if not set(complete) <= {*COMMANDS, "--version"}:  # else there is no need to look through all packages
+        for name, target in COMMAND_POINT.names().items():
+            if name not in complete and not has_help:
+                commands.add_parser(name)
+                continue
             try:
-                add: AddArguments = find(COMMAND_POINT, name, "command")
+                add: AddArguments = find(COMMAND_POINT, target, f"command {name}")
             except SettingsError:
                 if name in complete:
                     raise
@@ -117,11 +123,12 @@ def _run(argv: list[str], output: Output | None) -> int:
     if command in PARTS.shipped:
         raise_on_signals()
         name = " ".join(argv[:2])
-        part, rest = (name, argv[2:]) if name in PARTS.names() else (command, argv[1:])
+        is_short = not argv[1:] or argv[1].startswith("-") or name not in PARTS.names()  # which looks through packages
+        part, rest = (command, argv[1:]) if is_short else (name, argv[2:])
         return int(find(PARTS, part, "command")(rest))
     try:
         with only_results():  # plug-ins are imported
-            everything = parser(command)
+            everything = parser(command, has_help=command in ("-h", "--help"))
     except SettingsError as error:
         return _complain_of(of_settings(error))
     except PluginError as error:
@@ -151,7 +158,7 @@ def carry_out(arguments: argparse.Namespace, command: str) -> int:
         if is_plugin and isinstance(error, SystemExit):
             raise
         is_the_users = is_plugin and isinstance(error, KeyboardInterrupt)
-        if (told := error_of(KeyboardInterrupt() if is_the_users else error, f"deltaswarm {command}")) is None:
+        if (told := error_of(KeyboardInterrupt() if is_the_users else error, command)) is None:
             raise
         return _complain_of(told)
 

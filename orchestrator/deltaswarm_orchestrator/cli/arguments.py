@@ -2,12 +2,11 @@
 
 import argparse
 import json
-from importlib.util import find_spec
 from typing import Any, Protocol
 
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.processes.engines import LOCAL
-from deltaswarm_wire import session
+from deltaswarm_wire.extras import missing
 
 A_RUN = "the folder of a run"
 
@@ -65,8 +64,8 @@ def add_markers(command: Group) -> None:
 
 def _markers(text: str) -> str:
     if text == "lsl":
-        if find_spec("pylsl") is None:
-            raise argparse.ArgumentTypeError("lsl needs pylsl: pip install 'deltaswarm[lsl]'")
+        if needs := missing("pylsl"):
+            raise argparse.ArgumentTypeError(f"lsl {needs}")
     elif host_and_port(text).endswith(":0"):
         raise argparse.ArgumentTypeError(f"must be lsl, or HOST:PORT with a port from 1 to 65535 (got {text!r})")
     return text
@@ -74,6 +73,8 @@ def _markers(text: str) -> str:
 
 def host_and_port(text: str) -> str:
     """Check where a page is to be served, for `type=`."""
+    from deltaswarm_wire import session
+
     try:
         session.host_and_port(f"tcp/{text}")
     except ValueError:

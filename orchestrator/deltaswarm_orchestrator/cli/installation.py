@@ -9,7 +9,7 @@ from pathlib import Path
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, aligned
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.cli.arguments import add_json, show
-from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO, load_scenario
+from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -90,6 +90,7 @@ def add_doctor(command: argparse.ArgumentParser) -> None:
 def doctor(arguments: argparse.Namespace) -> int:
     """Examine this machine; fail if anything that a run needs is missing."""
     from deltaswarm_orchestrator import doctor
+    from deltaswarm_orchestrator.scenarios.load import load_scenario
 
     diagnoses = doctor.examine(load_scenario(arguments.scenario, arguments.set).agents.count)
     rows = [
@@ -119,7 +120,6 @@ def list_all(arguments: argparse.Namespace) -> int:
 
 def known() -> dict[str, dict[str, str]]:
     """Return every name that a command or a settings file may use, by kind, with a line about it."""
-    from deltaswarm_orchestrator.scenarios.load import BUILT_IN
     from deltaswarm_orchestrator.sweeps.load import built_in
     from deltaswarm_wire.commands import forms_of
     from deltaswarm_wire.plugins import BODIES, CONTROLLERS, DYNAMICS, FAULTS, RADIO_MODELS, find_controller

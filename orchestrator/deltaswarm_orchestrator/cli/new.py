@@ -1,6 +1,7 @@
 """The command `deltaswarm new`."""
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 
 from deltaswarm.new import new_controller
@@ -22,5 +23,6 @@ def new(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path(arguments.name)
     files = new_controller(arguments.name, folder)
     show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
-    notice(f"next: cd {folder}; export PYTHONPATH=$PWD; python -m pytest; deltaswarm run scenario.toml --in-process")
+    tests = f"{'' if find_spec('pytest') else 'pip install pytest; '}python -m pytest"
+    notice(f"next: cd {folder}; export PYTHONPATH=$PWD; {tests}; deltaswarm run scenario.toml --in-process")
     return OK

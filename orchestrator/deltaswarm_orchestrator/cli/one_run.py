@@ -21,8 +21,6 @@ from deltaswarm_wire.keys import OPERATOR
 FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
 """The formats of `export.formats`, which is slow to import."""
 
-INSTALL_TOP = "pip install 'deltaswarm[top]'"
-
 
 def add_export(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm export`."""
@@ -178,12 +176,7 @@ def top(arguments: argparse.Namespace) -> int:
     if arguments.run is not None:
         must_exist(arguments.run, "RUN", A_RUN, or_part=True)
     if not arguments.json:
-        try:
-            from deltaswarm_orchestrator.top.app import Top
-        except ModuleNotFoundError as error:
-            if (error.name or "").partition(".")[0] != "textual":
-                raise
-            raise CommandError(f"top needs textual: {INSTALL_TOP}") from None
+        from deltaswarm_orchestrator.top.app import Top
     link = linked(arguments.run, Path())
     if not arguments.json:
         Top(link).run()

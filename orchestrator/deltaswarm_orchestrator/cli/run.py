@@ -18,13 +18,16 @@ from deltaswarm_orchestrator.cli.arguments import (
     show,
 )
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
-from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
-from deltaswarm_scenario.scenario import RECORDS, Scenario
+from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, number, override, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.run.options import RunOptions
+    from deltaswarm_scenario.scenario import Scenario
+
+RECORDS = ("off", "views", "wire")
+"""Values of the scenario's key `record`."""
 
 LIVE_PORT = 8765
 """Foxglove's default port."""
@@ -171,6 +174,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
     from deltaswarm import runs
     from deltaswarm_orchestrator.cli import report
+    from deltaswarm_orchestrator.scenarios.load import commented_toml
 
     if problem := _problem(arguments):
         raise CommandError(problem)
@@ -212,7 +216,9 @@ def _shown(name: str) -> str:
     return {"scenario": "SCENARIO"}.get(name, f"--{name.replace('_', '-')}")
 
 
-def _scenario_of(arguments: argparse.Namespace) -> Scenario:
+def _scenario_of(arguments: argparse.Namespace) -> "Scenario":
+    from deltaswarm_orchestrator.scenarios.load import load_scenario
+
     overrides = list(arguments.set)
     if arguments.record is not None:
         overrides.append(f"record={arguments.record}")
@@ -221,7 +227,7 @@ def _scenario_of(arguments: argparse.Namespace) -> Scenario:
     return load_scenario(arguments.scenario or DEFAULT_SCENARIO, overrides, arguments.seed, arguments.commands)
 
 
-def _default_folder(scenario: Scenario) -> Path:
+def _default_folder(scenario: "Scenario") -> Path:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     mode = scenario.control.mode.replace(":", "-")
     return free_folder(Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}")
@@ -234,7 +240,7 @@ def _began_in_process(folder: Path) -> bool:
     return bool(seal.read_sealed(folder / seal.MANIFEST).get("engine") == IN_PROCESS)
 
 
-def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
+def _options_of(arguments: argparse.Namespace, scenario: "Scenario") -> "RunOptions":
     from deltaswarm_orchestrator.processes.boards import Boards
     from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel
     from deltaswarm_orchestrator.run.options import RunOptions

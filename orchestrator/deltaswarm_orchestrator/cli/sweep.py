@@ -4,13 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltaswarm import sweeps
-from deltaswarm.runs import IN_PROCESS, PROCESSES
-from deltaswarm.sweeps import engine_maker
-from deltaswarm_orchestrator import compiling
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
-from deltaswarm_orchestrator.base.provenance import build
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
 from deltaswarm_wire.arguments import whole
 
@@ -21,9 +16,7 @@ if TYPE_CHECKING:
 
 def add_sweep(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm sweep`."""
-    from deltaswarm_orchestrator.sweeps.load import built_in_files
-
-    command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(built_in_files())}")
+    command.add_argument("sweep", metavar="NAME|FILE", help="a built-in sweep (`deltaswarm list`) or a TOML file")
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
     command.add_argument("--events", action="store_true", help="write events.csv, a row per run and event")
@@ -62,6 +55,8 @@ def sweep(arguments: argparse.Namespace) -> int:
         plan = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
         show(arguments, plan, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
         return OK
+    if loaded.points:
+        notice("points of a sensitivity sweep are judged by `deltaswarm study`, by claims; `deltaswarm report` cannot")
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series, with_events=arguments.events)
     show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
     if result.invalid:
@@ -77,8 +72,10 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
     Raises:
         CommandError: the sweep would be refused.
     """
+    from deltaswarm import sweeps
+
     means = _means(arguments)
-    engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
+    sweeps.engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
     sweeps.check(loaded, folder, means)
 
 
@@ -90,10 +87,13 @@ def conduct_for(
     Raises:
         CommandError: the sweep could not start, or its tables could not be written.
     """
-    from deltaswarm_orchestrator.sweeps.job import default_workers
+    from deltaswarm import sweeps
+    from deltaswarm_orchestrator import compiling
+    from deltaswarm_orchestrator.base.provenance import build
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, default_workers
 
     means = _means(arguments)
-    make_engine = engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
+    make_engine = sweeps.engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
     if means == IN_PROCESS and arguments.engine == "local":
         workers = arguments.jobs or default_workers(means)
         planned_s = compiling.rough_s(job.scenario for job in loaded.jobs()) / workers
@@ -107,6 +107,8 @@ def conduct_for(
 
 
 def _means(arguments: argparse.Namespace) -> str:
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
+
     return PROCESSES if arguments.processes else IN_PROCESS
 
 

@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.export.snapshots import read_film
 from deltaswarm_orchestrator.recording.finishing import write_complete_copy
 from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in, records
+from deltaswarm_wire.extras import missing
 
 
 class ExportError(CommandError):
@@ -22,20 +23,21 @@ class ExportError(CommandError):
 
 @dataclass(frozen=True)
 class Format:
-    """A format. Its module here has `write(film, out, **options)` and imports `library`; without one, all is copied."""
+    """A format. Its module here has `write(film, out, **options)`; without one, all is copied."""
 
     module: str
     suffix: str
     """Ending of the result's name; without a dot, the result is a folder."""
-    library: str = ""
+    needs: tuple[str, ...] = ()
+    """Modules of the extra `export`."""
 
 
 FORMATS = {
     "mcap": Format("", ".mcap"),
     "csv": Format("snapshots", "-csv"),
-    "rosbag2": Format("rosbag2", "-rosbag2", "rosbags"),
-    "rrd": Format("rrd", ".rrd", "rerun"),
-    "mp4": Format("video", ".mp4"),
+    "rosbag2": Format("rosbag2", "-rosbag2", ("rosbags",)),
+    "rrd": Format("rrd", ".rrd", ("rerun",)),
+    "mp4": Format("video", ".mp4", ("matplotlib",)),
 }
 """The formats by their names on the command line."""
 
@@ -110,12 +112,9 @@ def _writer(source: Path, chosen: Format, name: str, options: Mapping[str, Any])
     if not chosen.module:
         next(records(source), None)  # which refuses another file
         return lambda out: Exported(write_complete_copy(source, out))
-    try:
-        module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] != chosen.library:
-            raise
-        raise ExportError(f"--format {name} needs {chosen.library}: pip install 'deltaswarm[export]'") from None
+    if needs := missing(*chosen.needs, extra="export"):
+        raise ExportError(f"the format {name} {needs}")
+    module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
     film = read_film(source)
 
     def write(out: Path) -> Exported:

@@ -21,7 +21,7 @@ def write(film: Film, out: Path, longest_s: float = LONGEST_S) -> str | None:
         ExportError: ffmpeg is not installed.
     """
     if not FFMpegWriter.isAvailable():
-        raise ExportError("--format mp4 needs ffmpeg on the PATH (on Debian: apt install ffmpeg)")
+        raise ExportError("the format mp4 needs ffmpeg on the PATH (on Debian: apt install ffmpeg)")
     views = sum(1 for _ in film.snapshots())
     most = max(1, round(longest_s * FRAMES_PER_S)) if longest_s else max(1, views)
     every = -(-max(1, views) // most)

@@ -18,6 +18,7 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.live.rate_limit import RateLimited
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import TOPICS
+from deltaswarm_wire.extras import missing
 
 HOST = "127.0.0.1"
 
@@ -26,8 +27,6 @@ BACKLOG_MESSAGES = 256
 
 STOP_WITHIN_S = 1.0
 """Time that viewers have to read what has been sent, before they are disconnected [s]."""
-
-INSTALL_LIVE = "pip install 'deltaswarm[live]'"
 
 SERVER_LOG = "foxglove.websocket.server"
 
@@ -47,10 +46,8 @@ def check_installed() -> None:
     Raises:
         LiveError: it is not installed.
     """
-    try:
-        import foxglove  # noqa: F401 (an extra)
-    except ModuleNotFoundError:
-        raise LiveError(f"--live foxglove needs foxglove-sdk: {INSTALL_LIVE}") from None
+    if needs := missing("foxglove"):
+        raise LiveError(f"--live foxglove {needs}")
 
 
 class FoxgloveServer(RateLimited):

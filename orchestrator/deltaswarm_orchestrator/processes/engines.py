@@ -80,9 +80,11 @@ def engine_of(
 
     Raises:
         SettingsError: there is no such engine.
-        CommandError: something that it needs is not installed.
+        CommandError: something that it needs is not installed, or this machine has no use for a scheduler.
     """
     if name in local:
+        if scheduler:
+            raise CommandError("--scheduler is for --engine dask")
         return None
     kind = find(ENGINES, name, path, others=local)
     engine: RunEngine = ForeignEngine.make(kind, scheduler, listen, context=kind)

@@ -18,6 +18,8 @@ from deltaswarm_orchestrator.processes.station import StationChannel
 from deltaswarm_orchestrator.results.folder import check_target
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.extras import missing
+from deltaswarm_wire.plugins import find_controller
 
 STOPPED_BY = "stopped by"
 
@@ -107,19 +109,36 @@ def _endpoints(options: RunOptions) -> dict[str, str]:
     return found
 
 
+def check_packages(scenario: Scenario) -> None:
+    """Check that packages are installed which only some scenarios import, and only once they run.
+
+    Raises:
+        SettingsError: one is not.
+    """
+    mode, bound = scenario.control.mode, scenario.run.bound
+    modules = {
+        ("control.mode", mode): getattr(find_controller(mode), "NEEDS", ()),
+        ("run.bound", bound): () if bound == "none" else ("scipy",),
+    }
+    lacking = {key: needs for key, names in modules.items() if (needs := missing(*names))}
+    if lacking:
+        raise SettingsError([Problem(path, repr(value), needs) for (path, value), needs in lacking.items()])
+
+
 def check(scenario: Scenario, options: RunOptions) -> None:
     """Check what can be checked of a run before anything is started or written.
 
     Raises:
         FolderError: the folder exists.
-        SettingsError: the scenario cannot be run with these boards or on a cluster, or has a bound that
-            processes cannot compute.
+        SettingsError: the scenario cannot be run with these boards or on a cluster, has a bound that
+            processes cannot compute, or needs a package that is not installed.
         LiveError: the run cannot be shown live.
         CommandError: an address at which the run would listen is taken.
     """
     if scenario.run.bound != "none" and not options.in_process:
         allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
+    check_packages(scenario)
     if options.boards:
         options.boards.check(scenario)
     if options.engine:

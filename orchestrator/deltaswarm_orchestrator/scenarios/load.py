@@ -5,13 +5,13 @@ import re
 import tomllib
 import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from deltaswarm_orchestrator.scenarios import BUILT_IN, LANGUAGES
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_scenario.operator_settings import NO_ORDERS, OPERATOR, SET_DELTA, SET_STRUCTURE, SWARM
 from deltaswarm_scenario.page_language import LanguageSettings
@@ -34,17 +34,6 @@ from deltaswarm_wire.reading import parsed_toml
 from deltaswarm_wire.reading import read_toml as read_toml_file
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
-
-def files_in(*folders: str, package: str = "deltaswarm_orchestrator") -> dict[str, Traversable]:
-    """Return the TOML files in folders of a package, by name without suffix."""
-    files = [file for folder in folders for file in resources.files(package).joinpath(folder).iterdir()]
-    named = {file.name.removesuffix(".toml"): file for file in files if file.name.endswith(".toml")}
-    return dict(sorted(named.items()))
-
-
-BUILT_IN = files_in("scenarios")
-LANGUAGES = files_in("languages")
-DEFAULT_SCENARIO = "paper-25"
 LANGUAGE = "operator.page.language"
 
 

@@ -121,7 +121,7 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         options = ["--record", "off", "--out", str(folder / "run"), "--json"]
         code, printed, errors = _run_awake(bound_to_this("deltaswarm_orchestrator", "run", str(file), *options))
         if code != OK:
-            kind = RunError if code == USAGE else DisturbedError
+            kind = RunError if code == USAGE or _a_controller_failed(printed) else DisturbedError
             raise kind(_not_valid(printed) or f"deltaswarm run {how_ended(code)}:\n{errors}")
         summary = orjson.loads(printed)
         return run_tables.read_outcome(folder / "run"), summary
@@ -138,6 +138,14 @@ def _not_valid(printed: str) -> str:
         return f"not valid: {listed_reasons(orjson.loads(printed))}"
     except (ValueError, LookupError, TypeError):
         return ""
+
+
+def _a_controller_failed(printed: str) -> bool:
+    """Return whether the run with this output lost an agent to its controller, which would fail again."""
+    try:
+        return any(str(row["cause"]).startswith("controller ") for row in orjson.loads(printed)["agents_failed"])
+    except (ValueError, LookupError, TypeError):
+        return False
 
 
 def _run_awake(command: Sequence[str]) -> tuple[int, str, str]:

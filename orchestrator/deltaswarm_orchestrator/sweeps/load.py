@@ -10,6 +10,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.scenarios import BUILT_IN, files_in
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps import forms
 from deltaswarm_orchestrator.sweeps.forms import OWN, Row
@@ -29,10 +30,12 @@ STUDY_TABLES = (
 
 GRID = "events.density.file"
 
+ALSO = "so it cannot also be given"
+
 
 def files() -> dict[str, Traversable]:
     """Return the files of the core's own sweeps, by name."""
-    return scenarios.files_in("sweeps/built_in")
+    return files_in("sweeps/built_in")
 
 
 @cache
@@ -106,8 +109,9 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
     in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
     in_all |= {one.name for one in ranges}
-    for reason, names in (("the sweep sets it for each run", OWN), ("it varies in this sweep", in_all)):
-        problems += [Problem(path, name, f"must not be set: {reason}") for path, name in set_here if name in names]
+    for reason, names in (("is set by the sweep for each run", OWN), ("varies in this sweep", in_all)):
+        given = [(path, name) for path, name in set_here if name in names]
+        problems += [Problem(name, repr(_at(base, name)), f"{reason}, {ALSO} {_place(path)}") for path, name in given]
     if ("--set", GRID) in set_here and not problems:  # a path on the command line is relative to the working folder
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
     base["record"] = "off"
@@ -130,9 +134,13 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
         raise SettingsError(list(dict.fromkeys(problems)))
     # The sweep's record must show all that its runs had in common, including overrides from the command line.
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
-    kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
+    kept = file.base if file.base in BUILT_IN else str((beside / file.base).resolve())
     factors = [[_label(row) for row in rows] for rows in choices]
     return Sweep(replace(file, base=kept, scenario=shared), variants, factors, points)
+
+
+def _place(path: str) -> str:
+    return f"by {path}" if path.startswith("--") else "in [scenario]"
 
 
 def read_file(name: str, key: str = "sweep", also: Iterable[str] = ()) -> tuple[dict[str, Any], Path]:

@@ -27,8 +27,10 @@ def scripted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_value_of_orders_is_written_beside_the_run(scripted: Path, capsys: Printed) -> None:
     """A row for each order and measure; an order for nobody is worth nothing, to the last bit, whatever the chance."""
     capsys.readouterr()
-    assert main(["value", str(scripted), "--replicates", "2", "--jobs", "2", "--json", "--quiet"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    assert main(["value", str(scripted), "--replicates", "2", "--jobs", "2", "--json"]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert 0 <= err.index("--replicates should be at least") < err.index("pairs of runs")  # before hours are spent
     rows = read_rows(scripted / "value" / "commands_value.csv")
     assert [(row["order"], row["at_s"], row["measure"]) for row in rows[::4]] == [
         ("0", "40.0", "waiting"),

@@ -175,7 +175,7 @@ def test_without_dask_the_line_says_how_to_install_it(
     words = [str(written(tmp_path)) if word == "loss.toml" else word for word in command]
     assert main([*words, "--engine", "dask", "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "deltaswarm: --engine dask needs Dask: pip install 'deltaswarm[cluster]'"
+    assert line == "deltaswarm: engine dask needs distributed: pip install 'deltaswarm[cluster]'"
     assert not (tmp_path / "out").exists()
 
 

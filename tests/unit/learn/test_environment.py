@@ -341,10 +341,10 @@ def test_the_public_functions_say_what_is_wrong_in_one_line(monkeypatch: pytest.
     assert isinstance(deltaswarm.parallel_env(keys=SHORT), SwarmEnv)
     with pytest.raises(deltaswarm.Error, match="reward must be one of"):
         deltaswarm.env(reward="tolt")
-    for name in ("pettingzoo", "gymnasium.spaces"):
+    for name, package in (("pettingzoo", "pettingzoo"), ("gymnasium.spaces", "gymnasium")):
         monkeypatch.delitem(sys.modules, "deltaswarm_learn.environment", raising=False)
         monkeypatch.setitem(sys.modules, name, None)
-        with pytest.raises(deltaswarm.Error, match=rf"needs {name}: pip install 'deltaswarm\[learn\]'"):
+        with pytest.raises(deltaswarm.Error, match=rf"needs {package}: pip install 'deltaswarm\[learn\]'"):
             deltaswarm.parallel_env()
 
 

@@ -1,5 +1,6 @@
 """Commands at the command line: scripts are checked before a run, and a recorded script is the same run again."""
 
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError
 from tests.support.commanding import script
+from tests.support.swarms import COMMAND
 from tests.support.tiers import in_one_test
 
 ROWS = (
@@ -122,3 +124,21 @@ def test_a_station_is_for_a_run(tmp_path: Path) -> None:
     """A folder without one has none."""
     assert main(["station", str(tmp_path / "no-run")]) != OK
     assert main(["replay", str(tmp_path)]) != OK
+
+
+def test_help_loads_nothing_that_a_run_needs() -> None:
+    """--version and the --help of every command are shown before numpy, protobuf and the scenario's settings load."""
+    program = """
+import sys
+from deltaswarm_orchestrator.cli import all_commands, main
+words = [[command, "--help"] for command in (*all_commands(), "agent", "world", "operator")]
+for command in (["--version"], ["--help"], *words, ["agent", "board", "--help"], ["operator", "--no-world", "--help"]):
+    try:
+        main(command)
+    except SystemExit as ended:
+        assert ended.code == 0, command
+slow = ("numpy", "google.protobuf", "mcap", "pandas", "rich", "deltaswarm_scenario", "deltaswarm_orchestrator.run")
+print([name for name in slow if name in sys.modules], file=sys.stderr)
+"""
+    done = subprocess.run([*COMMAND[:1], "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "[]\n")

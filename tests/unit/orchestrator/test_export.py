@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import one_run as command
+from deltaswarm_orchestrator.cli import run as run_command
 from deltaswarm_orchestrator.export.formats import FORMATS
 from deltaswarm_orchestrator.export.picture import Picture
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
@@ -28,7 +29,7 @@ from deltaswarm_orchestrator.recording.reader import Recording, read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_scenario.truth import AgentState, EventState, Truth
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import NOBODY
@@ -257,8 +258,9 @@ def test_roles_of_any_name_are_exported(tmp_path: Path) -> None:
 
 
 def test_the_command_line_offers_every_format() -> None:
-    """It names them itself, since it must not load what they need."""
+    """It names them, and what can be recorded, itself, since it must not load what they need."""
     assert set(command.FORMATS) == set(FORMATS)
+    assert run_command.RECORDS == RECORDS
 
 
 def cut_off(run: Path) -> Path:

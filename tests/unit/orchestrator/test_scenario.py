@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_orchestrator.scenarios.load import BUILT_IN, load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios import BUILT_IN
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.settings import AgentSettings

@@ -64,6 +64,7 @@ axes.control.mode = ["counting:Counts", "counting:Plain"]
 
 [study]
 question = "How often is an agent asked?"
+window_s = 10.0
 factors = { mode = "Control" }
 metrics = ["controller.asked", "late_s"]
 
@@ -89,6 +90,12 @@ kind = "value"
 metric = "late_s"
 of = "mode=counting:Counts"
 within = [28.0, 30.0]
+
+[[figure]]
+name = "even"
+kind = "time"
+metric = "controller.even_s"
+hue = "mode"
 """
 
 
@@ -155,6 +162,7 @@ def test_they_reach_sweeps_studies_and_claims() -> None:
     verdicts = dict(zip(study.claims["claim"], study.claims["verdict"], strict=True))
     assert verdicts == {"asked": "holds", "late": "holds"}
     assert "percepts of an agent" in study.page.read_text()
+    assert set(study.evidence.courses["metric"]) == {"controller.even_s"}
     Path("own.toml").write_text(STUDY + CONTRAST)
     with pytest.raises(deltaswarm.Error, match="must be a column of the sweep's table; 'mode=counting:Plain' has none"):
         deltaswarm.study("own.toml")

@@ -1,11 +1,13 @@
 """Tests of sweeps and studies from Python."""
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import deltaswarm
+from deltaswarm.errors import in_python
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.sweeps.table import read_table
 
@@ -97,7 +99,7 @@ def test_mistakes_are_errors(file: Path) -> None:
     """An unknown sweep, a swept key, no jobs."""
     with pytest.raises(deltaswarm.Error, match="did you mean 'modes'"):
         deltaswarm.sweep("mode")
-    with pytest.raises(deltaswarm.Error, match="it varies in this sweep"):
+    with pytest.raises(deltaswarm.Error, match="varies in this sweep, so it cannot also be given in keys"):
         deltaswarm.sweep(file, {"control.mode": "hybrid"})
     with pytest.raises(deltaswarm.Error, match=r"jobs must be an integer from 1 .*\(got 0\)"):
         deltaswarm.sweep(file, jobs=0)
@@ -118,3 +120,38 @@ def test_a_study_gives_verdicts_and_a_page(file: Path) -> None:
     with pytest.warns(UserWarning, match="pair: "):
         again = deltaswarm.study(file, render=True, progress=False)
     assert list(again.claims["verdict"]) == list(study.claims["verdict"])
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: deltaswarm.sweep("smoke", {"seed": 3}), "seed is set by the sweep for each run.* given in keys"),
+        (lambda: deltaswarm.sweep("smoke", out="other"), "choose another folder by out"),
+        (lambda: deltaswarm.sweep("smoke", out="/proc/no/such"), "out must be a folder"),
+        (lambda: deltaswarm.sweep("smoke", scheduler="tcp://127.0.0.1:1"), "scheduler is for engine dask"),
+        (lambda: deltaswarm.run("smoke", scheduler="tcp://127.0.0.1:1"), "scheduler is for engine dask"),
+        (lambda: deltaswarm.run("smoke", engine="dask"), "engine dask must be given with scheduler"),
+        (lambda: deltaswarm.run("smoke", out="other"), "force=True"),
+        (lambda: deltaswarm.run("smoke", commands="none.toml"), "commands must be a TOML file"),
+        (lambda: deltaswarm.run("smoke", {"": 1}), "keys must be key=value"),
+        (lambda: deltaswarm.run("smoke", {"run.bound": "density"}, engine="processes"), "engine='in-process'"),
+        (lambda: deltaswarm.study("jamming", render=True, out="none"), "render=False"),
+    ],
+)
+def test_messages_name_what_python_takes(
+    call: Callable[[], object], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No message of a function has an option of the command line."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "file").touch()
+    with pytest.raises(deltaswarm.Error, match=told) as raised:
+        call()
+    assert "--" not in str(raised.value)
+
+
+def test_command_lines_in_messages_stay() -> None:
+    """Only what is no command line is said as Python takes it."""
+    told = "--out x exists: --force replaces it; to go on: deltaswarm run --out x; `deltaswarm study --plan` and --set"
+    said = "out x exists: force=True replaces it; to go on: deltaswarm run --out x; `deltaswarm study --plan` and keys"
+    assert in_python(told) == said

@@ -297,6 +297,11 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
         "repeats_needed": 7, "shows": None,
     }  # fmt: skip
     assert [(family["name"], family["tests"]) for family in rest] == [("claims of 'Kelly'", 2), ("claims", 1)]
+    assert planning.too_few(study) == [
+        "made-up: 2 of 3 families of tests can show nothing with 6 replicates; 7 are needed (`deltaswarm study "
+        "--plan` lists the families)"
+    ]
+    assert planning.too_few(made(OWN + ONE)) == []
     lines = planning.text(planned).splitlines()
     assert lines[1] == "  about 0:00:18 on 4 cores, by the speed of the first steps of each variant"
     two = "2 tests in a family, smallest corrected p 0.062: can show nothing, 7 replicates are needed"
@@ -330,7 +335,7 @@ def test_a_plan_needs_no_pandas(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
         patched.delitem(sys.modules, "deltaswarm_studies.contrasts")
         patched.setitem(sys.modules, "pandas", None)
         note = planning.plan(study, tmp_path, 4)["note"]
-    assert note == f"the smallest effects that could be shown need pandas: {planning.INSTALL_STUDY}"
+    assert note == "to tell the smallest effects that could be shown needs pandas: pip install 'deltaswarm[study]'"
 
 
 def test_a_plan_measures_at_most_24_variants(monkeypatch: pytest.MonkeyPatch) -> None:

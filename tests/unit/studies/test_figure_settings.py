@@ -5,7 +5,8 @@ import tomllib
 import pytest
 
 from deltaswarm_orchestrator.sweeps.load import make_sweep
-from deltaswarm_studies.load import bare_study
+from deltaswarm_studies.load import MAIN, bare_study
+from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_wire.checked import SettingsError
 from tests.support.studying import OWN, SWEEP, made, table
 
@@ -59,3 +60,21 @@ def test_a_report_of_any_sweep_draws_what_it_can_tell_apart() -> None:
     many = SWEEP.replace("[0.0, 0.5, 0.9]", str([place / 20 for place in range(14)]))
     study = bare_study(make_sweep(tomllib.loads(many)), table(), has_series=True)
     assert {(figure.kind, figure.x, figure.hue) for figure in study.file.figure} == {("levels", "loss", "mode")}
+
+
+@pytest.mark.parametrize(
+    ("scenario", "axis", "lost"),
+    [
+        ("events.work_agent_s = 5000.0", "", "until an event is complete, compared by loss; "),
+        ("", "metrics.horizon_s = [50.0, 100.0]", "until an event is complete, compared by"),
+        ("metrics.horizon_s = 100.0", "run.step_s = [0.5, 1.0]", "Radio frames sent, compared by"),
+    ],
+)
+def test_a_report_leaves_out_by_name_what_its_runs_cannot_show(scenario: str, axis: str, lost: str) -> None:
+    """After all runs nothing is refused that nobody named: the page has the rest, and a line says what it lacks."""
+    swept = SWEEP.replace("metrics.horizon_s = 100.0", scenario).replace("[sweep.axes]\n", f"[sweep.axes]\n{axis}\n")
+    columns = {BUILT_IN[name].column: 5.0 for name in MAIN}
+    study = bare_study(make_sweep(tomllib.loads(swept)), table().assign(**columns), has_series=True)
+    assert any(line.startswith("Left out: ") and lost in line for line in study.left_out), study.left_out
+    assert {contrast.factor for contrast in study.file.contrast} == study.factors.keys()
+    assert {"waiting", "messages"} <= {figure.metric for figure in study.file.figure}

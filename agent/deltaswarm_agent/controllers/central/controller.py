@@ -55,6 +55,8 @@ class CentralController:
     """One agent of a centrally controlled swarm; agent 0 is also the planner."""
 
     Settings: ClassVar[type[CentralSettings]] = CentralSettings
+    NEEDS: ClassVar[tuple[str, ...]] = ("scipy",)
+    """Modules that the planner imports."""
 
     def __init__(self, context: ControllerContext) -> None:
         settings: CentralSettings = context.settings

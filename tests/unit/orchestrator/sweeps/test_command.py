@@ -165,4 +165,4 @@ def test_without_dask_the_command_says_what_to_install(tmp_path: Path) -> None:
     )
     done = python("-c", program)
     assert done.returncode == 2
-    assert re.fullmatch(r"deltaswarm: --engine .*'deltaswarm\[cluster\]'\n", done.stderr)
+    assert re.fullmatch(r"deltaswarm: engine dask .*'deltaswarm\[cluster\]'\n", done.stderr)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from deltaswarm_orchestrator.sweeps import engine as engines
+from deltaswarm_orchestrator.sweeps import job as jobs
 from deltaswarm_orchestrator.sweeps.engine import Done, LocalEngine, attempt
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, DisturbedError, Result, RunError, Task, work
 from tests.support.swarms import kill, wait_until
@@ -99,6 +100,20 @@ def test_only_what_the_machine_disturbed_is_tried_again(
     result, said, _ = attempt(task)
     assert (result, len(tried)) == (None, calls)
     assert reason in said
+
+
+@pytest.mark.parametrize(
+    ("cause", "calls"), [("controller boom:Boom failed in step 4: boom", 1), ("killed by signal 9", 2)]
+)
+def test_a_controller_that_raises_is_no_disturbance(cause: str, calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By processes, too: the run is not done again, and nothing says that it was disturbed; a lost process may be."""
+    summary = {"invalid_because": [f"agent 0: {cause}"], "agents_failed": [{"agent": 0, "cause": cause}]}
+    tried: list[object] = []
+    monkeypatch.setattr(jobs, "_run_awake", lambda command: (tried.append(command), (1, json.dumps(summary), ""))[1])
+    [task] = tasks_of(made(ONE), PROCESSES)
+    result, said = attempt(task)
+    assert (result, len(tried), "disturbed" in said) == (None, calls, calls == 2)
+    assert cause in said
 
 
 # Workers

@@ -204,7 +204,7 @@ def test_other_mistakes_are_reported_once_and_as_ever() -> None:
     assert line == "sweep.repeats must be at most sensitivity.points, 40: each point is run once (got 41)"
     [line] = mistakes(table(sweep={}))
     assert line.endswith("(got nothing varies)")
-    with pytest.raises(SettingsError, match=r"--set must not be set: it varies in this sweep \(got radio.range_m\)"):
+    with pytest.raises(SettingsError, match=r"radio.range_m varies in this sweep, so it cannot also be given by --set"):
         make_sweep(table(), Path(), ["radio.range_m=9.0"])
 
 

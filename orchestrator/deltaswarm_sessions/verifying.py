@@ -1,0 +1,158 @@
+"""What `deltaswarm verify` does: compare sessions with a published hash and its plan, and repeat their runs."""
+
+import argparse
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base import inputs, seal
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.paths import check_files
+from deltaswarm_orchestrator.cli.arguments import show
+from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_sessions import ledger
+from deltaswarm_sessions.commitment import code_problems, read, run_problems, settings_of
+from deltaswarm_sessions.folder import (
+    RECORD,
+    attempt_number,
+    folder_name,
+    names_of_attempts,
+    read_record,
+    summary_of,
+    unsealed_in,
+)
+from deltaswarm_sessions.ledger import COMMITMENT
+from deltaswarm_sessions.plan import order_and_numbers, run_folder, seed_of
+from deltaswarm_sessions.roster import allocated
+from deltaswarm_sessions.settings import END, NOT_REACHED, SessionSettings
+
+Row = dict[str, Any]
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Print what differs from the plan or is missing, and whether each run repeats; return FAILED if there is any."""
+    sessions: Path = arguments.data
+    check_files(sessions)
+    if not (entry := read(sessions)):
+        raise CommandError(
+            f"DATA must be a folder of sessions with a {COMMITMENT} (got {sessions}); --freeze writes it"
+        )
+    problems = []
+    if entry["hash"] != arguments.against.strip().lower():
+        problems.append(
+            f"--against must be the hash of {sessions / COMMITMENT} (got {arguments.against}, not {entry['hash']})"
+        )
+    folders = sorted(folder for folder in sessions.glob("participant-*") if folder.is_dir())
+    problems += [*code_problems(entry), *_absent(sessions, folders)]
+    settings, planned, rows, other = settings_of(entry), 0, list[Row](), set[str]()
+    for folder in folders:
+        if not (folder / RECORD).exists():
+            problems.append(f"{folder.name}: {RECORD} is missing, so nobody can tell what was done; restore it")
+            continue
+        record = read_record(folder)
+        own = [list(_attempts(folder, record, entry, settings, place)) for place in _places(settings, record)]
+        planned += len(own)
+        rows += [row for attempts in own for row in attempts]
+        if wrong := [f"{folder.name}: {problem}" for problem in _of_session(folder, record, entry)]:
+            problems += wrong
+            other.add(folder.name)
+    problems += [f"{row['run']}: {row['problem']}" for row in rows if row["problem"]]
+    if not planned:
+        problems.append(f"DATA must have at least one session (got none in {sessions})")
+    complete = {row["of"] for row in rows if row["complete"] and row["of"].split("/")[0] not in other}
+    done = complete - {row["of"] for row in rows if row["problem"]}
+    told = {"hash": entry["hash"], "date": entry["date"], "planned": planned, "runs": rows, "problems": problems}
+    lines = [
+        f"frozen {entry['date']}: {entry['hash']}",
+        f"{len(done)} of {planned} planned runs are complete, as planned, and repeat to their digests",
+        *(f"{row['run']}: not complete, and done again" for row in rows if not row["complete"] and not row["problem"]),
+        *problems,
+    ]
+    show(arguments, told, "\n".join(lines))
+    return FAILED if problems else OK
+
+
+def _absent(sessions: Path, folders: Iterable[Path]) -> Iterator[str]:
+    """Say which participants are no longer there, as far as the roster tells."""
+    if problem := ledger.doubt(sessions):
+        yield problem
+    elif not (sessions / ledger.ROSTER).exists():
+        yield f"{sessions / ledger.ROSTER} is missing, so nobody can tell who withdrew, or who began and is not there"
+    roster = ledger.read(sessions)
+    if roster.unfinished:
+        yield f"a command was interrupted; deltaswarm session FILE {roster.option} finishes it"
+    for one in roster.withdrawn:
+        yield f"participant {one.participant} withdrew on {one.date}, and no run is left to check ({one.reason})"
+    for number in sorted(roster.begun):
+        if sessions / folder_name(number) not in folders:
+            yield f"participant {number} began, and the folder {folder_name(number)} is missing"
+
+
+def _of_session(folder: Path, record: dict[str, Any], entry: dict[str, Any]) -> Iterator[str]:
+    """Say what is wrong with a session, whatever its runs are."""
+    if (frozen := record.get("frozen", "")) != entry["hash"]:
+        yield f"must be begun under the frozen plan (got {frozen or 'a session under none'})"
+    if record.get("begun", entry["date"]) < entry["date"]:
+        yield f"must be begun after the plan was frozen (got {record['begun']})"
+    complete = {one["folder"] for run in record["runs"] for one in run["attempts"] if one["complete"]}
+    unsealed = [RECORD] if seal.SEAL not in record else []
+    unsealed += [name for name in unsealed_in(folder, record) if name.split("/")[0].partition(".again-")[0] in complete]
+    if unsealed:
+        yield f"not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}"
+
+
+def _places(settings: SessionSettings, record: dict[str, Any]) -> range:
+    """Return the places of the runs that were planned: the training only, if the session had to end after it."""
+    criterion = settings.training.criterion
+    ends = criterion is not None and criterion.if_not_reached == END
+    is_over = ends and bool(record["runs"]) and record["runs"][0].get("outcome") == NOT_REACHED
+    return range(1 if is_over else len(settings.condition) + 1)
+
+
+def _attempts(
+    folder: Path, record: dict[str, Any], entry: dict[str, Any], settings: SessionSettings, place: int
+) -> Iterator[Row]:
+    """Yield each attempt at a planned run with what is wrong with it; if none is complete and valid, the run itself."""
+    label, number = order_and_numbers(settings, allocated(record))[place]
+    nothing: Row = {"condition": label, "attempts": []}
+    run = next((one for one in record["runs"] if one["place"] == place), nothing)
+    first = run_folder(place, run["condition"])
+    recorded = {one["folder"]: one for one in run["attempts"]}
+    is_done = False
+    for name in sorted({*recorded, *names_of_attempts(folder, first)}, key=lambda name: attempt_number(name, first)):
+        attempt, path = recorded.get(name) or summary_of(folder / name), folder / name
+        seed = seed_of(settings.seed, number, attempt_number(name, first))
+        problem = _problem(path, run["condition"], label, entry, seed) if attempt["complete"] else ""
+        is_done |= bool(attempt["complete"] and attempt.get("valid", True))
+        yield {
+            "run": f"{folder.name}/{name}",
+            "of": f"{folder.name}/{first}",
+            "complete": attempt["complete"],
+            "problem": problem,
+        }
+    if not is_done:
+        problem = f"planned, and {'not complete' if recorded else 'not done'}"
+        yield {"run": f"{folder.name}/{first}", "of": f"{folder.name}/{first}", "complete": False, "problem": problem}
+
+
+def _problem(run: Path, condition: str, planned: str, entry: dict[str, Any], seed: int) -> str:
+    if not run.exists():
+        return "its folder was deleted"
+    if condition != planned:
+        return f"the condition must be {planned}, by the frozen order (got {condition})"
+    started = seal.read_sealed(run / seal.MANIFEST).get("started") or ""
+    if started < entry["date"]:
+        return f"must be begun after the plan was frozen (got {started or 'no time'})"
+    scenario = load_scenario(str(run / SCENARIO))
+    if changed := run_problems(entry, condition, seed, scenario):
+        return f"must be as frozen (other values of {', '.join(changed[:8])})"
+    orders = run / COMMANDS
+    again = load_scenario(str(run / SCENARIO), commands=orders if orders.exists() else None)
+    summary, outcome = summary_of(run), run_in_process(again)
+    for what, now in (("digest", outcome.digest), ("events_digest", outcome.events_digest)):
+        if (was := summary.get(what, now)) != now:  # earlier versions have no digest of events
+            because = inputs.why_other(seal.read_sealed(run / seal.MANIFEST), again)
+            return f"the {what} must repeat (got {now}, not {was}: {because})"
+    return ""
