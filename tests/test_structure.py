@@ -18,6 +18,7 @@ from deltaswarm_agent.controllers.paper import settings as paper_settings
 from deltaswarm_scenario import density, fault, operator_links, operator_settings, page_language, radio, scenario
 from deltaswarm_wire import obstacles
 from deltaswarm_wire import settings as agent_settings
+from deltaswarm_wire.plugin_errors import PACKAGES
 from deltaswarm_wire.plugins import FAULTS, find
 from tests.support.tiers import in_one_test
 
@@ -114,6 +115,13 @@ def test_what_decides_in_a_swarm_has_a_source() -> None:
     """Paper or our reading: every default of how agents decide under the paper's control."""
     unsaid = [spec.name for spec in dataclasses.fields(paper_settings.PaperSettings) if not spec.metadata["source"]]
     assert not unsaid
+
+
+def test_every_package_of_the_wheel_is_our_own_code() -> None:
+    """Else its errors would be blamed on a plug-in, and an edit of it would not change the digest of the code."""
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+    packages = {Path(folder).name for folder in tool["hatch"]["build"]["targets"]["wheel"]["packages"]}
+    assert packages == PACKAGES == {*tool["importlinter"]["root_packages"]}
 
 
 def test_mutated_files_and_their_tests_exist() -> None:

@@ -27,7 +27,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.commands import CommandForm, forms_of
 from deltaswarm_wire.controller_metrics import ControllerMetric, declared
 from deltaswarm_wire.foreign import name_of
-from deltaswarm_wire.plugin_errors import PluginError, defined_at
+from deltaswarm_wire.plugin_errors import PACKAGES, PluginError, defined_at
 from deltaswarm_wire.plugins import (
     CONTROLLERS,
     DYNAMICS,
@@ -41,9 +41,6 @@ from deltaswarm_wire.plugins import (
 )
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
-CORE = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
-EXTENSIONS = tuple(f"deltaswarm_{name}" for name in ("board", "ros2", "studies", "sessions", "cluster", "learn"))
-PACKAGES = ("deltaswarm", *CORE, *EXTENSIONS)
 
 INSTALLED = tuple(
     Path(folder).resolve()
@@ -123,7 +120,7 @@ def build() -> str:
 def code_digest() -> str:
     """Return a digest of all sources of deltaswarm; it tells different code of one version number apart."""
     digest = hashlib.blake2b(digest_size=8)
-    for package in PACKAGES:
+    for package in sorted(PACKAGES):
         spec = importlib.util.find_spec(package)
         assert spec is not None, package
         for folder in spec.submodule_search_locations or ():
