@@ -14,7 +14,7 @@ PACKAGES = frozenset(
     f"deltaswarm{part}"
     for part in (
         *("", "_wire", "_scenario", "_agent", "_world", "_operator", "_orchestrator"),
-        *("_board", "_ros2", "_studies", "_sessions", "_branches", "_cluster", "_learn", "_physics"),
+        *("_board", "_ros2", "_studies", "_sessions", "_branches", "_cluster", "_dense", "_learn", "_physics"),
     )
 )
 """Packages whose frames are not a plug-in's."""

@@ -21,6 +21,7 @@ EXTENSIONS = {
     "deltaswarm_branches": "orchestrator",
     "deltaswarm_cluster": "orchestrator",
     "deltaswarm_learn": "orchestrator",
+    "deltaswarm_dense": "orchestrator",
     "deltaswarm_board": "agent",
     "deltaswarm_ros2": "agent",
     "deltaswarm_physics": "world",

@@ -1,0 +1,109 @@
+"""Which scenarios the dense engine covers, key by key; the others are run by the Python engine."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import plain
+
+MODES = ("decentralised", "hierarchical", "hybrid")
+
+ANY = frozenset(
+    [
+        "schema",
+        "name",
+        "seed",
+        "record",
+        "run.duration_s",
+        "run.step_s",
+        "run.real_time_factor",
+        "run.ask_every_step",
+        "run.step_timeout_s",
+        "run.start_timeout_s",
+        "run.accept_lost",
+        "arena.width_m",
+        "arena.height_m",
+        "events.rate_hz",
+        "events.rates_hz",
+        "events.rates_s",
+        "events.work_agent_s",
+        "agents.count",
+        "agents.speed_mps",
+        "agents.sensing_range_m",
+        "radio.range_m",
+        "operator.threshold_hz",
+        "operator.more_thresholds_hz",
+        "metrics.horizon_s",
+        "control.delta",
+        "control.rho",
+        "control.recruitment",
+        "control.dissolution",
+        "control.d_min_m",
+        "control.gamma_max",
+        "control.recruitment_interval_s",
+        "control.recruitment_places",
+        "control.idle_root",
+        "control.root_succession",
+        "control.leg_max_s",
+        "control.leg_exponent",
+        "control.find_memory_s",
+        "control.member_observes",
+        "control.report_every_s",
+        "control.report_members",
+    ]
+)
+"""Keys that may have any value."""
+
+ANY_BELOW = ("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget.")
+"""Tables whose keys may: arrivals are made by the Python code, and nobody is at the console."""
+
+DEFAULT = frozenset(
+    [
+        "run.clock",
+        "run.bound",
+        "arena.obstacles",
+        "world.dynamics",
+        "control.patience_finds",
+        "control.return_to_finds",
+        "control.adapts_delta",
+        "control.report_finds",
+        "command",
+        "fault",
+    ]
+)
+"""Keys that must have their defaults."""
+
+DEFAULT_BELOW = ("radio.", "uplink.", "downlink.", "operator.person.", "operator.autonomy.", "operator.task.")
+"""Tables whose keys must, unless they are in `ANY`."""
+
+
+def not_covered(scenario: Scenario) -> list[str]:
+    """Return why a scenario is not covered: its keys with their values; nothing if it is covered."""
+    mode = scenario.control.mode
+    if mode not in MODES:
+        return [f"control.mode = {mode!r}"]
+    defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
+    given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
+    return [f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults[key]]
+
+
+def rule(key: str) -> frozenset[str]:
+    """Return `ANY` or `DEFAULT` for a key of the scenario, with the controller's own below `control`.
+
+    Raises:
+        KeyError: nothing is said about the key.
+    """
+    if key in ANY or key.startswith(ANY_BELOW):
+        return ANY
+    if key in DEFAULT or key.startswith(DEFAULT_BELOW):
+        return DEFAULT
+    raise KeyError(key)
+
+
+def _flat(table: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", value

@@ -1,0 +1,80 @@
+"""Payloads of radio frames, written as `controllers/paper/frames.py` encodes them, and their envelopes."""
+
+from deltaswarm_agent.controllers.paper.frames import ATTENDING, MEMBER
+from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_dense.layout import NONE, ORDER_FIELDS, ROW_FIELDS
+from deltaswarm_dense.packing import HEAD_BYTES, put_array, put_head, put_unsigned
+from deltaswarm_wire.codec import PROTOCOL_VERSION
+from deltaswarm_wire.digest import RADIO
+
+NIL, FALSE, TRUE, BIN8, BIN16 = 0xC0, 0xC2, 0xC3, 0xC4, 0xC5
+
+
+@compiled
+def write_payload(out, frame, table, events):
+    """Write a frame's payload; return its length [bytes]."""
+    at = put_array(out, 0, 11 if frame.kind == MEMBER else 6 if frame.kind == ATTENDING else 3)
+    at = put_unsigned(out, at, frame.kind)
+    at = put_unsigned(out, at, frame.x_cm)
+    at = put_unsigned(out, at, frame.y_cm)
+    if frame.kind == ATTENDING:
+        at = put_unsigned(out, at, events[frame.event].id)
+        at = put_unsigned(out, at, frame.event_x_cm)
+        return put_unsigned(out, at, frame.event_y_cm)
+    if frame.kind != MEMBER:
+        return at
+    out[at] = TRUE if frame.orphan else FALSE
+    at = put_array(out, at + 1, frame.path_length - 1)
+    for k in range(frame.path_length - 1):
+        at = put_unsigned(out, at, frame.path[k])
+    at = put_unsigned(out, at, frame.pulse)
+    at = put_unsigned(out, at, frame.score)
+    at = put_array(out, at, ROW_FIELDS * frame.rows)
+    for row in range(frame.rows):
+        for field in range(ROW_FIELDS):
+            at = put_unsigned(out, at, table[row, field])
+    at = _write_known(out, at, frame.sighting, 4, frame.sightings, events)
+    at = _write_known(out, at, frame.departure, 2, frame.departures, events)
+    if not frame.has_order:
+        out[at] = NIL
+        return at + 1
+    at = put_array(out, at, ORDER_FIELDS)
+    for field in range(ORDER_FIELDS):
+        at = put_unsigned(out, at, frame.order[field])
+    return at
+
+
+@compiled
+def _write_known(out, at, rows, width, count, events):
+    """Write rows that begin with an event."""
+    at = put_array(out, at, width * count)
+    for row in range(count):
+        at = put_unsigned(out, at, events[rows[width * row]].id)
+        for field in range(1, width):
+            at = put_unsigned(out, at, rows[width * row + field])
+    return at
+
+
+@inlined
+def send(agent, frame, table, events, output, now):
+    """Write an agent's frame of this step with its envelope; return its length [bytes], 0 if there is none."""
+    if frame.kind == NONE:
+        return 0
+    out, begins = output.world, output.ends[0]
+    length = write_payload(output.payload, frame, table, events)
+    at = put_array(out, begins + HEAD_BYTES, 3)
+    at = put_unsigned(out, at, PROTOCOL_VERSION)
+    at = put_unsigned(out, at, agent.counter)
+    if length < 256:
+        out[at], out[at + 1] = BIN8, length
+        at += 2
+    else:
+        out[at], out[at + 1], out[at + 2] = BIN16, length >> 8, length & 255
+        at += 3
+    for k in range(length):
+        out[at + k] = output.payload[k]
+    output.ends[0] = at + length
+    size = output.ends[0] - begins - HEAD_BYTES
+    put_head(out, begins, now, agent.id, RADIO, size)
+    agent.counter += 1
+    return size

@@ -1,0 +1,235 @@
+"""The arrays of a run: one record per agent, event, radio frame and branch of a tree. Positions in m, arena frame.
+
+Integers are int64 except in tables, since arithmetic on them must not overflow or change their type.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH
+
+WORDS = 624
+
+NONE = -1
+"""No event, no order, no step."""
+
+ORDER_FIELDS = 5
+LEAF, ORDER_X_CM, ORDER_Y_CM, ORDER_NUMBER, TTL = range(ORDER_FIELDS)
+
+ROW_FIELDS = 5
+AGENT_ID, PARENT, ROW_X_CM, ROW_Y_CM, SCORE = range(ROW_FIELDS)
+"""A row of a member's table (`frames.Descendant`)."""
+
+
+def record(floats: str = "", whole: str = "", flags: str = "", words: int = 0, **arrays: int) -> np.dtype[np.void]:
+    """Return the type of a record with these fields, and with arrays of whole numbers of some lengths."""
+    kinds: tuple[tuple[str, Any], ...] = ((floats, np.float64), (whole, np.int64), (flags, np.bool_))
+    fields: list[Any] = [(name, kind) for names, kind in kinds for name in names.split()]
+    fields += [(name, np.int64, (length,)) for name, length in arrays.items()]
+    return np.dtype(fields + ([("words", np.uint32, (words,))] if words else []), align=True)
+
+
+SETTINGS = record(
+    floats="""
+    step_s width_m height_m speed_mps sensing_range_m sensing_m2 gone_m2 near_cm2 range_m range_m2 reach_m reach_m2
+    d_min_m2 at_place_m2 at_event_m2 leg_max_s leg_exponent gamma_max report_every_s work_agent_s two half
+    """,
+    whole="""
+    founds_at recruit_every silence stall freshness previous_tree leaving orphan_strict orphan arrival_strict arrival
+    contested order memory gone trail
+    """,
+    flags="""
+    attends recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
+    ask_every_step
+    """,
+)
+"""The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
+
+`founds_at` is NONE if agents never found a tree. `two` and `half` are exponents: a power with a constant exponent
+would be compiled as a product or a root, which Python's is not (`arithmetic.py`). Times are in steps.
+"""
+
+AGENT = record(
+    floats="""
+    x_m y_m vx_mps vy_mps target_x_m target_y_m leg_vx_mps leg_vy_mps gamma goal_x_m goal_y_m report_due_s
+    """,
+    whole="""
+    id role state target leg_ends until counter sequence used path_length pulse pulse_step parent_heard parents_rows
+    heirs children contested_steps followed_order since leave_frames_left previous_root previous_pulse
+    previous_pulse_step freed updates places
+    """,
+    flags="in_tree sensed_before has_order has_carried",
+    words=WORDS,
+    path=MAX_PATH + 1,
+    order=ORDER_FIELDS,
+    carried=ORDER_FIELDS,
+)
+"""One agent: `agent.Agent`, its `Membership`, its walk, its counters and its generator, a Mersenne Twister of `words`
+of which some are `used`. `target` is an event's number, or NONE."""
+
+EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
+"""One event, in the order of arrival; times are NaN until they come. It arrives in `step`."""
+
+UPDATE = record(whole="event step")
+PLACE = record(whole="event x_cm y_cm")
+"""Entries of `beliefs.Beliefs`, in the order of Python's dictionaries."""
+
+BRANCH = record(whole="child x_cm y_cm score heard rows")
+"""A child in a tree (`membership.Branch`); its table is in `Swarm.branch_tables`."""
+
+FRAME = record(
+    whole="""
+    kind x_cm y_cm path_length pulse score rows sightings departures event event_x_cm event_y_cm
+    """,
+    flags="orphan has_order",
+    path=MAX_PATH,
+    order=ORDER_FIELDS,
+    sighting=4 * MAX_EVENTS,
+    departure=2 * MAX_GONE,
+)
+"""A radio frame as its receivers decode it; `kind` is NONE if the agent sent none. Its table is in `frame_tables`."""
+
+COUNTS = record(
+    "roots_from_densest_m",
+    """
+    asked in_trees roots covered_area_m2 frames_sent bytes_sent frames_received reports refused_claims events_open
+    events_completed world_end operator_end
+    """,
+)
+"""What happened in one step; the last two are where its bytes end in the buffers of both digests.
+
+`covered_area_m2` is NONE in steps in which it is not measured, `roots_from_densest_m` NaN where there is none.
+"""
+
+
+# n agents, e events, b branches per agent, r rows per table, k beliefs per agent.
+
+
+class World(NamedTuple):
+    """All events of a run, and what agents sense of them."""
+
+    events: np.ndarray
+    """(e,) EVENT"""
+    active: np.ndarray
+    """(e + 1,) events that have arrived and are not complete; the last item is their number."""
+    arrived: np.ndarray
+    """(2,) number of events that have arrived, and of those completed."""
+    observers: np.ndarray
+    """(e,) agents that work on each event in this step."""
+    sensed: np.ndarray
+    """(e,) scratch: events that an agent senses."""
+    observed: np.ndarray
+    """(e,) scratch: events that an agent works on."""
+
+
+class Air(NamedTuple):
+    """The radio frames of two steps."""
+
+    frames: np.ndarray
+    """(2, n) FRAME: those sent in even and in odd steps."""
+    tables: np.ndarray
+    """(2, n, r, 5) rows of their tables."""
+    senders: np.ndarray
+    """(n + 1,) agents that sent a frame in the step before; the last item is their number."""
+    heard: np.ndarray
+    """(n,) scratch: senders that an agent hears."""
+
+
+class Trees(NamedTuple):
+    """What agents know of their trees."""
+
+    branches: np.ndarray
+    """(n, b) BRANCH"""
+    branch_tables: np.ndarray
+    """(n, b, r, 5)"""
+    children: np.ndarray
+    """(n, b) places in `branches`, in the order of the children."""
+    parents_tables: np.ndarray
+    """(n, r, 5) the parent's table, if a lost root has a successor."""
+    heirs: np.ndarray
+    """(n, r + 2) heirs of a lost root."""
+    table: np.ndarray
+    """(r, 5) scratch: an agent's own table."""
+    marks: np.ndarray
+    """(n,) scratch: the agents that are marked by the present `stamp`, such as those that are in a table."""
+    stamp: np.ndarray
+    """(1,)"""
+
+
+class Beliefs(NamedTuple):
+    """What agents know of events."""
+
+    updates: np.ndarray
+    """(n, k) UPDATE"""
+    places: np.ndarray
+    """(n, k) PLACE"""
+    sorted: np.ndarray
+    """(k,) scratch: known places in the order of their events' ids."""
+
+
+class Recruits(NamedTuple):
+    """What a root knows of the agents that it has recruited, and the search for their places."""
+
+    until: np.ndarray
+    """(n, n) until when the goal of each agent that a root recruited is taken; 0: it is not."""
+    goals_m: np.ndarray
+    """(n, n, 2) these goals."""
+    members_m: np.ndarray
+    """(r + 1, 2) scratch: positions of a tree's members."""
+    scores: np.ndarray
+    """(columns, rows) scratch: how many known events are sensed from each cell of the arena."""
+    cells: np.ndarray
+    """(c, 2) offsets of the cells that can be within sensing range of an event (`recruitment._cells_within`)."""
+
+
+class Measures(NamedTuple):
+    """What series tell of trees and no agent knows."""
+
+    densest_m: np.ndarray
+    """(steps, 2) where events are densest; NaN where they are equally dense everywhere."""
+    distances_m: np.ndarray
+    """(n,) scratch: distances of roots from there."""
+    coverage_every: np.ndarray
+    """(1,) steps between two measurements of the covered area."""
+    is_covered: np.ndarray
+    """(columns, rows) scratch: the stamp of the step in which a cell was covered last."""
+
+
+class Output(NamedTuple):
+    """The bytes that the digests are made of."""
+
+    world: np.ndarray
+    """uint8 buffer of the acts and radio frames of some steps, with the heads of the digest."""
+    operator: np.ndarray
+    """The same of reports."""
+    ends: np.ndarray
+    """(2,) where the next byte goes in these."""
+    payload: np.ndarray
+    """uint8 scratch: the payload of one radio frame."""
+    bits: tuple[np.ndarray, np.ndarray]
+    """(1,) float64, and the same as uint64: the bytes of a float."""
+
+
+class Swarm(NamedTuple):
+    """All arrays of a run."""
+
+    settings: np.ndarray
+    """(1,) SETTINGS"""
+    agents: np.ndarray
+    """(n,) AGENT"""
+    trail_m: np.ndarray
+    """(trail, n, 2) positions of the last steps; that of step s is in s % trail."""
+    world: World
+    air: Air
+    trees: Trees
+    beliefs: Beliefs
+    recruits: Recruits
+    measures: Measures
+    output: Output
+    trouble: np.ndarray
+    """(1,) why the run cannot go on here; see `TROUBLE`."""
+
+
+TROUBLE = ("", "too many children", "too many known events", "a radio frame above the limit", "too many bytes")
+CHILDREN, KNOWN, FRAME_SIZE, BUFFER = range(1, 5)

@@ -1,0 +1,54 @@
+"""Python's `random.Random`, one generator per agent: the Mersenne Twister in arrays."""
+
+import numpy as np
+
+from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.layout import WORDS
+
+
+@compiled
+def _twist(words):
+    for k in range(WORDS):
+        y = (words[k] & np.uint32(0x80000000)) | (words[(k + 1) % WORDS] & np.uint32(0x7FFFFFFF))
+        v = words[(k + 397) % WORDS] ^ (y >> np.uint32(1))
+        if y & np.uint32(1):
+            v ^= np.uint32(0x9908B0DF)
+        words[k] = v
+
+
+@compiled
+def _word(agent):
+    if agent.used >= WORDS:
+        _twist(agent.words)
+        agent.used = 0
+    y = agent.words[agent.used]
+    agent.used += 1
+    y ^= y >> np.uint32(11)
+    y ^= (y << np.uint32(7)) & np.uint32(0x9D2C5680)
+    y ^= (y << np.uint32(15)) & np.uint32(0xEFC60000)
+    return y ^ (y >> np.uint32(18))
+
+
+@compiled
+def random(agent):
+    """Draw `random()` of an agent's generator."""
+    a, b = _word(agent) >> np.uint32(5), _word(agent) >> np.uint32(6)
+    return (np.float64(a) * 67108864.0 + np.float64(b)) * (1.0 / 9007199254740992.0)
+
+
+@compiled
+def uniform(agent, low, high):
+    """Draw `uniform(low, high)`."""
+    return low + (high - low) * random(agent)
+
+
+@compiled
+def place_of_choice(agent, count):
+    """Draw the place of the item that `choice` takes of `count` items."""
+    bits = 0
+    while (count >> bits) > 0:
+        bits += 1
+    drawn = np.int64(_word(agent) >> np.uint32(32 - bits))
+    while drawn >= count:
+        drawn = np.int64(_word(agent) >> np.uint32(32 - bits))
+    return drawn

@@ -1,0 +1,193 @@
+"""The steps of a run: bodies, arrivals, sensing, the air, every agent that is asked, and work on events."""
+
+import math
+
+import numpy as np
+
+from deltaswarm_dense.compiled import compiled, entry, inlined
+from deltaswarm_dense.decision import act, compose, motion, observe, report, role_of
+from deltaswarm_dense.frames import send
+from deltaswarm_dense.layout import BUFFER, FRAME_SIZE, NONE
+from deltaswarm_dense.measures import measure
+from deltaswarm_dense.one_step import decide
+from deltaswarm_wire.codec import MAX_RADIO_BYTES
+from deltaswarm_wire.messages import MAX_POSES
+
+BYTES_PER_AGENT = 20_000
+"""Room for what an agent says in a step."""
+
+
+@inlined
+def move(settings, agents):
+    """Move bodies by one step; the arena's edge stops them (`dynamics.Points.move`)."""
+    for i in range(agents.size):
+        agent = agents[i]
+        agent.x_m = min(max(agent.x_m + agent.vx_mps * settings.step_s, 0.0), settings.width_m)
+        agent.y_m = min(max(agent.y_m + agent.vy_mps * settings.step_s, 0.0), settings.height_m)
+
+
+@compiled
+def arrive(world, now):
+    """Let the events of this step arrive."""
+    last = world.active.size - 1
+    while world.arrived[0] < world.events.size and world.events[world.arrived[0]].step <= now:
+        world.active[world.active[last]] = world.arrived[0]
+        world.active[last] += 1
+        world.arrived[0] += 1
+
+
+@inlined
+def sense_events(settings, agent, world, time_s):
+    """Write the events within an agent's sensing range to `sensed`; return their number.
+
+    Note when an event is first sensed.
+    """
+    count = 0
+    for k in range(world.active[world.active.size - 1]):
+        event = world.events[world.active[k]]
+        dx, dy = agent.x_m - event.x_m, agent.y_m - event.y_m
+        if dx * dx + dy * dy <= settings.sensing_m2:
+            world.sensed[count] = world.active[k]
+            count += 1
+            if np.isnan(event.sensed_s):
+                event.sensed_s = time_s
+    return count
+
+
+@inlined
+def hear(settings, agent, agents, air):
+    """Write the senders of the step before within radio range of an agent to `heard`; return their number."""
+    count = 0
+    for k in range(air.senders[agents.size]):
+        other = agents[air.senders[k]]
+        dx, dy = agent.x_m - other.x_m, agent.y_m - other.y_m
+        if dx * dx + dy * dy <= settings.range_m2 and other.id != agent.id:
+            air.heard[count] = other.id
+            count += 1
+    return count
+
+
+@inlined
+def work(settings, world, time_s):
+    """Let each event's observers work on it for one step; complete finished events (`Environment.work`)."""
+    last, kept = world.active.size - 1, 0
+    for k in range(world.active[last]):
+        number = world.active[k]
+        event, observers = world.events[number], world.observers[number]
+        world.observers[number] = 0
+        if observers:
+            if np.isnan(event.worked_s):
+                event.worked_s = time_s
+            event.work_agent_s += observers * settings.step_s
+            if event.work_agent_s >= settings.work_agent_s - 1e-9:
+                event.completed_s = time_s
+                world.arrived[1] += 1
+                continue
+        world.active[kept] = number
+        kept += 1
+    world.active[last] = kept
+
+
+@inlined
+def command(settings, agent, vx_mps, vy_mps):
+    """Set an agent's velocity, cut to the speed limit (`Environment.command`)."""
+    speed = math.pow(vx_mps * vx_mps + vy_mps * vy_mps, settings.half)
+    if speed > settings.speed_mps:
+        vx_mps, vy_mps = vx_mps * settings.speed_mps / speed, vy_mps * settings.speed_mps / speed
+    agent.vx_mps, agent.vy_mps = vx_mps, vy_mps
+
+
+@inlined
+def step_agent(swarm, agent, now, time_s, sensed, heard):
+    """Let an agent decide; write what it says. Return whether it reports, its frame's bytes, and refused claims."""
+    settings, world = swarm.settings[0], swarm.world
+    decide(swarm, agent, now, sensed, heard)
+    vx_mps, vy_mps, until = motion(settings, agent, now)
+    observed = observe(settings, agent, world.events, world.observed, sensed)
+    compose(swarm, agent, now, sensed.size)
+    frame = swarm.air.frames[now % 2, agent.id]
+    if frame.kind != NONE:
+        until = now + 1
+    agent.role = role_of(agent, frame)
+    reports = report(swarm, agent, now, time_s)
+    size = send(agent, frame, swarm.air.tables[now % 2, agent.id], world.events, swarm.output, now)
+    act(swarm, agent, now, (vx_mps, vy_mps), until, observed)
+    command(settings, agent, vx_mps, vy_mps)
+    agent.until = min(until, now + MAX_POSES)
+    return reports, size, observed - claim(world, observed, sensed)
+
+
+@inlined
+def claim(world, observed, sensed):
+    """Count the agent among the observers of those events that it works on and senses; return their number."""
+    claims = 0
+    for k in range(observed):
+        for s in range(sensed.size):
+            if sensed[s] == world.observed[k]:
+                world.observers[world.observed[k]] += 1
+                claims += 1
+                break
+    return claims
+
+
+@inlined
+def note_senders(settings, agents, trail_m, air, now):
+    """Note who sent a frame in this step, and where everybody was."""
+    senders = 0
+    for i in range(agents.size):
+        trail_m[now % settings.trail, i, 0], trail_m[now % settings.trail, i, 1] = agents[i].x_m, agents[i].y_m
+        if air.frames[now % 2, i].kind != NONE:
+            air.senders[senders] = i
+            senders += 1
+    air.senders[agents.size] = senders
+
+
+@entry
+def advance(swarm, first, steps, all_steps, counts):
+    """Do `steps` steps from `first` on; leave their bytes in the buffers of both digests. Return those done.
+
+    It ends early when a buffer is full, and with `swarm.trouble` when the run cannot go on here.
+    """
+    settings, agents, world = swarm.settings[0], swarm.agents, swarm.world
+    air, output = swarm.air, swarm.output
+    room = agents.size * BYTES_PER_AGENT
+    output.ends[0] = output.ends[1] = 0
+    for done in range(steps):
+        if output.ends[0] + room > output.world.size or output.ends[1] + room > output.operator.size:
+            if done == 0:
+                swarm.trouble[0] = BUFFER
+            return done
+        now = first + done
+        time_s, is_last = now * settings.step_s, now == all_steps - 1
+        count = counts[done]
+        count.asked = count.frames_sent = count.bytes_sent = count.frames_received = count.reports = 0
+        count.refused_claims = 0
+        if now > 0:
+            move(settings, agents)
+        arrive(world, now)
+        for i in range(agents.size):
+            agent = agents[i]
+            sensed = world.sensed[: sense_events(settings, agent, world, time_s)]
+            heard = air.heard[: hear(settings, agent, agents, air)]
+            count.frames_received += heard.size
+            has_news = sensed.size > 0 or heard.size > 0 or agent.sensed_before
+            agent.sensed_before = sensed.size > 0
+            if not (has_news or is_last or settings.ask_every_step or agent.until <= now):
+                air.frames[now % 2, i].kind = NONE
+                continue
+            count.asked += 1
+            reports, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
+            if size > MAX_RADIO_BYTES:
+                swarm.trouble[0] = FRAME_SIZE
+            if swarm.trouble[0]:
+                return done
+            count.reports += reports
+            count.refused_claims += refused
+            count.frames_sent += size > 0
+            count.bytes_sent += size
+        note_senders(settings, agents, swarm.trail_m, air, now)
+        measure(settings, agents, swarm.measures, count, now)
+        work(settings, world, time_s)
+        count.events_open, count.events_completed = world.active[world.active.size - 1], world.arrived[1]
+        count.world_end, count.operator_end = output.ends[0], output.ends[1]
+    return steps

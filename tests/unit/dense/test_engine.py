@@ -1,0 +1,156 @@
+"""The dense engine has the Python engine's outcome: every digest, record, event and count."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_dense import engine
+from deltaswarm_dense.arithmetic import distance_m
+from deltaswarm_dense.coverage import _flat, not_covered, rule
+from deltaswarm_dense.measures import sum_as_numpy
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import load, plain
+from tests.support.dense import differences, first_difference
+
+DENSE_PLACE = {"kind": "gaussian", "mean_m": [12.0, 9.0], "covariance_m2": [[30.0, 4.0], [4.0, 20.0]]}
+FOUR_PLACES = {
+    "kind": "mixture",
+    "components": [
+        {"weight": w, "mean_m": [x, y], "covariance_m2": [[8.0, 0.0], [0.0, 8.0]]}
+        for w, x, y in ((1.0, 8.0, 8.0), (2.0, 22.0, 8.0), (3.0, 8.0, 22.0), (1.0, 22.0, 22.0))
+    ],
+}
+
+scenarios = st.fixed_dictionaries(
+    {
+        "seed": st.integers(0, 2**31),
+        "control": st.fixed_dictionaries(
+            {"mode": st.sampled_from(["decentralised", "hierarchical", "hybrid"])},
+            optional={
+                "delta": st.integers(1, 5),
+                "rho": st.integers(1, 4),
+                "recruitment": st.booleans(),
+                "dissolution": st.booleans(),
+                "d_min_m": st.sampled_from([0.0, 3.0, 6.0]),
+                "gamma_max": st.sampled_from([5.0, 40.0]),
+                "recruitment_interval_s": st.sampled_from([7.0, 60.0]),
+                "recruitment_places": st.sampled_from(["any", "with-events"]),
+                "idle_root": st.sampled_from(["stays", "leaves"]),
+                "root_succession": st.booleans(),
+                "leg_max_s": st.sampled_from([3.0, 100.0]),
+                "leg_exponent": st.sampled_from([0.0, 1.0, 1.7]),
+                "member_observes": st.sampled_from(["nearest", "all"]),
+                "report_every_s": st.sampled_from([0.3, 1.0, 5.0]),
+                "report_members": st.booleans(),
+            },
+        ),
+        "run": st.fixed_dictionaries(
+            {"step_s": st.sampled_from([0.25, 0.5, 1.0, 2.0])}, optional={"ask_every_step": st.booleans()}
+        ),
+        "arena": st.fixed_dictionaries(
+            {"width_m": st.sampled_from([30.0, 47.5]), "height_m": st.sampled_from([30.0, 61.0])}
+        ),
+        "events": st.fixed_dictionaries(
+            {"rate_hz": st.sampled_from([0.05, 0.3, 1.0]), "work_agent_s": st.sampled_from([5.0, 200.0])},
+            optional={"density": st.sampled_from([{"kind": "uniform"}, DENSE_PLACE, FOUR_PLACES])},
+        ),
+        "agents": st.fixed_dictionaries(
+            {"count": st.integers(1, 40)},
+            optional={"speed_mps": st.sampled_from([0.5, 3.0]), "sensing_range_m": st.sampled_from([2.0, 6.5])},
+        ),
+        "radio": st.fixed_dictionaries({"range_m": st.sampled_from([6.5, 9.0, 25.0])}),
+    }
+)
+"""Crowded and short, so that trees form, meet, lose members and dissolve within a few minutes."""
+
+
+def made(table: dict[str, Any], steps: int) -> Scenario:
+    run = table["run"] | {"duration_s": steps * table["run"]["step_s"]}
+    density = {"density": {"mean_m": [15.0, 15.0]}} | table["events"]
+    return load(Scenario, table | {"run": run, "events": density, "metrics": {"horizon_s": 1.0}})
+
+
+@settings(deadline=None)
+@given(scenarios)
+def test_both_engines_have_the_same_outcome(table: dict[str, Any]) -> None:
+    """Of any covered scenario: the message that differs is named."""
+    scenario = made(table, 200)
+    assert not_covered(scenario) == []
+    assert differences(scenario) == []
+
+
+@pytest.mark.parametrize("mode", ["decentralised", "hierarchical", "hybrid"])
+def test_the_paper_s_modes_have_the_same_outcome(mode: str) -> None:
+    """Long enough for recruits to arrive, and for roots to meet."""
+    assert differences(load_scenario("paper-25", [f"control.mode={mode}", "run.duration_s=1500.0", "seed=11"])) == []
+
+
+def test_a_run_that_needs_more_room_gets_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begun with room for one child and one event, it is begun again, with the same outcome."""
+    monkeypatch.setattr(engine, "BRANCHES", 1)
+    monkeypatch.setattr(engine, "BELIEFS", 1)
+    assert differences(load_scenario("paper-25", ["run.duration_s=600.0", "events.rate_hz=0.2"])) == []
+
+
+def test_the_first_difference_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its step, its agent and its kind: here of agents that walk a little faster in one engine."""
+    real = engine.set_up
+
+    def faster(*arguments: Any) -> Any:
+        swarm = real(*arguments)
+        swarm.settings["speed_mps"] *= 1.0 + 1e-15
+        return swarm
+
+    monkeypatch.setattr(engine, "set_up", faster)
+    named = first_difference(load_scenario("smoke", ["control.mode=decentralised", "run.duration_s=20.0"]))
+    assert named.startswith("step 0, agent 0, act: python ")
+
+
+def test_every_key_has_a_rule() -> None:
+    """Of the scenario and of the controllers that are covered: a new key must be covered or refused on purpose."""
+    for key, _ in _flat(plain(Scenario()) | {"control": plain(PaperSettings())}):
+        assert rule(key) is not None
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "control.mode=adaptive",
+        "control.mode=potential",
+        "control.patience_finds=0.3",
+        "radio.loss=0.1",
+        "radio.latency_s=2.0",
+        "uplink.loss=0.1",
+        "run.clock=realtime",
+        "run.bound=density",
+        "operator.person.policy=threshold",
+        "operator.autonomy.sets_delta=budget",
+        "operator.task.target_share=0.5",
+    ],
+)
+def test_what_is_not_covered_is_named(key: str) -> None:
+    """By its key and its value."""
+    (found, *more) = not_covered(load_scenario("paper-25", [key]))
+    assert found.startswith(key.partition("=")[0])
+    assert not more
+
+
+def test_sums_are_numpy_s() -> None:
+    """To the last bit, also of more values than NumPy adds in one go."""
+    total = njit(lambda values: sum_as_numpy(values, 0, values.size))
+    values = np.random.default_rng(5).lognormal(size=1100)
+    for count in (1, 2, 7, 8, 9, 15, 16, 100, 128, 129, 137, 256, 300, 1000, 1100):
+        assert total(values[:count]) == values[:count].sum()
+
+
+@given(*[st.floats(-1e6, 1e6)] * 4)
+def test_distances_are_python_s(ax_m: float, ay_m: float, bx_m: float, by_m: float) -> None:
+    """To the last bit, which a root of squares does not give."""
+    assert distance_m.py_func(ax_m, ay_m, bx_m, by_m) == math.dist((ax_m, ay_m), (bx_m, by_m))
