@@ -76,5 +76,6 @@ def send(agent, frame, table, events, output, now):
     output.ends[0] = at + length
     size = output.ends[0] - begins - HEAD_BYTES
     put_head(out, begins, now, agent.id, RADIO, size)
+    frame.size_bytes = size
     agent.counter += 1
     return size

@@ -80,7 +80,7 @@ BRANCH = record(whole="child x_cm y_cm score heard rows")
 
 FRAME = record(
     whole="""
-    kind x_cm y_cm path_length pulse score rows sightings departures event event_x_cm event_y_cm
+    kind x_cm y_cm path_length pulse score rows sightings departures event event_x_cm event_y_cm size_bytes
     """,
     flags="orphan has_order",
     path=MAX_PATH,
@@ -231,5 +231,12 @@ class Swarm(NamedTuple):
     """(1,) why the run cannot go on here; see `TROUBLE`."""
 
 
-TROUBLE = ("", "too many children", "too many known events", "a radio frame above the limit", "too many bytes")
-CHILDREN, KNOWN, FRAME_SIZE, BUFFER = range(1, 5)
+TROUBLE = (
+    "",
+    "too many children",
+    "too many known events",
+    "a radio frame above the limit",
+    "more sensed or heard than an agent's frame has room for",
+    "too many bytes",
+)
+CHILDREN, KNOWN, FRAME_SIZE, FRAME_ROOM, BUFFER = range(1, 6)

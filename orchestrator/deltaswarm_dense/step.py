@@ -7,11 +7,12 @@ import numpy as np
 from deltaswarm_dense.compiled import compiled, entry, inlined
 from deltaswarm_dense.decision import act, compose, motion, observe, report, role_of
 from deltaswarm_dense.frames import send
-from deltaswarm_dense.layout import BUFFER, FRAME_SIZE, NONE
+from deltaswarm_dense.layout import BUFFER, FRAME_ROOM, FRAME_SIZE, NONE
 from deltaswarm_dense.measures import measure
 from deltaswarm_dense.one_step import decide
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
-from deltaswarm_wire.messages import MAX_POSES
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_POSES, MAX_SENSED, SENSED_BYTES
+from deltaswarm_world.core.world import HEARD_BYTES
 
 BYTES_PER_AGENT = 20_000
 """Room for what an agent says in a step."""
@@ -131,6 +132,15 @@ def claim(world, observed, sensed):
 
 
 @inlined
+def has_room(sensed, heard, frames):
+    """Return whether all that an agent senses and hears fits into its frame; the world would cut the rest."""
+    room_bytes = FRAME_ROOM_BYTES - SENSED_BYTES * sensed.size
+    for k in range(heard.size):
+        room_bytes -= frames[heard[k]].size_bytes + HEARD_BYTES
+    return sensed.size <= MAX_SENSED and room_bytes >= 0
+
+
+@inlined
 def note_senders(settings, agents, trail_m, air, now):
     """Note who sent a frame in this step, and where everybody was."""
     senders = 0
@@ -175,6 +185,9 @@ def advance(swarm, first, steps, all_steps, counts):
             if not (has_news or is_last or settings.ask_every_step or agent.until <= now):
                 air.frames[now % 2, i].kind = NONE
                 continue
+            if not has_room(sensed, heard, air.frames[(now - 1) % 2]):
+                swarm.trouble[0] = FRAME_ROOM
+                return done
             count.asked += 1
             reports, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
             if size > MAX_RADIO_BYTES:
