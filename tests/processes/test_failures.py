@@ -314,15 +314,15 @@ def test_slow_imports_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert swarm.endpoints
 
 
-def test_a_world_that_cannot_listen_says_so(tmp_path: Path) -> None:
-    """A port that is taken: exit code 1, the reason, and nothing left."""
+def test_an_address_that_is_taken_is_refused(tmp_path: Path) -> None:
+    """A port that is taken: exit code 2, the reason, and no run."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         with running(tmp_path / "run", "--listen", endpoint) as swarm:
             code, _, errors = swarm.finish()
-    assert code == 1
-    assert "world" in errors
-    assert endpoint in errors
+    assert code == 2
+    assert "--listen" in errors
+    assert endpoint.partition("/")[2] in errors
 
 
 def test_a_python_whose_fork_server_cannot_be_controlled_is_refused(

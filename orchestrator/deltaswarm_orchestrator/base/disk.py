@@ -5,10 +5,13 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
-from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.child import NO_ROOM, exit_code_of
+
+if TYPE_CHECKING:  # a message about a full disk must not wait for the settings to load
+    from deltaswarm_scenario.scenario import Scenario
 
 RESERVE, RESERVE_BYTES = ".reserve", 48 * 1024
 """A file that is deleted at the end, so that summary and manifest can be written on a full disk."""
@@ -74,7 +77,7 @@ def give_up_reserve(folder: Path) -> None:
     (folder / RESERVE).unlink(missing_ok=True)
 
 
-def shortage(folder: Path, scenario: Scenario) -> str | None:
+def shortage(folder: Path, scenario: "Scenario") -> str | None:
     """Return a warning if the disk has less room than a run of this size may need, else None."""
     agents = scenario.agents.count
     per_step = STEP_BYTES

@@ -111,7 +111,7 @@ def test_a_controller_that_raises_is_no_disturbance(cause: str, calls: int, monk
     tried: list[object] = []
     monkeypatch.setattr(jobs, "_run_awake", lambda command: (tried.append(command), (1, json.dumps(summary), ""))[1])
     [task] = tasks_of(made(ONE), PROCESSES)
-    result, said = attempt(task)
+    result, said, _ = attempt(task)
     assert (result, len(tried), "disturbed" in said) == (None, calls, calls == 2)
     assert cause in said
 

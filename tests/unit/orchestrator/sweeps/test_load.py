@@ -255,7 +255,7 @@ def test_all_mistakes_are_told_at_once() -> None:
     sweep = {"axes": {"control.delta": 3, "seed": [1]}}
     found = mistakes(described(sweep, scenario={"radio": {"los": 1.0}, "seed": 4}))
     assert len(found) == 4
-    for said in ("radio.los: 'loss'", "scenario.seed"):
+    for said in ("radio.los: 'loss'", "seed: [scenario]"):
         assert any(names(line, said) for line in found), found
 
 
@@ -284,8 +284,8 @@ def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
         ({"base": 3}, "base: 3"),
         ({"name": "a/b"}, "name: 'a/b'"),
         ({"name": ".."}, "name: '..'"),
-        ({"scenario": {"record": "views"}}, "scenario.record"),
-        ({"scenario": {"control": {"delta": 2}}}, "scenario.control.delta"),
+        ({"scenario": {"record": "views"}}, "record: [scenario]"),
+        ({"scenario": {"control": {"delta": 2}}}, "control.delta: [scenario]"),
         ({"scenario": {"foo": {}}}, "scenario.foo"),
         ({"scenario": {"control.rho": 1, "control": {"rho": 2}}}, "scenario.control.rho"),
         ({"sweep": 4}, "sweep: 4"),
@@ -301,8 +301,8 @@ def test_mistakes_beside_the_axes_are_said_too(other: dict[str, Any], message: s
 @in_one_test(
     ("override", "message"),
     [
-        ("control.delta=9", "--set"),
-        ("seed=3", "--set"),
+        ("control.delta=9", "control.delta: --set"),
+        ("seed=3", "seed: --set"),
         ("novalue", "--set: 'novalue'"),
         ("radio.loss=2", "radio.loss: 2"),
     ],
