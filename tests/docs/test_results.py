@@ -48,5 +48,5 @@ def test_every_key_is_named(run: Path) -> None:
 
 
 def is_named(key: str, inner: str, value: dict[str, Any]) -> bool:
-    """Whether the page has a key within a key, in full or after a dot; of hosts, controllers and inputs the key only."""
+    """Whether the page has a key within a key, in full or after a dot; or, of some, just the key."""
     return key in ("host", "controller", "inputs") or f"{key}.{inner}" in NAMED or inner in NAMED
