@@ -7,7 +7,7 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import plain
 
-MODES = ("decentralised", "hierarchical", "hybrid")
+MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
 
 ANY = frozenset(
     [
@@ -47,7 +47,11 @@ ANY = frozenset(
         "control.root_succession",
         "control.leg_max_s",
         "control.leg_exponent",
+        "control.patience_finds",
+        "control.return_to_finds",
         "control.find_memory_s",
+        "control.adapts_delta",
+        "control.report_finds",
         "control.member_observes",
         "control.report_every_s",
         "control.report_members",
@@ -64,10 +68,6 @@ DEFAULT = frozenset(
         "run.bound",
         "arena.obstacles",
         "world.dynamics",
-        "control.patience_finds",
-        "control.return_to_finds",
-        "control.adapts_delta",
-        "control.report_finds",
         "command",
         "fault",
     ]

@@ -9,6 +9,8 @@ from deltaswarm_agent.controllers.paper.frames import RELOCATING as RELOCATING_F
 from deltaswarm_dense.baseline import nearest_sensed
 from deltaswarm_dense.beliefs import active, departures, sightings, to_cm
 from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_dense.delta import delta_of
+from deltaswarm_dense.finds import tell_averages
 from deltaswarm_dense.layout import NONE, ORDER_FIELDS
 from deltaswarm_dense.membership import level_of, parent_of, table_of
 from deltaswarm_dense.packing import (
@@ -97,6 +99,8 @@ def compose(swarm, agent, now, score):
     if not agent.in_tree and agent.state != ATTENDING and agent.leave_frames_left == 0:
         return
     frame.x_cm, frame.y_cm = to_cm(agent.x_m), to_cm(agent.y_m)
+    if swarm.settings[0].has_finds and agent.state != RELOCATING:
+        tell_averages(swarm.settings[0], agent, frame, now)
     if agent.state == RELOCATING:
         frame.kind = RELOCATING_FRAME
     elif agent.in_tree:
@@ -139,13 +143,18 @@ def report(swarm, agent, now, time_s):
     settings, frame, events = swarm.settings[0], swarm.air.frames[now % 2, agent.id], swarm.world.events
     attends = agent.state == ATTENDING and agent.target != NONE
     is_of_tree = agent.state == ROOT and agent.places > 0 and frame.kind == MEMBER_FRAME
-    if not (attends or is_of_tree) or time_s < agent.report_due_s - 1e-9:
+    finds = 0 if agent.in_tree or not settings.report_finds else swarm.news.new[swarm.news.new.size - 1]
+    found = swarm.news.new[:finds]
+    if (attends or is_of_tree) and time_s >= agent.report_due_s - 1e-9:
+        in_turn_s = agent.report_due_s + settings.report_every_s
+        agent.report_due_s = in_turn_s if in_turn_s > time_s + 1e-9 else time_s + settings.report_every_s
+    elif found.size:
+        attends = is_of_tree = False
+    else:
         return False
-    in_turn_s = agent.report_due_s + settings.report_every_s
-    agent.report_due_s = in_turn_s if in_turn_s > time_s + 1e-9 else time_s + settings.report_every_s
     followers = frame.rows if is_of_tree else 0
     members = min(followers, MAX_MEMBERS) if settings.report_members else 0
-    delta = max(settings.founds_at, 0)
+    delta = max(delta_of(settings, agent), 0)
     out, bits, begins = swarm.output.operator, swarm.output.bits, swarm.output.ends[1]
     out[begins + HEAD_BYTES] = 0x80 | (REPORT_ITEMS + (members > 0) + (delta > 0))
     at = put_unsigned(out, put_text(out, begins + HEAD_BYTES + 1, REPORT_BEGINS), agent.id)
@@ -166,9 +175,7 @@ def report(swarm, agent, now, time_s):
             at = put_float(out, put_float(out, at, place.x_cm / 100, bits), place.y_cm / 100, bits)
             _tell(events[place.event], time_s)
     else:
-        at = put_unsigned(out, put_array(out, put_array(out, at, 1), 3), events[agent.target].id)
-        at = put_float(out, put_float(out, at, agent.target_x_m, bits), agent.target_y_m, bits)
-        _tell(events[agent.target], time_s)
+        at = _write_found(agent, swarm.output, at, events, time_s, attends, found)
     if members:
         at = put_array(out, put_text(out, at, MEMBERS), 4 * members)
         for row in range(members):
@@ -180,6 +187,28 @@ def report(swarm, agent, now, time_s):
     put_head(out, begins, now, agent.id, REPORT, at - begins - HEAD_BYTES)
     agent.sequence += 1
     return True
+
+
+@compiled
+def _write_found(agent, output, at, events, time_s, attends, found):
+    """Write the event that an agent attends to, if it does, and the others that it has come upon."""
+    out, bits, count = output.operator, output.bits, 1 if attends else 0
+    for k in range(found.size):
+        count += not (attends and found[k] == agent.target)
+    at = put_array(out, at, min(count, MAX_REPORTED))
+    if attends:
+        at = put_unsigned(out, put_array(out, at, 3), events[agent.target].id)
+        at = put_float(out, put_float(out, at, agent.target_x_m, bits), agent.target_y_m, bits)
+        _tell(events[agent.target], time_s)
+    written = 1 if attends else 0
+    for k in range(found.size):
+        event = events[found[k]]
+        if not (attends and found[k] == agent.target) and written < MAX_REPORTED:
+            at = put_unsigned(out, put_array(out, at, 3), event.id)
+            at = put_float(out, put_float(out, at, event.x_m, bits), event.y_m, bits)
+            _tell(event, time_s)
+            written += 1
+    return at
 
 
 @compiled
@@ -205,7 +234,8 @@ def act(swarm, agent, now, velocity_mps, until, observed):
     at = put_unsigned(out, at, level)
     at = put_agent(out, at, parent_of(agent) if level else NONE)
     at = put_agent(out, at, agent.path[0] if is_member or frame.kind == RELOCATING_FRAME else NONE)
-    at = put_unsigned(out, at, max(swarm.settings[0].founds_at, 0))
+    agent.delta = max(delta_of(swarm.settings[0], agent), 0)
+    at = put_unsigned(out, at, agent.delta)
     at = put_unsigned(out, at, min(until, now + MAX_POSES))
     output.ends[0] = at
     put_head(out, begins, now, agent.id, ACT, at - begins - HEAD_BYTES)

@@ -87,9 +87,9 @@ class DenseRun:
         scenario, counts, steps = self._scenario, self._counts[: self._done], self._done
         complete = steps == scenario.run.steps
         world_digest, operator_digest = (chain.hex() for chain in self._chains)
-        agent_steps, delta = scenario.agents.count * steps, int(self._swarm.settings["founds_at"][0])
+        agent_steps = scenario.agents.count * steps
         return Outcome(
-            step_records=step_records(scenario, counts, float(delta) if delta > 0 else None, self._world.air.reasons),
+            step_records=step_records(scenario, counts, self._world.air.reasons),
             events=events_of(self._swarm.world.events),
             workloads=workloads(scenario, counts["reports"]),
             world=self._world.totals(complete)

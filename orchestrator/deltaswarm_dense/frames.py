@@ -11,16 +11,18 @@ NIL, FALSE, TRUE, BIN8, BIN16 = 0xC0, 0xC2, 0xC3, 0xC4, 0xC5
 
 
 @compiled
-def write_payload(out, frame, table, events):
+def write_payload(out, frame, table, events, has_averages):
     """Write a frame's payload; return its length [bytes]."""
-    at = put_array(out, 0, 11 if frame.kind == MEMBER else 6 if frame.kind == ATTENDING else 3)
+    items = 11 if frame.kind == MEMBER else 6 if frame.kind == ATTENDING else 3
+    at = put_array(out, 0, items + (has_averages and items > 3))
     at = put_unsigned(out, at, frame.kind)
     at = put_unsigned(out, at, frame.x_cm)
     at = put_unsigned(out, at, frame.y_cm)
     if frame.kind == ATTENDING:
         at = put_unsigned(out, at, events[frame.event].id)
         at = put_unsigned(out, at, frame.event_x_cm)
-        return put_unsigned(out, at, frame.event_y_cm)
+        at = put_unsigned(out, at, frame.event_y_cm)
+        return _write_averages(out, at, frame.averages) if has_averages else at
     if frame.kind != MEMBER:
         return at
     out[at] = TRUE if frame.orphan else FALSE
@@ -37,10 +39,19 @@ def write_payload(out, frame, table, events):
     at = _write_known(out, at, frame.departure, 2, frame.departures, events)
     if not frame.has_order:
         out[at] = NIL
-        return at + 1
-    at = put_array(out, at, ORDER_FIELDS)
-    for field in range(ORDER_FIELDS):
-        at = put_unsigned(out, at, frame.order[field])
+        at += 1
+    else:
+        at = put_array(out, at, ORDER_FIELDS)
+        for field in range(ORDER_FIELDS):
+            at = put_unsigned(out, at, frame.order[field])
+    return _write_averages(out, at, frame.averages) if has_averages else at
+
+
+@compiled
+def _write_averages(out, at, averages):
+    at = put_array(out, at, averages.size)
+    for k in range(averages.size):
+        at = put_unsigned(out, at, averages[k])
     return at
 
 
@@ -56,12 +67,12 @@ def _write_known(out, at, rows, width, count, events):
 
 
 @inlined
-def send(agent, frame, table, events, output, now):
+def send(settings, agent, frame, table, events, output, now):
     """Write an agent's frame of this step with its envelope; return its length [bytes], 0 if there is none."""
     if frame.kind == NONE:
         return 0
     out, begins = output.world, output.ends[0]
-    length = write_payload(output.payload, frame, table, events)
+    length = write_payload(output.payload, frame, table, events, settings.has_finds)
     at = put_array(out, begins + HEAD_BYTES, 3)
     at = put_unsigned(out, at, PROTOCOL_VERSION)
     at = put_unsigned(out, at, agent.counter)

@@ -3,11 +3,13 @@
 Integers are int64 except in tables, since arithmetic on them must not overflow or change their type.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH
+from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH, Averages
+from deltaswarm_agent.controllers.paper.returning import MAX_PLACES
 
 WORDS = 624
 
@@ -22,10 +24,18 @@ AGENT_ID, PARENT, ROW_X_CM, ROW_Y_CM, SCORE = range(ROW_FIELDS)
 """A row of a member's table (`frames.Descendant`)."""
 
 
-def record(floats: str = "", whole: str = "", flags: str = "", words: int = 0, **arrays: int) -> np.dtype[np.void]:
-    """Return the type of a record with these fields, and with arrays of whole numbers of some lengths."""
+def record(
+    floats: str = "",
+    whole: str = "",
+    flags: str = "",
+    words: int = 0,
+    float_arrays: Mapping[str, int] | None = None,
+    **arrays: int,
+) -> np.dtype[np.void]:
+    """Return the type of a record with these fields, and with arrays of floats and of whole numbers of some lengths."""
     kinds: tuple[tuple[str, Any], ...] = ((floats, np.float64), (whole, np.int64), (flags, np.bool_))
     fields: list[Any] = [(name, kind) for names, kind in kinds for name in names.split()]
+    fields += [(name, np.float64, (length,)) for name, length in (float_arrays or {}).items()]
     fields += [(name, np.int64, (length,)) for name, length in arrays.items()]
     return np.dtype(fields + ([("words", np.uint32, (words,))] if words else []), align=True)
 
@@ -33,40 +43,49 @@ def record(floats: str = "", whole: str = "", flags: str = "", words: int = 0, *
 SETTINGS = record(
     floats="""
     step_s width_m height_m speed_mps sensing_range_m sensing_m2 gone_m2 near_cm2 range_m range_m2 reach_m reach_m2
-    d_min_m2 at_place_m2 at_event_m2 leg_max_s leg_exponent gamma_max report_every_s work_agent_s two half
+    d_min_m2 at_place_m2 at_event_m2 leg_max_s leg_exponent gamma_max patience_finds own_weight report_every_s
+    work_agent_s two half
     """,
     whole="""
     founds_at recruit_every silence stall freshness previous_tree leaving orphan_strict orphan arrival_strict arrival
-    contested order memory gone trail
+    contested order memory gone trail find_memory
     """,
     flags="""
     attends recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
-    ask_every_step
+    report_finds ask_every_step has_finds returns adapts
     """,
 )
 """The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
 
 `founds_at` is NONE if agents never found a tree. `two` and `half` are exponents: a power with a constant exponent
-would be compiled as a product or a root, which Python's is not (`arithmetic.py`). Times are in steps.
+would be compiled as a product or a root, which Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is
+that of an agent's own averages beside those of one that it hears (`Finds._kept`); `has_finds` says whether a rule needs
+averages, and `returns` whether places of finds.
 """
 
 AGENT = record(
     floats="""
-    x_m y_m vx_mps vy_mps target_x_m target_y_m leg_vx_mps leg_vy_mps gamma goal_x_m goal_y_m report_due_s
+    x_m y_m vx_mps vy_mps target_x_m target_y_m leg_vx_mps leg_vy_mps gamma idle_s goal_x_m goal_y_m report_due_s
+    busy back_x_m back_y_m
     """,
     whole="""
     id role state target leg_ends until counter sequence used path_length pulse pulse_step parent_heard parents_rows
     heirs children contested_steps followed_order since leave_frames_left previous_root previous_pulse
-    previous_pulse_step freed updates places
+    previous_pulse_step freed updates places delta noted noted_step leg averaged_step averaged_leg back_step found
     """,
-    flags="in_tree sensed_before has_order has_carried",
+    flags="in_tree sensed_before has_order has_carried works",
     words=WORDS,
+    float_arrays={"finds": 2, "walked_s": 2, "found_x_m": MAX_PLACES, "found_y_m": MAX_PLACES},
+    found_step=MAX_PLACES,
     path=MAX_PATH + 1,
     order=ORDER_FIELDS,
     carried=ORDER_FIELDS,
 )
 """One agent: `agent.Agent`, its `Membership`, its walk, its counters and its generator, a Mersenne Twister of `words`
-of which some are `used`. `target` is an event's number, or NONE."""
+of which some are `used`. `target` is an event's number, or NONE. Of `Finds` it has the averages `finds`, `walked_s` and
+`busy`, up to `averaged_step`, since which it `works` and is on the kind of leg `averaged_leg` (NONE: it does not walk);
+of `FoundPlaces` the `found` first of its places, and the one to which its leg leads back (`back_step` NONE: to none).
+`noted` events were sensed in `noted_step`; these are in `News.noted`."""
 
 EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
 """One event, in the order of arrival; times are NaN until they come. It arrives in `step`."""
@@ -87,6 +106,7 @@ FRAME = record(
     order=ORDER_FIELDS,
     sighting=4 * MAX_EVENTS,
     departure=2 * MAX_GONE,
+    averages=len(Averages._fields),
 )
 """A radio frame as its receivers decode it; `kind` is NONE if the agent sent none. Its table is in `frame_tables`."""
 
@@ -94,7 +114,7 @@ COUNTS = record(
     "roots_from_densest_m",
     """
     asked in_trees roots covered_area_m2 frames_sent bytes_sent frames_received reports refused_claims events_open
-    events_completed world_end operator_end
+    events_completed deltas deltas_sum world_end operator_end
     """,
 )
 """What happened in one step; the last two are where its bytes end in the buffers of both digests.
@@ -103,7 +123,7 @@ COUNTS = record(
 """
 
 
-# n agents, e events, b branches per agent, r rows per table, k beliefs per agent.
+# n agents, e events, b branches per agent, r rows per table, k beliefs per agent, s sensed events.
 
 
 class World(NamedTuple):
@@ -168,6 +188,17 @@ class Beliefs(NamedTuple):
     """(k,) scratch: known places in the order of their events' ids."""
 
 
+class News(NamedTuple):
+    """What agents have just come upon (`Agent.note`, `learning.py`)."""
+
+    noted: np.ndarray
+    """(n, s) events that each agent sensed when it was last asked."""
+    new: np.ndarray
+    """(s + 1,) scratch: those that an agent did not sense in the step before; the last item is their number."""
+    met_cm: np.ndarray
+    """(n, 2) scratch: where agents that this one has met attend to events."""
+
+
 class Recruits(NamedTuple):
     """What a root knows of the agents that it has recruited, and the search for their places."""
 
@@ -224,6 +255,7 @@ class Swarm(NamedTuple):
     air: Air
     trees: Trees
     beliefs: Beliefs
+    news: News
     recruits: Recruits
     measures: Measures
     output: Output

@@ -1,6 +1,7 @@
 """What the world's record of a step tells of trees (`bookkeeping.py`, `environment.Coverage`)."""
 
 import math
+from typing import Any
 
 from deltaswarm_dense.compiled import compiled
 from deltaswarm_dense.layout import NONE
@@ -8,17 +9,21 @@ from deltaswarm_dense.states import MEMBER_ROLE, ROOT_ROLE
 
 BLOCK = 8
 MOST_IN_BLOCKS = 128
+HALVINGS = 7
+"""Enough for 10,000 agents."""
 
 
 @compiled
 def measure(settings, agents, measures, count, now):
     """Count agents in trees and roots; measure roots' distance from the densest place, and the covered area."""
-    count.in_trees = count.roots = 0
+    count.in_trees = count.roots = count.deltas = count.deltas_sum = 0
     is_due = now % measures.coverage_every[0] == 0
     area_m2 = 0
     densest_x_m, densest_y_m = measures.densest_m[now]
     for i in range(agents.size):
         agent = agents[i]
+        count.deltas += agent.delta > 0
+        count.deltas_sum += agent.delta
         if agent.role >= ROOT_ROLE:
             count.in_trees += 1
             if agent.role == ROOT_ROLE:
@@ -47,15 +52,6 @@ def newly_covered_m2(settings, agent, is_covered, stamp):
 
 
 @compiled
-def sum_as_numpy(values, begin, count):
-    """Return the sum of some values as NumPy adds them: halves of many, and from eight on eight interleaved sums."""
-    if count <= MOST_IN_BLOCKS:
-        return _interleaved_sum(values, begin, count)
-    half = count // 2 - count // 2 % BLOCK
-    return sum_as_numpy(values, begin, half) + sum_as_numpy(values, begin + half, count - half)
-
-
-@compiled
 def _interleaved_sum(values, begin, count):
     total, at = 0.0, begin
     if count >= BLOCK:
@@ -71,5 +67,24 @@ def _interleaved_sum(values, begin, count):
         total += values[k]
     return total
 
+
+def _in_halves(of_half: Any) -> Any:
+    @compiled
+    def total(values, begin, count):
+        if count <= MOST_IN_BLOCKS:
+            return _interleaved_sum(values, begin, count)
+        half = count // 2 - count // 2 % BLOCK
+        return of_half(values, begin, half) + of_half(values, begin + half, count - half)
+
+    return total
+
+
+sum_as_numpy = _interleaved_sum
+"""The sum of `count` values from `begin` on as NumPy adds them: halves of many, eight sums of eight or more.
+
+Compiled code that calls itself cannot be read from disk, so there is a function for each halving.
+"""
+for _ in range(HALVINGS):
+    sum_as_numpy = _in_halves(sum_as_numpy)
 
 assert MEMBER_ROLE > ROOT_ROLE

@@ -72,6 +72,7 @@ def forget_recruits(until, agent):
 def stay(settings, agent):
     """Restart the wait for events (`Agent.stay`)."""
     agent.gamma = settings.gamma_max
+    agent.idle_s = 0.0
 
 
 @compiled

@@ -7,6 +7,7 @@ from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.dissolution import dissolve
 from deltaswarm_dense.growth import joins
 from deltaswarm_dense.layout import KNOWN, ORDER_FIELDS
+from deltaswarm_dense.learning import learn, note
 from deltaswarm_dense.membership import beat, hear_children, parent_of, stay
 from deltaswarm_dense.orphans import find_parent, hear_parent, misses_parent
 from deltaswarm_dense.recruitment import has_arrived, hear_order, recruit
@@ -18,6 +19,10 @@ from deltaswarm_dense.states import MEMBER, ORPHAN, ROOT
 @inlined
 def decide(swarm, agent, now, sensed, heard):
     """Apply the rules to what an agent senses and hears."""
+    if swarm.settings[0].has_finds or swarm.settings[0].report_finds:
+        note(agent, swarm.news, now, sensed)
+    if swarm.settings[0].has_finds:
+        learn(swarm, agent, now, heard)
     if not agent.in_tree:
         hears_members = False
         for k in range(heard.size):

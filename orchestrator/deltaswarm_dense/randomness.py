@@ -1,5 +1,7 @@
 """Python's `random.Random`, one generator per agent: the Mersenne Twister in arrays."""
 
+import math
+
 import numpy as np
 
 from deltaswarm_dense.compiled import compiled
@@ -40,6 +42,14 @@ def random(agent):
 def uniform(agent, low, high):
     """Draw `uniform(low, high)`."""
     return low + (high - low) * random(agent)
+
+
+@compiled
+def gauss(agent, x, y, deviation):
+    """Draw `gauss(x, deviation)`, and then `gauss(y, deviation)`: Python makes its numbers in pairs."""
+    angle = random(agent) * math.tau
+    distance = math.sqrt(-2.0 * math.log(1.0 - random(agent)))
+    return x + math.cos(angle) * distance * deviation, y + math.sin(angle) * distance * deviation
 
 
 @compiled

@@ -12,15 +12,14 @@ from deltaswarm_scenario.truth import UPLINK_REASONS, EventState, StepRecord
 from deltaswarm_wire.operator_messages import Workload
 
 
-def step_records(
-    scenario: Scenario, counts: np.ndarray, delta: float | None, reasons: Sequence[str]
-) -> list[StepRecord]:
+def step_records(scenario: Scenario, counts: np.ndarray, reasons: Sequence[str]) -> list[StepRecord]:
     """Return the world's record of each step (`Bookkeeping.enter`)."""
     others, step_s, agents = scenario.agents.count - 1, scenario.run.step_s, scenario.agents.count
     no_frames, no_reports = dict.fromkeys(reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
     records, on_air = [], 0
     for step, row in enumerate(counts.tolist()):
-        from_densest_m, asked, in_trees, roots, area_m2, sent, size, received, reports, _, is_open, completed = row[:12]
+        from_densest_m, asked, in_trees, roots, area_m2, sent, size, received, reports, _ = row[:10]
+        is_open, completed, deltas, deltas_sum = row[10:14]
         out_of_range = on_air * others - received
         on_air = sent
         records.append(
@@ -34,7 +33,7 @@ def step_records(
                 trees=roots,
                 covered_area_m2=float(area_m2) if area_m2 >= 0 else None,
                 roots_from_densest_m=None if math.isnan(from_densest_m) else from_densest_m,
-                delta=delta,
+                delta=deltas_sum / deltas if deltas else None,
                 events_open=is_open,
                 events_completed=completed,
                 frames_sent=sent,

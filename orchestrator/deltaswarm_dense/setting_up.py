@@ -8,16 +8,18 @@ import numpy as np
 from deltaswarm_agent.controller import make_controller
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.beliefs import GONE_MARGIN_M
+from deltaswarm_agent.controllers.paper.finds import FIRST_FINDS, FIRST_S, WEIGHT_PER_S
 from deltaswarm_agent.controllers.paper.frames import MAX_TABLE
 from deltaswarm_agent.controllers.paper.recruitment import _cells_within
 from deltaswarm_agent.controllers.paper.settings import ALL, ANY, LEAVES
 from deltaswarm_agent.controllers.paper.timers import steps_of
 from deltaswarm_agent.controllers.paper.whereabouts import AT_EVENT_RADII, AT_PLACE_M, RANGE_MARGIN_M
 from deltaswarm_dense import layout
-from deltaswarm_dense.layout import NONE, Air, Beliefs, Measures, Output, Recruits, Swarm, Trees, World
+from deltaswarm_dense.layout import NONE, Air, Beliefs, Measures, News, Output, Recruits, Swarm, Trees, World
 from deltaswarm_dense.step import BYTES_PER_AGENT
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
+from deltaswarm_wire.messages import MAX_SENSED
 from deltaswarm_world.core.environment import COVERAGE_EVERY_S, Environment
 
 BLOCK_BYTES = 4_000_000
@@ -37,14 +39,16 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
     agents = np.zeros(n, layout.AGENT)
     agents["id"] = np.arange(n)
     agents["x_m"], agents["y_m"] = environment.positions_m.T
-    for name in ("target", "followed_order", "previous_root", "leg_ends"):
+    for name in ("target", "followed_order", "previous_root", "leg_ends", "noted_step", "averaged_leg", "back_step"):
         agents[name] = NONE
+    agents["finds"], agents["walked_s"] = FIRST_FINDS, FIRST_S
     for row, agent in zip(agents, made, strict=True):
         *row["words"], row["used"] = agent.rng.getstate()[1]
     frames = np.zeros((2, n), layout.FRAME)
     frames["kind"] = NONE
     cells = int(scenario.arena.width_m) + 1, int(scenario.arena.height_m) + 1
     bits = np.zeros(1)
+    sensed = min(e, MAX_SENSED) if settings["has_finds"][0] or settings["report_finds"][0] else 0
     room = max(BLOCK_BYTES, 2 * n * BYTES_PER_AGENT)
 
     def tables(*shape: int) -> np.ndarray:
@@ -70,6 +74,7 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
             stamp=numbers(1),
         ),
         beliefs=Beliefs(np.zeros((n, beliefs), layout.UPDATE), np.zeros((n, beliefs), layout.PLACE), numbers(beliefs)),
+        news=News(numbers(n, sensed), numbers(sensed + 1), numbers(n, 2)),
         recruits=Recruits(
             until=numbers(n, n),
             goals_m=np.zeros((n, n, 2)),
@@ -124,11 +129,14 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "leg_max_s": control.leg_max_s,
         "leg_exponent": control.leg_exponent,
         "gamma_max": control.gamma_max,
+        "patience_finds": control.patience_finds,
+        "own_weight": (1.0 - WEIGHT_PER_S) ** shared.step_s,
         "report_every_s": control.report_every_s,
         "work_agent_s": scenario.events.work_agent_s,
         "two": 2.0,
         "half": 0.5,
         "founds_at": NONE if strategy.founds_at is None else strategy.founds_at,
+        "find_memory": steps_of(control.find_memory_s, shared.step_s),
         "recruit_every": steps_of(control.recruitment_interval_s, shared.step_s),
         "attends": strategy.attends,
         "recruitment": control.recruitment,
@@ -138,6 +146,10 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "root_succession": control.root_succession,
         "observes_all": control.member_observes == ALL,
         "report_members": control.report_members,
+        "report_finds": control.report_finds,
+        "has_finds": agent.finds is not None,
+        "returns": agent.found is not None,
+        "adapts": agent.finds is not None and strategy.adapts,
         "ask_every_step": scenario.run.ask_every_step,
     }
     for name in layout.SETTINGS.names or ():

@@ -51,5 +51,5 @@ def change(settings, agent, now, cause):
     """Change the state along the table (`Agent.change`)."""
     agent.state = NEXT[agent.state, cause]
     if agent.state == WALKING:
-        agent.target = NONE
+        agent.target = agent.back_step = NONE
         turn(settings, agent, now)

@@ -8,6 +8,7 @@ from deltaswarm_dense.compiled import compiled, entry, inlined
 from deltaswarm_dense.decision import act, compose, motion, observe, report, role_of
 from deltaswarm_dense.frames import send
 from deltaswarm_dense.layout import BUFFER, FRAME_ROOM, FRAME_SIZE, NONE
+from deltaswarm_dense.learning import begin
 from deltaswarm_dense.measures import measure
 from deltaswarm_dense.one_step import decide
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
@@ -105,13 +106,15 @@ def step_agent(swarm, agent, now, time_s, sensed, heard):
     decide(swarm, agent, now, sensed, heard)
     vx_mps, vy_mps, until = motion(settings, agent, now)
     observed = observe(settings, agent, world.events, world.observed, sensed)
+    if settings.has_finds:
+        begin(settings, agent, observed > 0, now)
     compose(swarm, agent, now, sensed.size)
     frame = swarm.air.frames[now % 2, agent.id]
     if frame.kind != NONE:
         until = now + 1
     agent.role = role_of(agent, frame)
     reports = report(swarm, agent, now, time_s)
-    size = send(agent, frame, swarm.air.tables[now % 2, agent.id], world.events, swarm.output, now)
+    size = send(settings, agent, frame, swarm.air.tables[now % 2, agent.id], world.events, swarm.output, now)
     act(swarm, agent, now, (vx_mps, vy_mps), until, observed)
     command(settings, agent, vx_mps, vy_mps)
     agent.until = min(until, now + MAX_POSES)

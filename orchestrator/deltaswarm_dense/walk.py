@@ -2,9 +2,12 @@
 
 import math
 
+from deltaswarm_agent.controllers.paper.finds import RANDOM, RETURNING
 from deltaswarm_agent.core.obstacles import EDGE_M
+from deltaswarm_dense.arithmetic import distance_m
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.randomness import random, uniform
+from deltaswarm_dense.returning import chooses_goal, near_goal_m
 from deltaswarm_wire.messages import MAX_POSES
 
 TAU = math.tau
@@ -28,8 +31,15 @@ def leg_s(settings, agent):
 @compiled
 def turn(settings, agent, now):
     """Begin a new leg."""
-    heading = uniform(agent, 0.0, TAU)
-    time_s = leg_s(settings, agent)
+    if settings.returns and chooses_goal(settings, agent, now):
+        agent.leg = RETURNING
+        x_m, y_m = near_goal_m(settings, agent)
+        heading = math.atan2(y_m - agent.y_m, x_m - agent.x_m)
+        time_s = distance_m(agent.x_m, agent.y_m, x_m, y_m) / settings.speed_mps
+    else:
+        agent.leg = RANDOM
+        heading = uniform(agent, 0.0, TAU)
+        time_s = leg_s(settings, agent)
     agent.leg_vx_mps = settings.speed_mps * math.cos(heading)
     agent.leg_vy_mps = settings.speed_mps * math.sin(heading)
     agent.leg_ends = now + max(1, int(math.ceil(time_s / settings.step_s)))

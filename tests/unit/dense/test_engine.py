@@ -1,6 +1,8 @@
 """The dense engine has the Python engine's outcome: every digest, record, event and count."""
 
 import math
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_dense import engine
 from deltaswarm_dense.arithmetic import distance_m
 from deltaswarm_dense.coverage import _flat, not_covered, rule
+from deltaswarm_dense.engine import run_dense
 from deltaswarm_dense.measures import sum_as_numpy
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -32,7 +35,7 @@ scenarios = st.fixed_dictionaries(
     {
         "seed": st.integers(0, 2**31),
         "control": st.fixed_dictionaries(
-            {"mode": st.sampled_from(["decentralised", "hierarchical", "hybrid"])},
+            {"mode": st.sampled_from(["decentralised", "hierarchical", "hybrid", "adaptive"])},
             optional={
                 "delta": st.integers(1, 5),
                 "rho": st.integers(1, 4),
@@ -44,6 +47,11 @@ scenarios = st.fixed_dictionaries(
                 "recruitment_places": st.sampled_from(["any", "with-events"]),
                 "idle_root": st.sampled_from(["stays", "leaves"]),
                 "root_succession": st.booleans(),
+                "patience_finds": st.sampled_from([0.0, 0.1, 0.5]),
+                "return_to_finds": st.booleans(),
+                "find_memory_s": st.sampled_from([20.0, 1500.0]),
+                "adapts_delta": st.booleans(),
+                "report_finds": st.booleans(),
                 "leg_max_s": st.sampled_from([3.0, 100.0]),
                 "leg_exponent": st.sampled_from([0.0, 1.0, 1.7]),
                 "member_observes": st.sampled_from(["nearest", "all"]),
@@ -86,10 +94,23 @@ def test_both_engines_have_the_same_outcome(table: dict[str, Any]) -> None:
     assert differences(scenario) == []
 
 
-@pytest.mark.parametrize("mode", ["decentralised", "hierarchical", "hybrid"])
-def test_the_paper_s_modes_have_the_same_outcome(mode: str) -> None:
+@pytest.mark.parametrize("mode", ["decentralised", "hierarchical", "hybrid", "adaptive"])
+def test_every_mode_has_the_same_outcome(mode: str) -> None:
     """Long enough for recruits to arrive, and for roots to meet."""
     assert differences(load_scenario("paper-25", [f"control.mode={mode}", "run.duration_s=1500.0", "seed=11"])) == []
+
+
+def test_code_from_disk_does_the_same() -> None:
+    """As a second process has it."""
+    settings = ["control.mode=hybrid", "run.duration_s=100.0"]
+    program = f"""
+from deltaswarm_dense.engine import run_dense
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+print(run_dense(load_scenario("smoke", {settings})).digest)
+"""
+    here = run_dense(load_scenario("smoke", settings)).digest
+    there = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (there.returncode, there.stdout.split()) == (0, [here]), there.stderr
 
 
 def test_a_run_that_needs_more_room_gets_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,9 +143,7 @@ def test_every_key_has_a_rule() -> None:
 @pytest.mark.parametrize(
     "key",
     [
-        "control.mode=adaptive",
         "control.mode=potential",
-        "control.patience_finds=0.3",
         "radio.loss=0.1",
         "radio.latency_s=2.0",
         "uplink.loss=0.1",

@@ -1,0 +1,19 @@
+"""Delta at run time (`controllers/paper/delta.py`)."""
+
+import numpy as np
+
+from deltaswarm_agent.controllers.paper.delta import CHOICES
+from deltaswarm_dense.compiled import compiled
+
+LEAST_BUSY = np.array([least for least, _ in CHOICES])
+DELTAS = np.array([delta for _, delta in CHOICES])
+
+
+@compiled
+def delta_of(settings, agent):
+    """Return the number of events sensed at once that makes an agent a root; NONE: never (`Agent.delta`)."""
+    if settings.adapts:
+        for k in range(DELTAS.size):
+            if agent.busy >= LEAST_BUSY[k]:
+                return DELTAS[k]
+    return settings.founds_at
