@@ -1,6 +1,7 @@
 """Mutation tests: `python -m tests.support.mutants` changes one operator or number at a time, and runs its tests.
 
-`[tool.mutants]` of pyproject.toml names the files and their tests; tests/mutants.md lists the accepted survivors.
+`[tool.mutants]` of pyproject.toml names the files and their tests; tests/mutants.md lists the accepted survivors. Of the
+folders in `[tool.sampled_mutants]`, whose code takes a minute to compile, `--sample 40` tries mutants drawn at random.
 """
 
 import argparse
@@ -9,9 +10,11 @@ import copy
 import functools
 import importlib.machinery
 import os
+import random
 import re
 import signal
 import sys
+import tempfile
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -22,7 +25,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[2]
 ACCEPTED = ROOT / "tests" / "mutants.md"
 MIN_KILLED_SHARE = 0.9
-TIMEOUT_S = 120
+TIMEOUT_S, COMPILED_TIMEOUT_S = 120, 900
 """A mutant that takes longer is killed, in both senses."""
 
 PAIRS = ["Lt LtE", "Gt GtE", "Eq NotEq", "Is IsNot", "In NotIn", "And Or", "Add Sub", "Mult Div"]
@@ -109,11 +112,12 @@ def changes(node: ast.AST) -> Iterator:  # type: ignore[type-arg]
             yield setting(attr=NAMES[name])
 
 
-def survives(file: Path, tests: list[str], mutant: Mutant) -> bool:
+def survives(file: Path, tests: list[str], mutant: Mutant, timeout_s: int = TIMEOUT_S) -> bool:
     """Run the tests with the mutant in place of the file, in a process of its own that has pytest loaded."""
     pid = os.fork()
     if pid == 0:
-        signal.alarm(TIMEOUT_S)
+        signal.alarm(timeout_s)
+        os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="mutant-")  # compiled code is not kept for others
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         os.dup2(1, 2)
         original = importlib.machinery.SourceFileLoader.get_code
@@ -129,18 +133,40 @@ def survives(file: Path, tests: list[str], mutant: Mutant) -> bool:
     return os.waitpid(pid, 0)[1] == 0
 
 
+def sampled(table: dict[str, list[str]], accepted: set[str], count: int, seed: int, jobs: int) -> int:
+    """Try mutants drawn at random; print each with what became of it. Return 1 if one survives that is not accepted."""
+    files = [(file, tests) for folder, tests in table.items() for file in sorted((ROOT / folder).glob("*.py"))]
+    made = [(file, tests, mutant) for file, tests in files for mutant in mutants_of(file)]
+    drawn = random.Random(seed).sample(made, count)
+
+    def is_found(file: Path, tests: list[str], mutant: Mutant) -> bool:
+        is_alive = survives(file, tests, mutant, COMPILED_TIMEOUT_S)
+        print("survives" if is_alive else "killed  ", mutant.name, flush=True)
+        return not is_alive or mutant.name in accepted
+
+    with ThreadPoolExecutor(jobs) as pool:
+        found = sum(pool.map(is_found, *zip(*drawn, strict=True)))
+    print(f"{count} of {len(made)} mutants, seed {seed}: {count - found} survive that are not accepted")
+    return int(found < count)
+
+
 def main() -> int:
     """Print each survivor; exit code 1 if one is not accepted, an accepted one is gone, or too few are killed."""
     parser = argparse.ArgumentParser(prog="python -m tests.support.mutants", description=__doc__)
     parser.add_argument("only", nargs="*", metavar="FILE", help="only files whose path holds this (default: all)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="tests at once (default: cores)")
+    parser.add_argument("--sample", type=int, metavar="N", help="try N mutants of the folders that are sampled")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="by which they are drawn (default: 1)")
     arguments = parser.parse_args()
     os.chdir(ROOT)
     for module in ("hypothesis", "numpy", "pandas", "pytest", "scipy.stats"):
         importlib.import_module(module)  # once for all mutants
 
-    table: dict[str, list[str]] = tomllib.loads(Path("pyproject.toml").read_text())["tool"]["mutants"]
+    tool = tomllib.loads(Path("pyproject.toml").read_text())["tool"]
+    table: dict[str, list[str]] = tool["mutants"]
     accepted = set(re.findall(r"^- `(.*?)`: \S", ACCEPTED.read_text(), re.MULTILINE))
+    if arguments.sample:
+        return sampled(tool["sampled_mutants"], accepted, arguments.sample, arguments.seed, arguments.jobs)
     wrong = False
     for path, tests in table.items():
         if arguments.only and not any(part in path for part in arguments.only):
