@@ -1,7 +1,7 @@
 """Mutation tests: `python -m tests.support.mutants` changes one operator or number at a time, and runs its tests.
 
-`[tool.mutants]` of pyproject.toml names the files and their tests; tests/mutants.md lists the accepted survivors. Code in
-the folders of `[tool.sampled_mutants]` takes a minute to compile: `--sample 40` tries mutants drawn at random.
+`[tool.mutants]` of pyproject.toml names the files and their tests; tests/mutants.md lists the accepted survivors.
+Code in the folders of `[tool.sampled_mutants]` takes a minute to compile: `--sample 40` draws mutants at random.
 """
 
 import argparse
