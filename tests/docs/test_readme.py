@@ -25,7 +25,7 @@ SHORTER = {
     "run": "--set run.duration_s=20 --set agents.count=6",
     "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=10",
     "sweep": "--set run.duration_s=20 --set agents.count=3 --repeats 1 --prove 0",
-    "study lose-the-roots": "--repeats 1 --prove 0 --set agents.count=3 --set run.duration_s=5110 --set run.step_s=10",
+    "study lose-the-roots": "--repeats 1 --prove 0 --set agents.count=3 --set run.duration_s=6000 --set run.step_s=10",
     "bench run": "--agents 3 --steps 30",
 }
 

@@ -15,7 +15,7 @@ from deltaswarm_studies.load import COLLECTIONS, load_study
 from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import begun_of, repeat, sealed_tables
 from deltaswarm_studies.protocol import protocol_of
-from deltaswarm_studies.settings import StudyFile
+from deltaswarm_studies.settings import EXPLORATORY, StudyFile
 from deltaswarm_wire.checked import SettingsError
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.tiers import nightly
@@ -99,9 +99,10 @@ def test_what_is_published_follows_from_its_tables(name: str) -> None:
     page = (folder / "page.md").read_text()
     assert all(line.partition(": ")[2] in page.partition("**Surprises**")[2] for line in found.surprises)
     assert all(line in page for line in found.contradictions)
-    is_frozen = protocol_of(study, folder, begun_of(pd.read_csv(folder / "provenance.csv"))).is_before_the_runs
-    assert page.splitlines()[2].startswith("Frozen on " if is_frozen else "Not frozen before its runs")
-    assert is_frozen == (folder / "protocol.json").exists()
+    protocol = protocol_of(study, folder, begun_of(pd.read_csv(folder / "provenance.csv")))
+    unfrozen = "Exploratory" if protocol.kind == EXPLORATORY else "Not frozen before its runs"
+    assert page.splitlines()[2].startswith("Frozen on " if protocol.is_before_the_runs else unfrozen)
+    assert protocol.is_before_the_runs == (folder / "protocol.json").exists()
     assert found.incomplete or not found.unsupported
 
 

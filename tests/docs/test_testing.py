@@ -77,7 +77,7 @@ def test_the_commands_work(tmp_path: Path) -> None:
     script = "\n".join(blocks).replace("study.toml\n", "study.toml --repeats 2 || [ $? = 3 ]\n")
     done = shell(script, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "cumulative" in done.stdout
+    assert "cumtime" in done.stdout
 
 
 def test_a_percept_takes_what_it_holds() -> None:
