@@ -114,23 +114,26 @@ def changes(node: ast.AST) -> Iterator:  # type: ignore[type-arg]
 
 def survives(file: Path, tests: list[str], mutant: Mutant, timeout_s: int = TIMEOUT_S) -> bool:
     """Run the tests with the mutant in place of the file, in a process of its own that has pytest loaded."""
-    pid = os.fork()
-    if pid == 0:
-        signal.alarm(timeout_s)
-        os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="mutant-")  # compiled code is not kept for others
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.dup2(1, 2)
-        original = importlib.machinery.SourceFileLoader.get_code
+    with tempfile.TemporaryDirectory(prefix="mutant-") as cache:
+        pid = os.fork()
+        if pid == 0:
+            signal.alarm(timeout_s)
+            os.environ["XDG_CACHE_HOME"] = cache  # compiled code of a mutant is not for others
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.dup2(1, 2)
+            original = importlib.machinery.SourceFileLoader.get_code
 
-        def get_code(loader: importlib.machinery.SourceFileLoader, name: str):  # type: ignore[no-untyped-def]
-            is_mutated = Path(loader.path) == file
-            return compile(mutant.source, file, "exec") if is_mutated else original(loader, name)
+            def get_code(loader: importlib.machinery.SourceFileLoader, name: str):  # type: ignore[no-untyped-def]
+                is_mutated = Path(loader.path) == file
+                return compile(mutant.source, file, "exec") if is_mutated else original(loader, name)
 
-        importlib.machinery.SourceFileLoader.get_code = get_code  # type: ignore[method-assign, assignment]
-        import pytest
+            importlib.machinery.SourceFileLoader.get_code = get_code  # type: ignore[method-assign, assignment]
+            import pytest
 
-        os._exit(int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not processes", *tests])))
-    return os.waitpid(pid, 0)[1] == 0
+            os._exit(
+                int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not processes", *tests]))
+            )
+        return os.waitpid(pid, 0)[1] == 0
 
 
 def sampled(table: dict[str, list[str]], accepted: set[str], count: int, seed: int, jobs: int) -> int:
