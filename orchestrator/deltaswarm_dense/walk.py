@@ -47,20 +47,12 @@ def turn(settings, agent, now):
 
 @inlined
 def reflect(at_m, v_mps, step_s, wall_m):
-    """Return the velocity of a stride that may cross a wall, and that after it."""
+    """Return the velocity of a stride that may cross a wall, and that after it; here no body is beyond one."""
     to_m = at_m + v_mps * step_s
-    if 0.0 <= to_m <= wall_m and 0.0 <= at_m <= wall_m:
+    if 0.0 <= to_m <= wall_m:
         return v_mps, v_mps
-    stride_m = abs(v_mps * step_s)
-    if at_m < 0.0:
-        to_m, after = min(at_m + stride_m, wall_m), abs(v_mps)
-    elif at_m > wall_m:
-        to_m, after = max(at_m - stride_m, 0.0), -abs(v_mps)
-    elif to_m < 0.0:
-        to_m, after = min(-to_m, wall_m), -v_mps
-    else:
-        to_m, after = max(2.0 * wall_m - to_m, 0.0), -v_mps
-    return (to_m - at_m) / step_s, after
+    to_m = min(-to_m, wall_m) if to_m < 0.0 else max(2.0 * wall_m - to_m, 0.0)
+    return (to_m - at_m) / step_s, -v_mps
 
 
 @inlined
