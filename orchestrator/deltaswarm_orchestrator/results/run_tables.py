@@ -44,8 +44,8 @@ HINTS: dict[type[Any], dict[str, Any]] = {kind: get_type_hints(kind) for kind in
 """The types of a row's cells, without their limits."""
 
 
-def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
-    """Return the manifest of a run that begins: where its results come from."""
+def new_manifest(scenario: Scenario, engine: str, record: str, known: inputs.Inputs | None = None) -> dict[str, Any]:
+    """Return the manifest of a run that begins: where its results come from; its inputs as they are `known`, or now."""
     return {
         "name": scenario.name,
         "seed": scenario.seed,
@@ -62,7 +62,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "build": provenance.build(),
         "controller": provenance.controller_of(scenario),
         "extensions": [source._asdict() for source in sources(scenario) if source.what != CONTROLLERS.what],
-        "inputs": {**inputs.identify(scenario)},
+        "inputs": {**(known or inputs.identify(scenario))},
     }
 
 

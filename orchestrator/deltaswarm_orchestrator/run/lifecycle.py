@@ -112,7 +112,7 @@ class _Run:
                 self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
         else:
             engine = "in-process" if self.options.in_process else "dask" if context.placement else "processes"
-            self.manifest = run_tables.new_manifest(self.scenario, engine, self.scenario.record)
+            self.manifest = run_tables.new_manifest(self.scenario, engine, self.scenario.record, context.inputs)
             self.manifest |= {"workers": context.placement.workers} if context.placement else {}
             self.manifest |= {"checkpoint_steps": self.options.checkpoint_steps, "resumed": []}
         self.checkpoint_steps: int = self.manifest["checkpoint_steps"]
