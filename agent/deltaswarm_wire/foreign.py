@@ -108,7 +108,7 @@ class Foreign:
             raise PluginError(f"{self._named(name)} {error} ({failed.where})") from None
 
     def _failed(self, name: str, method: object, error: BaseException) -> PluginError:
-        """Return what is told of an error. Raises it again if it is an interrupt, or the plug-in's refusal."""
+        """Return the error to report. Raises the original if it is an interrupt or the plug-in may refuse by it."""
         if is_interrupt(error) or isinstance(error, self.PASSES):
             raise error
         # An inherited method of deltaswarm's is not the plug-in's place.

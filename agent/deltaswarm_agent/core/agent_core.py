@@ -169,7 +169,7 @@ class AgentCore(Saved):
 
     @property
     def _place(self) -> object:
-        """What an error's place is if no frame of the controller's raised it; a base class of deltaswarm's is none."""
+        """Where an error is said to be that no line of the controller raised: in its own code."""
         kind: Any = type(self.controller)
         return kind.step if is_foreign(kind.step) else kind
 
