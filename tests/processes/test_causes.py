@@ -18,8 +18,6 @@ LONG = (
     "run.duration_s=1000000",
     "--set",
     "run.step_timeout_s=1",
-    "--set",
-    "run.start_timeout_s=5",
     *UNHURRIED,
 )
 
