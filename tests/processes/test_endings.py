@@ -37,6 +37,8 @@ from tests.support.tiers import first_of, nightly
 
 pytestmark = pytest.mark.processes
 
+STEADY = ("--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000", *UNHURRIED)
+"""For what happens to a run that is under way: it takes its time to start."""
 HASTY = ("--set", "run.start_timeout_s=5", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000")
 IMPATIENT = (*HASTY, *UNHURRIED)
 
@@ -107,7 +109,7 @@ def test_a_world_that_stops_as_it_starts_is_given_up(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stopped", first_of([["world"], ["world", "operator"], ["operator"]]))
 def test_who_is_silent_is_given_up_and_named(stopped: list[str], tmp_path: Path) -> None:
     """If the operator is stopped as well, nobody but the orchestrator would notice that the world is silent."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
+    with running(tmp_path / "run", *STEADY) as swarm:
         pids = swarm.wait_until_under_way()
         for part in stopped:
             swarm.signal(part, signal.SIGSTOP)
@@ -132,7 +134,7 @@ def test_a_part_that_starts_when_its_run_has_ended_says_nothing(tmp_path: Path) 
 
 def test_no_stopped_process_outlives_a_killed_orchestrator(tmp_path: Path) -> None:
     """All others are stopped, the fork server too, and none of ours is left to wake them."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
+    with running(tmp_path / "run", *STEADY) as swarm:
         pids = swarm.wait_until_under_way()
         everyone = (parent_of(pids["world"]), *pids.values())
         for pid in everyone:
@@ -154,7 +156,7 @@ def test_a_researchers_page_that_is_killed_costs_nothing_else(tmp_path: Path) ->
 
 def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
     """All is stopped, so that an orderly end would take its time."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
+    with running(tmp_path / "run", *STEADY) as swarm:
         pids = swarm.wait_until_under_way()
         for part in pids:
             swarm.signal(part, signal.SIGSTOP)
