@@ -328,7 +328,7 @@ class UnsavedRun(Run):
         self._outcome, self._settings = outcome, scenario
 
     @cached_property
-    def scenario(self) -> dict[str, Any]:  # noqa: D102 (of the base)
+    def scenario(self) -> dict[str, Any]:
         settings: dict[str, Any] = checked.plain(self._settings)
         return settings
 
