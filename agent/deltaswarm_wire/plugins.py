@@ -148,6 +148,15 @@ ENGINES = ExtensionPoint(
 )
 """What `--engine` takes besides `local`: where the agents of a run, or the runs of a sweep, are."""
 
+IN_PROCESS_ENGINES = ExtensionPoint(
+    "deltaswarm.in_process_engines",
+    "engine of runs in one process",
+    "deltaswarm_orchestrator.run.engine:CoveringEngine",
+    {},
+    ("NEEDS", "why_not", "__call__"),
+)
+"""What does runs in one process faster than the Python engine, with the same outcome."""
+
 OBSERVERS = ExtensionPoint(
     "deltaswarm.observers", "observer", "deltaswarm_orchestrator.live.observers:NamedObserver", {}, ()
 )

@@ -2,5 +2,5 @@
 
 The Python cores are the specification. Each file here repeats the rules of the file with the same name there, one
 compiled function per rule, so that both can be read side by side. `layout.py` has the arrays, `step.py` the step,
-`engine.py` what goes in and comes out. `coverage.py` says which scenarios it covers; no command chooses it yet.
+`engine.py` what goes in and comes out. `coverage.py` says which scenarios it covers.
 """

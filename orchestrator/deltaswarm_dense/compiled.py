@@ -7,18 +7,23 @@ called from Python, and alone is kept on disk.
 Numba looks only at the file of the function that it keeps, so the folder is named after all of deltaswarm's code.
 """
 
+import fcntl
 import os
+import platform
 import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 from numba.core import config
 
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.exits import notice
 
 njit: Any = numba.njit  # its types know neither the options of wrappers and counting, nor the settings
 settings: Any = config
@@ -43,6 +48,22 @@ def entry(function: Callable[..., Any]) -> Any:
         settings.CACHE_DIR = before
 
 
+def compile_once(run: Callable[[], object]) -> None:
+    """Compile by a run, unless this machine's code is on disk; of several processes one does, and the others wait."""
+    folder = cache_folder()
+    versions = numba.__version__, platform.python_version(), llvmlite.binding.get_host_cpu_name()
+    done = folder / f"compiled-{'-'.join(versions)}"
+    if done.exists():
+        return
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not done.exists():
+            notice("compiling the dense engine for this machine: about a minute, once")
+            run()
+            done.touch()
+
+
+@cache
 def cache_folder() -> Path:
     """Return the folder for this version's compiled code: in the user's cache, or else among temporary files."""
     version = provenance.code_digest()

@@ -6,14 +6,13 @@ import time
 import numpy as np
 
 from deltaswarm_dense import layout
-from deltaswarm_dense.layout import MAX_ORDERS, BeyondError
+from deltaswarm_dense.layout import MAX_ORDERS
 from deltaswarm_dense.operating import Operator
 from deltaswarm_dense.results import events_of, step_records, told_s, totals_of_operator, workloads
 from deltaswarm_dense.setting_up import set_up
 from deltaswarm_dense.step import advance
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Wanted
-from deltaswarm_orchestrator.run.state import RunState
+from deltaswarm_orchestrator.run.engine import NOTHING_MORE, UncoveredError, Wanted
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.digest import SIZE_BYTES
 from deltaswarm_world.core.world import WorldCore
@@ -28,13 +27,12 @@ WORLD, OPERATOR = 0, 1
 """The digest of which part."""
 
 
-def run_dense(scenario: Scenario, wanted: Wanted = NOTHING_MORE, state: RunState | None = None) -> Outcome:
-    """Do a covered run, until its end; return the outcome that `run_in_process` returns. It is an `Engine`.
+def run_dense(scenario: Scenario, wanted: Wanted = NOTHING_MORE) -> Outcome:
+    """Do a covered run, until its end; return the outcome that `run_in_process` returns.
 
     Raises:
-        BeyondError: the run needs what the arrays have no room for.
+        UncoveredError: the run needs what the arrays have no room for.
     """
-    assert state is None, "the dense engine begins at the beginning"
     branches, beliefs = BRANCHES, BELIEFS
     while True:
         run = DenseRun(scenario, wanted, branches, beliefs)
@@ -44,7 +42,7 @@ def run_dense(scenario: Scenario, wanted: Wanted = NOTHING_MORE, state: RunState
         elif trouble == layout.KNOWN and beliefs < MAX_ROOM:
             beliefs *= 2
         elif trouble:
-            raise BeyondError(layout.TROUBLE[trouble])
+            raise UncoveredError(layout.TROUBLE[trouble])
         else:
             return run.outcome()
 

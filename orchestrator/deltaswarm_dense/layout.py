@@ -311,7 +311,3 @@ TROUBLE = (
     "too many bytes",
 )
 CHILDREN, KNOWN, FRAME_SIZE, FRAME_ROOM, BUFFER = range(1, 6)
-
-
-class BeyondError(Exception):
-    """The run needs what the arrays have no room for; the Python engine must do it."""

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deltaswarm_dense.layout import MAX_ORDERS, BeyondError, Swarm
+from deltaswarm_dense.layout import MAX_ORDERS, Swarm
 from deltaswarm_dense.results import workloads
 from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.engine import UncoveredError
 from deltaswarm_orchestrator.run.operating import Operating
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import SYSTEM
@@ -96,7 +97,7 @@ class Operator:
     def _add(self, swarm: Swarm, body: bytes) -> None:
         command = decode_command(body)
         if command.number >= MAX_ORDERS:
-            raise BeyondError(f"more than {MAX_ORDERS} orders")
+            raise UncoveredError(f"more than {MAX_ORDERS} orders")
         number = self._numbers[body] = command.number
         least, fraction = divmod(float(command.arguments["delta"]), 1)
         share = command.arguments.get("working")
