@@ -16,15 +16,15 @@ from deltaswarm_orchestrator.cli.arguments import show
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.scenarios.load import language_at
-from deltaswarm_sessions import commitment, ledger, roster
+from deltaswarm_sessions import commitment, roster
 from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
-from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import SessionSettings, load_session
 from deltaswarm_sessions.tables import RUNS, WIDE, write_tables
+from deltaswarm_sessions.trivial_questions import situation_warnings
 from deltaswarm_sessions.variables import OF_SWARM
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
@@ -63,7 +63,7 @@ def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -
     """Work on the participants of a folder of sessions: number, withdraw, correct a number, write tables."""
     if arguments.table:
         check_out(arguments.table)
-    with ledger.held(out, only_reads=bool(arguments.table)) as is_writable:
+    with roster.held(out, only_reads=bool(arguments.table)) as is_writable:
         _finish(arguments, settings, out)
         if arguments.next:
             number = roster.next_number(settings, out)
@@ -87,7 +87,7 @@ def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -
 
 def _finish(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -> None:
     """Finish what an earlier command began and did not end, unless this one is the same command again."""
-    noted = ledger.read(out)
+    noted = roster.read(out)
     match noted.unfinished:
         case () | (arguments.withdraw,):
             return
@@ -129,7 +129,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     if record and (was := record.get("frozen", "")) != frozen:
         raise CommandError(
             f"{folder} must be a session of the plan that is frozen in {out}, {frozen or 'none'} (got a session of "
-            f"{was or 'none'}): restore {ledger.COMMITMENT}, or use another --out"
+            f"{was or 'none'}): restore {roster.COMMITMENT}, or use another --out"
         )
     kept |= {"frozen": frozen} if frozen else {}
     kept |= {} if record else {"begun": provenance.now()}
@@ -153,11 +153,11 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         show(arguments, outlined, outline_text(outlined))
         return OK
     out.mkdir(parents=True, exist_ok=True)
-    with ledger.held(out):  # what was checked above may have changed since
+    with roster.held(out):  # what was checked above may have changed since
         roster.check_number(out, participant)
         if _state(out, participant) != before:
             raise CommandError(f"{folder} or the frozen plan was changed by another command; give this one again")
-        ledger.write(out, ledger.read(out))
+        roster.write(out, roster.read(out))
         runner.begin()
         roster.note_begun(out, participant)
     with results_on(sys.stderr) if arguments.json else nullcontext():
@@ -195,7 +195,7 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
                 f"({error}); mend that, then give the command again",
                 FAILED,
             ) from None
-    ledger.write(out, ledger.read(out)._replace(unfinished=()))
+    roster.write(out, roster.read(out)._replace(unfinished=()))
     return {
         "deleted": str(removed.folder) if removed.folder else None,
         "tables": [str(folder) for folder in removed.tables],

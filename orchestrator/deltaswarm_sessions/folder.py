@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.folder import results_in
-from deltaswarm_orchestrator.results.folder_lock import is_held
+from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
@@ -22,7 +22,7 @@ from deltaswarm_scenario.situation import shares
 from deltaswarm_scenario.technique import AFTER
 from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_scenario.tlx import TLX
-from deltaswarm_sessions.plan import PlannedRun
+from deltaswarm_sessions.plan import PlannedRun, run_folder
 from deltaswarm_sessions.session import Attempt, Session, changed_keys
 from deltaswarm_wire.cells import rows_by_column
 from deltaswarm_wire.reading import decoded
@@ -42,6 +42,14 @@ NEEDED = {
 def folder_name(participant: int) -> str:
     """Return the name of a participant's folder."""
     return f"participant-{participant:03}"
+
+
+def locked(folder: Path) -> FolderLock:
+    """Hold a participant's folder. Raises CommandError: a session is under way in it."""
+    try:
+        return FolderLock(folder)
+    except HeldError:
+        raise CommandError(f"{folder} must be free: a session of this participant is under way") from None
 
 
 def check_design(folder: Path, session: Session) -> None:
@@ -209,6 +217,14 @@ def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]
 def _later(folder: Path) -> list[Row]:
     """Return the answers that were given after a run."""
     return [row for page in folders_of_later_answers(folder) for row in rows_in(page / PROBES) if row["answered_utc"]]
+
+
+def attempts_of(folder: Path, run: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the attempts at a run of a record in order: by its folder what is recorded of each, {} if nothing is."""
+    first = run_folder(run["place"], run["condition"])
+    recorded = {attempt["folder"]: attempt for attempt in run["attempts"]}
+    names = {*recorded, *names_of_attempts(folder, first)}
+    return {name: recorded.get(name, {}) for name in sorted(names, key=lambda name: attempt_number(name, first))}
 
 
 def names_of_attempts(folder: Path, run: str) -> list[str]:

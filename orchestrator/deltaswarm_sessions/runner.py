@@ -14,13 +14,14 @@ from deltaswarm_orchestrator.cli import report
 from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
-from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_sessions.folder import (
     RECORD,
     attempts_at,
     check_design,
     folders_of_later_answers,
+    locked,
     scenario_of,
     write_record,
 )
@@ -80,12 +81,7 @@ class Runner:
             CommandError: another session of this participant is under way, or this one was begun with another design.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        try:
-            self._lock = FolderLock(self.folder)
-        except HeldError:
-            raise CommandError(
-                f"{self.folder} must be free: another session of this participant is under way"
-            ) from None
+        self._lock = locked(self.folder)
         try:
             self._read()
             check_design(self.folder, self.session)

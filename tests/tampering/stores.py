@@ -21,7 +21,7 @@ from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.table import read_series, read_table
 from deltaswarm_scenario.person_tables import ProbeRow
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import roster
 from deltaswarm_sessions.folder import attempts_at, check_design, folder_name, write_record
 from deltaswarm_sessions.pilot import _read as read_pilot
 from deltaswarm_sessions.plan import plan
@@ -106,7 +106,7 @@ def _make(at: Path, seed: str) -> None:
     assert main(["study", str(at / "own.toml"), "-j", "1", "-q", "--out", str(at / "out")]) in (0, 1, 3)
     for participant in (1, 2):
         _make_session(at, participant + 2 * (seed == "2"))
-    ledger.write(at / "sessions", ledger.Roster((ledger.Withdrawn(9, "2026-11-27", "by mail"),)))
+    roster.write(at / "sessions", roster.Roster((roster.Withdrawn(9, "2026-11-27", "by mail"),)))
     write_tables(at / "sessions", at / "tables")
     _make_checkpoint(at / "checkpoint", seed)
 

@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import roster
 from deltaswarm_sessions.roster import next_number, renumber, withdraw
 from deltaswarm_sessions.settings import load_session
 from tests.support.complaints import Printed
@@ -74,7 +74,7 @@ def test_nothing_is_withdrawn_or_renumbered_while_a_session_is_under_way(command
     assert next_number(load_session(command[1])[0], out)["counted"] == [1]
     lock.release()
     assert (out / "participant-001" / "session.json").exists()
-    assert not ledger.read(out).withdrawn
+    assert not roster.read(out).withdrawn
 
 
 def test_a_pilot_has_a_folder_and_a_column(command: list[str], tmp_path: Path) -> None:

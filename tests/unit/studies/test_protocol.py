@@ -10,10 +10,11 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.frozen import hash_of
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.page import pages, write
-from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, hash_of, protocol_of
+from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, protocol_of
 from deltaswarm_studies.study import Study
 from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
