@@ -10,7 +10,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import frozen, provenance
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.frozen import HASH, Entry, Table, as_read
+from deltaswarm_orchestrator.base.frozen import HASH, Entry, Table, as_read, changed_keys
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario, content_of
 from deltaswarm_sessions.plan import plan
@@ -59,11 +59,7 @@ def _of_condition(scenario: Scenario) -> Table:
 
 
 def freeze(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[Path, str]:
-    """Write the commitment before the first session; return its file and its hash.
-
-    Raises:
-        CommandError: there is one already, or a session has begun.
-    """
+    """Write the commitment before the first session; return its file and its hash."""
     entry = {
         "date": provenance.now(),
         "code": _code(),
@@ -90,11 +86,7 @@ def freeze(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[Pat
 
 
 def read(sessions: Path) -> Table:
-    """Return the commitment of a folder of sessions; {} if there is none.
-
-    Raises:
-        CommandError: it cannot be read, or was changed.
-    """
+    """Return the commitment of a folder of sessions; {} if there is none."""
     file = sessions / COMMITMENT
     if not file.exists():
         return {}
@@ -109,15 +101,11 @@ def read(sessions: Path) -> Table:
 
 
 def check_plan(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[str, list[str]]:
-    """Return the hash that sessions of this plan are under, and warnings; "" and none if nothing was frozen.
-
-    Raises:
-        CommandError: the session's file, or a scenario in it, is no longer as it was frozen.
-    """
+    """Return the hash that sessions of this plan are under, and warnings; "" and none if nothing was frozen."""
     entry = read(sessions)
     if not entry:
         return "", []
-    if changed := _changed(entry["plan"], plan_of(settings, beside)):
+    if changed := changed_keys(entry["plan"], plan_of(settings, beside)):
         raise CommandError(
             f"the plan must be as it was frozen on {entry['date']} (other values of {', '.join(changed[:MAX_NAMED])}): "
             "undo the change, or use another --out"
@@ -136,12 +124,8 @@ def code_problems(entry: Entry) -> list[str]:
 def run_problem(entry: Entry, label: str, seed: int, done: Scenario) -> str:
     """Say what of a run's scenario is not as frozen, or not what its place in the order demands; empty if all is."""
     was = entry["plan"]["scenario"].get(label, {})
-    changed = [*_changed(was, as_read(_of_condition(done))), *(["seed"] if done.seed != seed else [])]
+    changed = [*changed_keys(was, as_read(_of_condition(done))), *(["seed"] if done.seed != seed else [])]
     return f"must be as frozen (other values of {', '.join(changed[:MAX_NAMED])})" if changed else ""
-
-
-def _changed(old: Table, new: Table) -> list[str]:
-    return [change.key for change in frozen.differences(old, new)]
 
 
 def settings_of(entry: Entry) -> SessionSettings:

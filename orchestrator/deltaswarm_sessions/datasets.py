@@ -23,12 +23,7 @@ Columns = Mapping[str, Row]
 
 
 def export(kind: str, tables: Path, name: str) -> Path:
-    """Write the tables in a folder as a dataset of this kind below it; return its folder. An earlier one is replaced.
-
-    Raises:
-        CommandError: a folder of this name is there that is no dataset.
-        OSError: it cannot be written; an earlier one is as it was.
-    """
+    """Write the tables in a folder as a dataset below it, in place of an earlier one; return its folder."""
     out = tables / kind
     if out.exists() and not (out / DESCRIPTION).exists():
         raise CommandError(f"{out} must be a dataset that was exported before, or not be there; move it away")

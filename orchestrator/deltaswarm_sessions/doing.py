@@ -30,28 +30,26 @@ from deltaswarm_sessions.variables import OF_SWARM
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""
 
+NEEDS = dict.fromkeys(QUESTION, "plan") | {"reason": "withdraw", "wide": "table", "format": "table"}
+"""Options that have no effect without another."""
+
 
 def session(arguments: argparse.Namespace) -> int:
     """Do the remaining runs of a participant's session, write the tables of all participants, or plan their number."""
     settings, beside = load_session(arguments.session)
-    asked = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
-    if asked and arguments.plan is None:
-        raise CommandError(f"--{next(iter(asked))} must be given with --plan, without which it has no effect")
+    for name, needed in NEEDS.items():
+        value = getattr(arguments, name)
+        if value is not False and value not in (None, "", []) and getattr(arguments, needed) is None:
+            raise CommandError(f"--{name} must be given with --{needed}, without which it has no effect")
     if arguments.plan is not None:
-        return _plan(arguments, settings, asked)
+        return _plan(arguments, settings)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     out = out / roster.PILOT if arguments.pilot else out
     check_files(out)
-    if arguments.reason and arguments.withdraw is None:
-        raise CommandError("--reason must be given with --withdraw, without which it has no effect")
     if arguments.freeze:
         file, found = commitment.freeze(settings, beside, out)
         show(arguments, {"file": str(file), "hash": found}, f"{found}\n{file}: keep it secret until the study is over")
         return OK
-    if arguments.wide and not arguments.table:
-        raise CommandError("--wide must be given with --table, without which it has no effect")
-    if arguments.format and not arguments.table:
-        raise CommandError("--format must be given with --table, without which it has no effect")
     if arguments.participant is None:
         return _keep(arguments, settings, out)
     if arguments.language is not None:
@@ -203,11 +201,12 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
     }
 
 
-def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:
+def _plan(arguments: argparse.Namespace, settings: SessionSettings) -> int:
     """Print how many participants are needed to find a difference between two conditions."""
     from deltaswarm_sessions.pilot import Question, plan_participants, text  # imports SciPy
 
     check_files(arguments.plan)
+    asked: dict[str, Any] = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
     effect = asked.get("effect")
     if effect is not None and ("metric" not in asked or not effect):
         raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")

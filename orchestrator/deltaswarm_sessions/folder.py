@@ -2,13 +2,14 @@
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.frozen import changed_keys
 from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.folder import results_in
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
@@ -23,8 +24,9 @@ from deltaswarm_scenario.technique import AFTER
 from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_scenario.tlx import TLX
 from deltaswarm_sessions.plan import PlannedRun, run_folder
-from deltaswarm_sessions.session import Attempt, Session, changed_keys
+from deltaswarm_sessions.session import Attempt, Session
 from deltaswarm_wire.cells import rows_by_column
+from deltaswarm_wire.checked import plain
 from deltaswarm_wire.reading import decoded
 
 RECORD, SUMMARY = "session.json", "summary.json"
@@ -45,7 +47,7 @@ def folder_name(participant: int) -> str:
 
 
 def locked(folder: Path) -> FolderLock:
-    """Hold a participant's folder. Raises CommandError: a session is under way in it."""
+    """Hold a participant's folder."""
     try:
         return FolderLock(folder)
     except HeldError:
@@ -53,11 +55,7 @@ def locked(folder: Path) -> FolderLock:
 
 
 def check_design(folder: Path, session: Session) -> None:
-    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one.
-
-    Raises:
-        CommandError: the order of the conditions, or the scenario of a valid run, is another one.
-    """
+    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one."""
     hint = "undo the change of the session's file, or choose another folder by --out"
     if (folder / RECORD).exists():
         before = [run["condition"] for run in read_record(folder)["runs"]]
@@ -65,7 +63,7 @@ def check_design(folder: Path, session: Session) -> None:
             raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
     for attempt in (attempt for attempts in session.attempts.values() for attempt in attempts if attempt.is_valid):
         file = folder / attempt.folder / SCENARIO
-        if changed := changed_keys(attempt.scenario, load_scenario(str(file))):
+        if changed := changed_keys(plain(attempt.scenario), plain(load_scenario(str(file)))):
             raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
         was, is_now = seal.read_sealed(file.with_name(seal.MANIFEST)).get("inputs"), inputs.identify(attempt.scenario)
         if was and (other := inputs.differences({**was, inputs.CODE: is_now[inputs.CODE]}, is_now)):
@@ -73,11 +71,7 @@ def check_design(folder: Path, session: Session) -> None:
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record in a participant's folder. Runs whose folders have been deleted are no longer vouched for.
-
-    Raises:
-        CommandError: it cannot be read, is another participant's, or it, or a file that it seals, has been changed.
-    """
+    """Return the record in a participant's folder. Runs whose folders have been deleted are no longer vouched for."""
     record = intact_record(folder)
     if folder.name != (own := folder_name(record["participant"])):
         raise CommandError(
@@ -88,7 +82,7 @@ def read_record(folder: Path) -> dict[str, Any]:
 
 
 def intact_record(folder: Path) -> dict[str, Any]:
-    """Return the record in a participant's folder whatever the folder's name is. Raises CommandError, as above."""
+    """Return the record in a participant's folder whatever the folder's name is."""
     sealed = seal.files_of(seal.read_sealed(folder / RECORD))
     deleted = {name for name in sealed if not (folder / name).parent.exists()}
     return _having(folder / RECORD, seal.checked(folder / RECORD, deleted=deleted), "runs")
@@ -97,32 +91,31 @@ def intact_record(folder: Path) -> dict[str, Any]:
 def write_record(folder: Path, session: Session) -> None:
     """Write the record, which seals the manifests of all attempts (and they their runs) and the later answers."""
     attempts = [attempt.folder for attempts in session.attempts.values() for attempt in attempts]
-    names = [f"{name}/{seal.MANIFEST}" for name in attempts]
-    pages = [page for name in attempts for page in folders_of_later_answers(folder / name)]
-    names += [f"{page.name}/{PROBES}" for page in pages]
-    files = seal.digests(folder, [name for name in names if (folder / name).exists()])
+    manifests = [name for attempt in attempts if (folder / (name := f"{attempt}/{seal.MANIFEST}")).exists()]
+    files = seal.digests(folder, [*manifests, *_later_files(folder, attempts)])
     seal.write_sealed(folder / RECORD, session.record, files)
+
+
+def _later_files(folder: Path, attempts: Iterable[str]) -> list[str]:
+    """Return the tables of answers that were given after these attempts."""
+    pages = [page for name in attempts for page in folders_of_later_answers(folder / name)]
+    return [f"{page.name}/{PROBES}" for page in pages if (page / PROBES).exists()]
 
 
 def unsealed_in(folder: Path, record: dict[str, Any]) -> list[str]:
     """Return what a participant's tables rest on and nothing vouches for: runs and answers from before seals."""
     recorded = (attempt["folder"] for run in record["runs"] for attempt in run["attempts"])
     attempts = [name for name in recorded if (folder / name).exists() and not name.endswith(PART)]
-    found = [f"{name}/{file}" for name in attempts for file in _not_sealed(folder / name)]
-    names = [f"{page.name}/{PROBES}" for name in attempts for page in folders_of_later_answers(folder / name)]
-    return found + seal.not_sealed(record, [name for name in names if (folder / name).exists()])
-
-
-def _not_sealed(run: Path) -> list[str]:
-    return seal.not_sealed(seal.read_sealed(run / seal.MANIFEST), results_in(run))
+    found = [
+        f"{name}/{file}"
+        for name in attempts
+        for file in seal.not_sealed(seal.read_sealed(folder / name / seal.MANIFEST), results_in(folder / name))
+    ]
+    return found + seal.not_sealed(record, _later_files(folder, attempts))
 
 
 def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
-    """Return all attempts at a run that have ended, in order, with those that were killed.
-
-    Raises:
-        CommandError: a summary cannot be read, or a file of an attempt has been changed.
-    """
+    """Return all attempts at a run that have ended, in order, with those that were killed."""
     found: list[Attempt] = []
     for name in names_of_attempts(folder, run.folder):
         here = folder / name
@@ -140,8 +133,6 @@ def summary_of(run: Path) -> dict[str, Any]:
     """Return the summary of a run with what was known only after it: later answers, and how many were right.
 
     A killed run has no summary of its own, and no measures.
-
-    Raises CommandError, as above.
     """
     manifest = seal.checked(run / seal.MANIFEST)
     if _is_killed(run):
@@ -161,11 +152,7 @@ def answers(folder: Path) -> list[Row]:
 
 
 def rows_in(file: Path) -> list[Row]:
-    """Return the rows of a table of a run, without a last one that a kill cut off.
-
-    Raises:
-        CommandError: it cannot be read, lacks a column, or a cell is not the number that its column demands.
-    """
+    """Return the rows of a table of a run, without a last one that a kill cut off."""
     try:
         data = file.read_bytes() if file.exists() else b""
         is_cut = bool(data) and not data.endswith(b"\n")  # maybe in the middle of a character
@@ -247,7 +234,7 @@ def _is_killed(run: Path) -> bool:
 
 
 def _having(file: Path, content: dict[str, Any], needed: str) -> dict[str, Any]:
-    """Return the content of a file if it has this key. Raises CommandError: it has not, or there is no file."""
+    """Return the content of a file if it has this key."""
     if needed not in content:
         reason = f"it has no {needed!r}" if content else "it is missing"
         raise CommandError(f"{file} must be a whole file of this session ({reason}); restore it, or move it away")

@@ -50,9 +50,6 @@ def plan_participants(settings: SessionSettings, runs: Path, question: Question)
         settings: The session, whose orders and arrivals are balanced over groups of participants.
         runs: The table of the pilot's runs.
         question: What is to be shown.
-
-    Raises:
-        CommandError: the question does not fit the session or the table, or the pilot has too few participants.
     """
     first, second = pair = _conditions(settings, question)
     rows, columns = _read(runs, question.metric)
@@ -119,11 +116,7 @@ def _conditions(settings: SessionSettings, question: Question) -> tuple[str, str
 
 
 def _read(runs: Path, metric: str | None = None) -> tuple[list[Row], list[str]]:
-    """Return the valid runs after the training, and the columns with numbers that measure them.
-
-    Raises:
-        CommandError: a cell of the metric, or of a column that is known to hold numbers, is none.
-    """
+    """Return the valid runs after the training, and the columns with numbers that measure them."""
     seal.checked(runs.with_name(seal.RECORD))
     try:
         columns, lines = rows_of(read_text(runs), "\t")

@@ -165,11 +165,7 @@ def run_folder(place: int, label: str) -> str:
 
 
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
-    """Plan all runs of a participant, the training first; relative paths start at `beside`.
-
-    Raises:
-        SettingsError: a scenario is invalid, or the consent text cannot be read.
-    """
+    """Plan all runs of a participant, the training first; relative paths start at `beside`."""
     count, criterion = len(settings.condition), settings.training.criterion
     order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
     runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
@@ -213,7 +209,7 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
 
 
 def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:
-    """Return the criterion. Raises SettingsError: the training's runs have no such metric."""
+    """Return the criterion."""
     if criterion and (problems := criterion.problems_with(training)):
         raise SettingsError([replace(p, path=f"session.training.criterion.{p.path}") for p in problems])
     return criterion

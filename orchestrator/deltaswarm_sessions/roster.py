@@ -73,11 +73,7 @@ class Roster(NamedTuple):
 
 
 def read(sessions: Path) -> Roster:
-    """Return the roster of a folder of sessions; an empty one if there is no file.
-
-    Raises:
-        CommandError: the file cannot be read, or it, or the commitment, is not as it was sealed.
-    """
+    """Return the roster of a folder of sessions; an empty one if there is no file."""
     content = seal.checked(sessions / ROSTER)
     try:
         rows = tuple(Withdrawn(**row) for row in content.get("withdrawn", ()))
@@ -98,9 +94,6 @@ def held(sessions: Path, *, only_reads: bool = False) -> Iterator[bool]:
     """Hold a folder of sessions, so that one command at a time changes it. Yield whether it can be written.
 
     It cannot if there is no such folder or, with `only_reads`, if this process may not write to it.
-
-    Raises:
-        CommandError: another command holds it for longer than `WAIT_S`, or its roster is missing.
     """
     if not sessions.is_dir():
         yield False
@@ -165,7 +158,7 @@ def note_begun(sessions: Path, participant: int) -> None:
 
 
 def check_number(sessions: Path, participant: int) -> None:
-    """Refuse the number of a participant who withdrew, or which is being corrected. Raises CommandError."""
+    """Refuse the number of a participant who withdrew, or which is being corrected."""
     roster = read(sessions)
     if gone := next((one for one in roster.withdrawn if one.participant == participant), None):
         raise CommandError(
@@ -194,9 +187,6 @@ def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
     """Remove a participant's folder; number, date and reason stay. The caller holds the folder of sessions.
 
     The withdrawal is unfinished until the tables have been written again and the roster says so.
-
-    Raises:
-        CommandError: nothing is known of this participant, a session is under way, or the folder cannot be removed.
     """
     roster, folder = read(sessions), sessions / folder_name(participant)
     is_known = any(one.participant == participant for one in roster.withdrawn)
@@ -229,9 +219,6 @@ def renumber(sessions: Path, old: int, new: int) -> Path:
     """Correct a participant's number; the order of the runs stays. Return the folder.
 
     The caller holds the folder of sessions.
-
-    Raises:
-        CommandError: there is no such session, it is under way, or the new number is in use.
     """
     roster = read(sessions)
     folder, target = sessions / folder_name(old), sessions / folder_name(new)

@@ -59,11 +59,7 @@ class Runner:
         self._inputs = {run.folder: identify(run.scenario) for run in self.session.runs}
 
     def check(self) -> list[str]:
-        """Make every check of all runs, before a participant has done the first; return warnings.
-
-        Raises:
-            SettingsError, CommandError: a run would be refused.
-        """
+        """Make every check of all runs, before a participant has done the first; return warnings."""
         for run in self.session.runs:
             check_run(run.scenario, self._options(run))
         slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
@@ -75,11 +71,7 @@ class Runner:
         return (self.folder / RECORD).exists()
 
     def begin(self) -> None:
-        """Take the folder, and write the record of what is done and planned.
-
-        Raises:
-            CommandError: another session of this participant is under way, or this one was begun with another design.
-        """
+        """Take the folder, and write the record of what is done and planned."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self._lock = locked(self.folder)
         try:

@@ -197,11 +197,7 @@ class SessionSettings:
 
 
 def load_session(file: str) -> tuple[SessionSettings, Path]:
-    """Load a session from a file; return it with the folder that its paths start from.
-
-    Raises:
-        SettingsError: it lists every mistake in the file.
-    """
+    """Load a session from a file; return it with the folder that its paths start from."""
     table, path = read_toml("session", file, {})
     assert path is not None
     if "session" not in table:

@@ -53,9 +53,6 @@ def write_tables(
     """Write the tables of all participants below a folder of sessions; return the files.
 
     `exclude`: rules whose columns mark runs. `is_wide`: also write a row per participant, as JASP and SPSS need it.
-
-    Raises:
-        CommandError: there is no session, or a file of one cannot be read or has been changed.
     """
     begun = {file.parent.parent for file in sessions.glob("participant-*/*/*")}
     if lacking := sorted(str(folder) for folder in begun if not (folder / RECORD).exists()):

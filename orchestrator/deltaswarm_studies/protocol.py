@@ -273,11 +273,7 @@ def _commit(entry: Entry) -> str:
 
 
 def protocol_of(study: Study, folder: Path, begun: str = "") -> Protocol:
-    """Return what is known of a study's protocol, from the folder of its page.
-
-    Raises:
-        ProtocolError: `protocol.json` cannot be read, or is that of another study.
-    """
+    """Return what is known of a study's protocol, from the folder of its page."""
     file = folder / FILE
     record = _read(file) if file.exists() else {}
     if record and record.get("study") != study.name:

@@ -44,6 +44,11 @@ def differences(old: Table, new: Table, path: str = "") -> Iterator[Difference]:
             yield Difference(f"{path}{name}", _shown(was), _shown(now))
 
 
+def changed_keys(old: Table, new: Table) -> list[str]:
+    """Return the dotted keys in which two tables differ."""
+    return [change.key for change in differences(old, new)]
+
+
 def _shown(value: Any) -> str:
     if value is None:
         return ABSENT

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_scenario.techniques import ProbeSettings
-from deltaswarm_sessions.session import Ask, DoRun, Say, Session, changed_keys
+from deltaswarm_sessions.session import Ask, DoRun, Say, Session
 from tests.support.sessions import FORMS, a_session, do, with_criterion
 
 TASK = {"events": 9, "hits": 3, "misses": 1, "false_alarms": 2, "correct_rejections": 2, "unjudged": 1}
@@ -227,17 +227,3 @@ def test_what_the_experimenter_is_told_goes_with_the_last_attempt(tmp_path: Path
         elif isinstance(step, Say):
             told.append(step.text)
     assert told == ["answers missing in run 1, A: 1"]
-
-
-def test_a_change_of_a_scenario_is_named_by_its_keys(tmp_path: Path) -> None:
-    """None, or all that differ."""
-    one, other = (run.scenario for run in a_session(tmp_path).runs[1:])
-    assert changed_keys(one, one) == []
-    assert changed_keys(one, other) == [
-        "seed",
-        "control.options",
-        "operator.probes.condition",
-        "operator.page.title",
-        "operator.page.end_text",
-        "operator.page.place",
-    ]
