@@ -25,10 +25,9 @@ from typing import Any
 from deltaswarm_orchestrator.cli import main as deltaswarm
 from deltaswarm_sessions import roster
 from tests.support.branching import SCRIPT
-from tests.support.sessions import a_file
+from tests.support.sessions import a_file, a_participant
 from tests.support.swarms import COMMAND, wait_until
 from tests.support.sweeping import kill, marked, marked_command
-from tests.unit.sessions.test_tables import a_participant
 
 KILL, EDIT, FULL, TWICE = BLOWS = ("kill", "edit", "full disk", "twice")
 ENDED_WITHIN_S = 20.0
