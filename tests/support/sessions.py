@@ -112,7 +112,7 @@ class Pretended:
         return 0 if summary["complete"] else 1
 
 
-SUMMARY = {
+SUMMARY: dict[str, Any] = {
     "complete": True,
     "valid": True,
     "seed": 2**53 - 1,

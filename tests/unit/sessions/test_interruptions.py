@@ -17,8 +17,7 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_sessions import roster, tables
 from deltaswarm_sessions.folder import RECORD, read_record
 from tests.support.complaints import Printed
-from tests.support.sessions import a_file
-from tests.unit.sessions.test_tables import a_participant, rows_of
+from tests.support.sessions import a_command, a_participant, edited, rows_of
 
 STEPS = {"roster.json", "session.json", "seal.json", "participants.tsv", "participant-002", "commitment.json", "bids"}
 """Files and folders before whose renaming a command is killed."""
@@ -29,7 +28,7 @@ def command(tmp_path: Path) -> list[str]:
     """The command for a folder with sessions of participants 1 and 3."""
     for number in (1, 3):
         a_participant(tmp_path / "out", number, "A")
-    return ["session", str(a_file(tmp_path, 2)), "--out", str(tmp_path / "out")]
+    return a_command(tmp_path)
 
 
 def test_withdrawals_side_by_side_are_all_noted(command: list[str], tmp_path: Path) -> None:
@@ -138,7 +137,7 @@ def test_a_correction_that_is_killed_is_finished_by_the_next_command(
 
 def test_a_freeze_that_is_killed_is_there_or_not(tmp_path: Path, capsys: Printed) -> None:
     """If it is there, the next one tells the hash, which nobody has seen."""
-    command = ["session", str(a_file(tmp_path, 2)), "--out", str(tmp_path / "out"), "--freeze"]
+    command = [*a_command(tmp_path), "--freeze"]
     assert killed_at(2, command)
     found = json.loads((tmp_path / "out" / "commitment.json").read_text())["hash"]
     assert main(command) == 2
@@ -217,27 +216,23 @@ def test_a_folder_of_a_withdrawn_participant_is_in_no_table(
     assert "--withdraw 1 deletes it" in capsys.readouterr().err
 
 
-def without_a_row(file: Path) -> None:
-    """Delete who withdrew."""
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"withdrawn": []}))
+CHANGES: list[Callable[[Path], object]] = [
+    lambda roster: edited(roster, withdrawn=[]),
+    lambda roster: (roster.parent / "commitment.json").unlink(),
+    Path.unlink,
+]
 
 
-def without_the_plan(file: Path) -> None:
-    """Delete the commitment."""
-    (file.parent / "commitment.json").unlink()
-
-
-@pytest.mark.parametrize("change", [without_a_row, without_the_plan, Path.unlink])
+@pytest.mark.parametrize("change", CHANGES)
 def test_no_change_of_what_is_kept_goes_unseen(
-    change: Callable[[Path], None], command: list[str], tmp_path: Path, capsys: Printed
+    change: Callable[[Path], object], command: list[str], tmp_path: Path, capsys: Printed
 ) -> None:
     """A deleted row, a deleted roster and a deleted commitment are refused, so no number comes back."""
     out = tmp_path / "out"
     assert main([*command, "--withdraw", "1"]) == 0
     (out / "commitment.json").write_text("{}")
     roster.write(out, roster.read(out))
-    record = json.loads((out / "participant-003" / RECORD).read_text())
-    (out / "participant-003" / RECORD).write_text(json.dumps(record | {"begun": "2026-11-28T00:00:00+00:00"}))
+    edited(out / "participant-003" / RECORD, begun="2026-11-28T00:00:00+00:00")
     change(out / "roster.json")
     for options in (["--next"], ["--participant", "1"], ["--withdraw", "3"], ["--renumber", "3", "1"]):
         assert main([*command, *options]) == 2

@@ -1,4 +1,4 @@
-"""What a condition gives away of the answers about its situation."""
+"""Warnings about questions whose answer is nearly always the same."""
 
 from pathlib import Path
 
