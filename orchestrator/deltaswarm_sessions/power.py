@@ -122,13 +122,13 @@ def _power(pilot: Pilot, effect: float, participants: int, alpha: float, test: s
     residuals = pilot.residuals * math.sqrt(count / pilot.degrees)
     times_drawn = rng.multinomial(participants, np.full(count, 1 / count), size=RESAMPLES).astype(float)
     if test == SIGNED_RANK:
-        return float(np.mean(_signed_rank_rejects(times_drawn, residuals, effect, alpha)))
+        return float(np.mean(signed_rank_rejects(times_drawn, residuals, effect, alpha)))
     if participants <= pilot.parameters:
         return 0.0
-    return float(np.mean(_t_rejects(times_drawn, residuals, effect, alpha, participants - pilot.parameters)))
+    return float(np.mean(t_rejects(times_drawn, residuals, effect, alpha, participants - pilot.parameters)))
 
 
-def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float, degrees: int) -> NDArray[np.bool_]:
+def t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float, degrees: int) -> NDArray[np.bool_]:
     """Test each row. Equal differences, which only a coarse scale or a small pilot gives, do not count as an effect."""
     n = float(times_drawn[0].sum())
     mean = times_drawn @ residuals / n
@@ -138,7 +138,7 @@ def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float
     return varies & ((effect + mean) ** 2 > stats.t.isf(alpha / 2, degrees) ** 2 * variance / n)
 
 
-def _signed_rank_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
+def signed_rank_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
     """Test each row by the Walsh averages of its differences, as `stats.contrast` does."""
     n = int(times_drawn[0].sum())
     others = n * (n + 1) // 2 - rejected_walsh(n, alpha)
