@@ -225,7 +225,7 @@ def condition(label: str) -> str:
 @pytest.mark.parametrize(
     ("text", "path", "given"),
     [
-        ("schema = 1\n", "session", "missing"),
+        ("", "session", "missing"),
         ("[session]\n", "session.condition", "0"),
         ("".join(map(condition, map(str, range(51)))), "session.condition", "51"),
         (condition("A") * 2, "session.condition", "training, A, A"),
@@ -240,7 +240,7 @@ def condition(label: str) -> str:
 )
 def test_a_wrong_file_is_told_by_name(tmp_path: Path, text: str, path: str, given: str) -> None:
     """Before a participant sits there."""
-    (tmp_path / "session.toml").write_text(text)
+    (tmp_path / "session.toml").write_text(f"schema = 1\n{text}")
     with pytest.raises(SettingsError) as told:
         load_session(str(tmp_path / "session.toml"))
     assert [(problem.path, problem.given) for problem in told.value.problems] == [(path, given)]
@@ -249,7 +249,7 @@ def test_a_wrong_file_is_told_by_name(tmp_path: Path, text: str, path: str, give
 def test_fifty_conditions_are_allowed(tmp_path: Path) -> None:
     """And one."""
     for count in (1, 50):
-        (tmp_path / "session.toml").write_text("".join(map(condition, map(str, range(count)))))
+        (tmp_path / "session.toml").write_text("schema = 1\n" + "".join(map(condition, map(str, range(count)))))
         assert len(load_session(str(tmp_path / "session.toml"))[0].condition) == count
 
 
