@@ -128,7 +128,6 @@ def _add_question(group: Group) -> None:
 
 
 def session(arguments: argparse.Namespace) -> int:
-    """Do what the options say."""
     from deltaswarm_sessions import doing
 
     return doing.session(arguments)
@@ -148,7 +147,6 @@ def add_verify(command: argparse.ArgumentParser) -> None:
 
 
 def verify(arguments: argparse.Namespace) -> int:
-    """Do what the options say."""
     from deltaswarm_sessions import verification
 
     return verification.verify(arguments)

@@ -129,7 +129,6 @@ def run_problem(entry: Entry, label: str, seed: int, done: Scenario) -> str:
 
 
 def settings_of(entry: Entry) -> SessionSettings:
-    """Return the settings of a frozen session."""
     return checked.load(SessionSettings, entry["plan"]["session"], "session")
 
 

@@ -52,8 +52,6 @@ def session(arguments: argparse.Namespace) -> int:
         return OK
     if arguments.participant is None:
         return _keep(arguments, settings, out)
-    if arguments.language is not None:
-        settings = replace(settings, language=language_at(arguments.language, Path()))
     return _do(arguments, settings, beside, out)
 
 
@@ -109,13 +107,7 @@ def _tables(arguments: argparse.Namespace, settings: SessionSettings, out: Path,
     return files
 
 
-def _as_in_file(arguments: argparse.Namespace, settings: SessionSettings) -> SessionSettings:
-    """Return the settings without the language of one participant, to which no plan commits."""
-    return settings if arguments.language is None else load_session(arguments.session)[0]
-
-
 def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
-    """Do the remaining runs of one participant, or print which they are."""
     participant: int = arguments.participant
     check_out(out)
     roster.check_number(out, participant)
@@ -123,7 +115,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     _, record = before = _state(out, participant)
     kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected", "begun") if name in record}
     kept |= {"pilot": True} if arguments.pilot else {}
-    frozen, warnings = commitment.check_plan(_as_in_file(arguments, settings), beside, out)
+    frozen, warnings = commitment.check_plan(settings, beside, out)
     if record and (was := record.get("frozen", "")) != frozen:
         raise CommandError(
             f"{folder} must be a session of the plan that is frozen in {out}, {frozen or 'none'} (got a session of "
@@ -131,6 +123,8 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         )
     kept |= {"frozen": frozen} if frozen else {}
     kept |= {} if record else {"begun": provenance.now()}
+    if arguments.language is not None:  # of this participant: no plan commits to it
+        settings = replace(settings, language=language_at(arguments.language, Path()))
     runs = plan(settings, kept.get("allocated", participant), beside)
     runner = Runner(
         session=Session(participant, runs, shows_score=settings.score, kept=kept),
@@ -172,7 +166,6 @@ def _state(out: Path, participant: int) -> tuple[str, dict[str, Any]]:
 
 
 def _next_text(found: dict[str, Any]) -> str:
-    """Format the result of `next_number`."""
     told = {"complete or under way": "counted", "begun and not complete": "not_complete", "withdrawn": "withdrawn"}
     lines = [f"{words}: {', '.join(map(str, found[name]))}" for words, name in told.items() if found[name]]
     return "\n".join([str(found["next"]), *lines])
@@ -202,7 +195,6 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
 
 
 def _plan(arguments: argparse.Namespace, settings: SessionSettings) -> int:
-    """Print how many participants are needed to find a difference between two conditions."""
     from deltaswarm_sessions.pilot import Question, plan_participants, text  # imports SciPy
 
     check_files(arguments.plan)

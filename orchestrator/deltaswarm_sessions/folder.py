@@ -42,12 +42,10 @@ NEEDED = {
 
 
 def folder_name(participant: int) -> str:
-    """Return the name of a participant's folder."""
     return f"participant-{participant:03}"
 
 
 def locked(folder: Path) -> FolderLock:
-    """Hold a participant's folder."""
     try:
         return FolderLock(folder)
     except HeldError:
@@ -125,7 +123,6 @@ def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
 
 
 def scenario_of(run: PlannedRun, folder: str, earlier: Sequence[Attempt]) -> Scenario:
-    """Return the scenario of the attempt in a folder of this name, after these."""
     return run.attempt(attempt_number(folder, run.folder), is_repeat=any(attempt.is_valid for attempt in earlier))
 
 
@@ -176,7 +173,6 @@ def _check_cells(rows: Sequence[Row], table: str) -> None:
 
 
 def is_finite(cell: str) -> bool:
-    """Whether a cell holds a finite number."""
     try:
         return math.isfinite(float(cell))
     except ValueError:
@@ -202,7 +198,6 @@ def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]
 
 
 def _later(folder: Path) -> list[Row]:
-    """Return the answers that were given after a run."""
     return [row for page in folders_of_later_answers(folder) for row in rows_in(page / PROBES) if row["answered_utc"]]
 
 
@@ -234,7 +229,6 @@ def _is_killed(run: Path) -> bool:
 
 
 def _having(file: Path, content: dict[str, Any], needed: str) -> dict[str, Any]:
-    """Return the content of a file if it has this key."""
     if needed not in content:
         reason = f"it has no {needed!r}" if content else "it is missing"
         raise CommandError(f"{file} must be a whole file of this session ({reason}); restore it, or move it away")

@@ -145,7 +145,6 @@ def _is_valid(row: Row) -> bool:
 
 
 def _is_measured(rows: Sequence[Row], metric: str) -> bool:
-    """Whether some run has a value, and each value is a number."""
     values = [row[metric] for row in rows if row[metric]]
     return bool(values) and all(map(is_finite, values))
 

@@ -124,8 +124,6 @@ def order_and_numbers(settings: SessionSettings, participant: int) -> list[tuple
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run of a participant."""
-
     label: str
     """The condition's label."""
     folder: str
@@ -160,7 +158,6 @@ class PlannedRun:
 
 
 def run_folder(place: int, label: str) -> str:
-    """Return the name of the folder of a run's first attempt."""
     return f"{place}-{label.replace(' ', '-')}"
 
 
@@ -209,7 +206,6 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
 
 
 def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:
-    """Return the criterion."""
     if criterion and (problems := criterion.problems_with(training)):
         raise SettingsError([replace(p, path=f"session.training.criterion.{p.path}") for p in problems])
     return criterion
@@ -226,7 +222,6 @@ def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool
 
 
 def seed_of(seed: int, number: int, attempt: int) -> int:
-    """Derive the seed of an attempt at a run."""
     return agent_seed(seed, number + (attempt - 1) * MAX_RUNS) % MAX_SEED
 
 
@@ -279,7 +274,6 @@ def outline(settings: SessionSettings, planned: Sequence[PlannedRun], *, is_conc
 
 
 def outline_text(outlined: dict[str, Any]) -> str:
-    """Format the result of `outline`."""
     rows = [
         (row["label"], row["scenario"], f"{row['simulated_s']:g}", _minutes(row["wall_min"]), "; ".join(row["asks"]))
         for row in outlined["runs"]

@@ -63,7 +63,6 @@ class Pilot(NamedTuple):
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the residuals."""
         return math.sqrt(float(np.sum(self.residuals**2)) / self.degrees)
 
 

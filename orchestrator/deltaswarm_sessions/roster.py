@@ -43,8 +43,6 @@ OF_TABLES = (seal.RECORD, "participants.tsv", f"tables{PART}")
 
 
 class Withdrawn(NamedTuple):
-    """A participant who withdrew."""
-
     participant: int
     date: str
     reason: str
@@ -151,7 +149,6 @@ def note_tables(sessions: Path, out: Path) -> None:
 
 
 def note_begun(sessions: Path, participant: int) -> None:
-    """Note that a participant's session was begun."""
     roster = read(sessions)
     if participant not in roster.begun:
         write(sessions, roster._replace(begun=(*roster.begun, participant)))
@@ -173,8 +170,6 @@ def check_number(sessions: Path, participant: int) -> None:
 
 
 class Removed(NamedTuple):
-    """What a withdrawal did."""
-
     folder: Path | None
     """The folder that was removed; None: there was none."""
     tables: list[Path]
@@ -279,7 +274,6 @@ def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
 
 
 def _is_complete(record: dict[str, Any]) -> bool:
-    """Whether each run after the training has a valid attempt."""
     return all(
         any(one["complete"] and one.get("valid", True) for one in run["attempts"])
         for run in record["runs"]

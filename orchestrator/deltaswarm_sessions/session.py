@@ -21,8 +21,6 @@ SCORE_TEXT = (
 
 
 class Attempt(NamedTuple):
-    """An attempt at a run that has ended."""
-
     folder: str
     """The folder's name."""
     summary: dict[str, Any]

@@ -201,7 +201,6 @@ def _wide(runs: Iterable[tuple[Path, Row]]) -> list[dict[str, Any]]:
 
 
 def _of_runs(runs: Iterable[tuple[Path, Row]], name: str) -> Iterator[Row]:
-    """Yield the rows of one table of all runs."""
     return ({**keys, **row} for folder, keys in runs for row in _rows(folder, name))
 
 
@@ -239,7 +238,6 @@ def staged(out: Path) -> Iterator[Path]:
 
 
 def write_rows(file: Path, columns: Iterable[str], rows: Iterable[Row], delimiter: str = "\t") -> None:
-    """Write a table of rows by column."""
     names = list(columns)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_csv(file, names, ([row.get(name, "") for name in names] for row in rows), delimiter, "\n")

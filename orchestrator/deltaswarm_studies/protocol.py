@@ -162,12 +162,10 @@ class Protocol:
 
     @property
     def is_before_the_runs(self) -> bool:
-        """Whether the protocol was frozen before the runs began."""
         return bool(self.entries) and not self._is_late(self.entries[0])
 
     @property
     def status(self) -> str:
-        """Whether and when the study was frozen."""
         if self.kind == EXPLORATORY:
             return "Exploratory: nothing was frozen before its runs, so its results suggest and do not confirm."
         late = "what it asks and expects could still be changed after the first results were seen."
