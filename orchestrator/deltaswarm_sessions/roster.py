@@ -19,7 +19,7 @@ from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_sessions import MAX_PARTICIPANT
 from deltaswarm_sessions.folder import RECORD, folder_name, intact_record, locked, read_record
-from deltaswarm_sessions.plan import allocation_of
+from deltaswarm_sessions.plan import places_of
 from deltaswarm_sessions.settings import SessionSettings
 
 ROSTER = "roster.json"
@@ -253,6 +253,10 @@ def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
 
     Sessions that are complete or under way count; one that was begun and left does not, until it is continued.
     """
+
+    def balanced(number: int) -> tuple[object, ...]:
+        return tuple((place.condition.label, place.stream) for place in places_of(settings, number))
+
     counted: list[dict[str, Any]] = []
     left: list[dict[str, Any]] = []
     roster = read(sessions)
@@ -262,9 +266,9 @@ def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
         used |= {record["participant"], allocated(record)}
         is_counted = _is_complete(record) or is_held(file.parent)
         (counted if is_counted else left).append(record)
-    done = Counter(allocation_of(settings, allocated(record)) for record in counted)
+    done = Counter(balanced(allocated(record)) for record in counted)
     free = (number for number in range(1, MAX_PARTICIPANT + 1) if number not in used)
-    number = min(free, key=lambda number: (done[allocation_of(settings, number)], number))
+    number = min(free, key=lambda number: (done[balanced(number)], number))
     return {
         "next": number,
         "counted": [record["participant"] for record in counted],

@@ -24,7 +24,7 @@ from deltaswarm_sessions.folder import (
     summary_of,
     unsealed_in,
 )
-from deltaswarm_sessions.plan import order_and_numbers, run_folder, seed_of
+from deltaswarm_sessions.plan import places_of, run_folder, seed_of
 from deltaswarm_sessions.settings import END, NOT_REACHED, SessionSettings
 
 Row = dict[str, Any]
@@ -113,7 +113,8 @@ def _attempts(
     folder: Path, record: dict[str, Any], entry: Entry, settings: SessionSettings, place: int
 ) -> Iterator[Row]:
     """Yield each attempt at a planned run with what is wrong with it; if none is complete and valid, the run itself."""
-    label, number = order_and_numbers(settings, roster.allocated(record))[place]
+    condition, _, number = places_of(settings, roster.allocated(record))[place]
+    label = condition.label
     nothing: Row = {"place": place, "condition": label, "attempts": []}
     run = next((one for one in record["runs"] if one["place"] == place), nothing)
     first = run_folder(place, run["condition"])
