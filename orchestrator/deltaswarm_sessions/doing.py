@@ -141,7 +141,7 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     if arguments.dry_run:
         for warning in situation_warnings(runner.session.runs):
             notice(warning)
-        outlined = outline(settings, runner.session.runs, is_concealed=not runner.has_begun)
+        outlined = outline(settings, runner.session.runs, is_concealed=not record)
         show(arguments, outlined, outline_text(outlined))
         return OK
     out.mkdir(parents=True, exist_ok=True)

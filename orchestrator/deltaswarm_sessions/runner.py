@@ -65,11 +65,6 @@ class Runner:
         slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
         return [*dict.fromkeys(warning for warning in [*slow, order_warning(self.session.runs)] if warning)]
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether the session has been begun, so that its order is no longer concealed."""
-        return (self.folder / RECORD).exists()
-
     def begin(self) -> None:
         """Take the folder, and write the record of what is done and planned."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +72,7 @@ class Runner:
         try:
             self._read()
             check_design(self.folder, self.session)
-            self._write()
+            write_record(self.folder, self.session)
         except BaseException:
             self._lock.release()
             raise
@@ -104,17 +99,17 @@ class Runner:
                 complain(step.text)
                 if step.is_end:
                     return FAILED
-            self._read()
-            self._write()
+            self._note()
         return OK
+
+    def _note(self) -> None:
+        self._read()
+        write_record(self.folder, self.session)
 
     def _read(self) -> None:
         seal.checked(self.folder / RECORD)  # before a new record seals what it finds
         for run in self.session.runs:
             self.session.attempts[run.folder] = attempts_at(self.folder, run)
-
-    def _write(self) -> None:
-        write_record(self.folder, self.session)
 
     def _options(self, run: PlannedRun) -> RunOptions:
         station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
@@ -128,8 +123,7 @@ class Runner:
         self._opens_browser = False
         scenario = scenario_of(run, options.out.name, self.session.attempts[run.folder])
         code = report.run_and_report(scenario, options, quiet=self.quiet)
-        self._read()
-        self._write()
+        self._note()
         heed_signals_again()
         return code
 

@@ -230,14 +230,12 @@ class Protocol:
     @property
     def amendments(self) -> list[tuple[str, list[Difference]]]:
         """Every amendment: its date, commit and reason in a line, and the keys that changed."""
-        when = {True: "after the runs began", False: "before the runs"} if self.begun else {False: "runs not known"}
-        return [
-            (
-                f"{entry['date']} ({_commit(entry)}), {when[self._is_late(entry)]}: {entry['reason']}",
-                differences(before["protocol"], entry["protocol"]),
-            )
-            for before, entry in itertools.pairwise(self.entries)
-        ]
+        amendments = []
+        for before, entry in itertools.pairwise(self.entries):
+            when = "after the runs began" if self._is_late(entry) else "before the runs"
+            line = f"{entry['date']} ({_commit(entry)}), {when if self.begun else 'runs not known'}: {entry['reason']}"
+            amendments.append((line, differences(before["protocol"], entry["protocol"])))
+        return amendments
 
     def lead(self, claims: pd.DataFrame) -> str:
         """The first line of the study's page: its status, and the surprises."""

@@ -125,7 +125,8 @@ def test_a_session_has_defaults_and_bounds() -> None:
     settings, problems = check(SessionSettings, {**condition, "form": [{"name": "f", "title": "T", "text": "Read."}]})
     assert problems == []
     assert settings is not None
-    assert (settings.seed, settings.speed, settings.allocation, settings.arrivals) == (1, 1.0, "random", "crossed")
+    assert (settings.seed, settings.speed, settings.score) == (1, 1.0, True)
+    assert (settings.allocation, settings.arrivals) == ("random", "crossed")
     training = settings.training
     assert (training.label, training.scenario, training.criterion) == ("training", "smoke", None)
     assert (settings.condition[0].scenario, settings.condition[0].set) == ("paper-25", ())
