@@ -180,7 +180,9 @@ def test_the_command_ends_with_the_runs_that_are_not_valid(tmp_path: Path, capsy
     write_tables(tmp_path / "sessions", tmp_path / "data")
     name = "participant 12, 0-training-2"
     line = f"1 of 1 complete runs are not valid, and are no replicates: {name}. For example {name}: {because}"
-    assert capsys.readouterr().err.splitlines()[-1] == f"deltaswarm: {line}"
+    *_, unsealed, last = capsys.readouterr().err.splitlines()
+    assert last == f"deltaswarm: {line}"
+    assert unsealed.endswith(", participant-012/0-training-2/summary.json")
     [participant] = rows_of(tmp_path / "data" / "participants.tsv")
     assert (participant["complete"], participant["invalid"], participant["training_runs"]) == ("0", "1", "0")
 
