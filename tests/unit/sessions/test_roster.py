@@ -80,14 +80,13 @@ def test_a_pilot_has_a_folder_and_a_column(command: list[str], tmp_path: Path) -
 
 
 def test_a_corrected_number_keeps_the_order(command: list[str], tmp_path: Path, capsys: Printed) -> None:
-    """The session goes on under the new number; the wrong one is free for its owner, and is not given to others."""
+    """The session goes on under the new number; the wrong one is free for its owner."""
     assert main([*command, "--participant", "1"]) == 0
     folder = tmp_path / "out" / "participant-001"
     before = json.loads((folder / "session.json").read_text())["runs"]
     (folder / f"2-{before[2]['condition']}").rename(tmp_path / "undone")
     assert main([*command, "--renumber", "1", "2"]) == 0
     assert roster.read(tmp_path / "out").begun == (2,)
-    assert next_number(load_session(command[1])[0], tmp_path / "out")["next"] == 3
     assert main([*command, "--participant", "2"]) == 0
     record = json.loads((tmp_path / "out" / "participant-002" / "session.json").read_text())
     assert [run["condition"] for run in record["runs"]] == [run["condition"] for run in before]
@@ -98,6 +97,16 @@ def test_a_corrected_number_keeps_the_order(command: list[str], tmp_path: Path, 
     assert [(row["participant"], row["allocated"]) for row in rows] == [("1", "1"), ("2", "1")]
     assert main([*command, "--renumber", "1", "2"]) == 2
     assert "must end with a number that is free" in capsys.readouterr().err
+
+
+def test_a_number_that_was_corrected_is_not_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its owner may come yet, although nobody has done its order to the end."""
+    Pretended(monkeypatch, {}, {"complete": False})
+    command = a_command(tmp_path)
+    assert main([*command, "--participant", "1"]) == 1
+    assert main([*command, "--renumber", "1", "2"]) == 0
+    found = next_number(load_session(command[1])[0], tmp_path / "out")
+    assert (found["next"], found["not_complete"]) == (3, [2])
 
 
 def test_the_next_number_keeps_the_balance_after_drop_outs(command: list[str], tmp_path: Path) -> None:
