@@ -22,7 +22,7 @@ from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
 
 ENTRY = {"date": str, "code": dict, "nonce": str, "plan": dict, HASH: str}
-OF = "session"
+NAME = "session"
 
 MAX_NAMED = 8
 """Maximum number of differing values named in a message."""
@@ -66,7 +66,7 @@ def freeze(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[Pat
         "nonce": secrets.token_hex(32),
         "plan": plan_of(settings, beside),
     }
-    entry[HASH] = frozen.hash_of(entry, OF)
+    entry[HASH] = frozen.hash_of(entry, NAME)
     sessions.mkdir(parents=True, exist_ok=True)
     with held(sessions):
         if was := read(sessions):
@@ -93,7 +93,7 @@ def read(sessions: Path) -> Table:
     try:
         entry: Table = json.loads(file.read_text(encoding="utf-8"))
         frozen.check_entry(entry, ENTRY)
-        if frozen.hash_of(entry, OF) != entry[HASH]:
+        if frozen.hash_of(entry, NAME) != entry[HASH]:
             raise ValueError("its content has another hash")
     except (OSError, ValueError, LookupError, TypeError):
         raise CommandError(f"{file} was changed or damaged after it was written; restore it") from None
@@ -101,7 +101,7 @@ def read(sessions: Path) -> Table:
 
 
 def check_plan(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[str, list[str]]:
-    """Return the hash that sessions of this plan are under, and warnings; "" and none if nothing was frozen."""
+    """Refuse a plan that differs from the frozen one. Return the frozen hash and warnings; "" if nothing is frozen."""
     entry = read(sessions)
     if not entry:
         return "", []
@@ -122,7 +122,7 @@ def code_problems(entry: Entry) -> list[str]:
 
 
 def run_problem(entry: Entry, label: str, seed: int, done: Scenario) -> str:
-    """Say what of a run's scenario is not as frozen, or not what its place in the order demands; empty if all is."""
+    """Say in which keys a run's scenario differs from the frozen one and its seed; empty if in none."""
     was = entry["plan"]["scenario"].get(label, {})
     changed = [*changed_keys(was, as_read(_of_condition(done))), *(["seed"] if done.seed != seed else [])]
     return f"must be as frozen (other values of {', '.join(changed[:MAX_NAMED])})" if changed else ""

@@ -101,7 +101,7 @@ def _later_files(folder: Path, attempts: Iterable[str]) -> list[str]:
 
 
 def unsealed_in(folder: Path, record: dict[str, Any]) -> list[str]:
-    """Return what a participant's tables rest on and nothing vouches for: runs and answers from before seals."""
+    """List files behind a participant's tables that no seal covers: runs and answers of earlier versions."""
     recorded = (attempt["folder"] for run in record["runs"] for attempt in run["attempts"])
     attempts = [name for name in recorded if (folder / name).exists() and not name.endswith(PART)]
     found = [
@@ -202,7 +202,7 @@ def _later(folder: Path) -> list[Row]:
 
 
 def attempts_of(folder: Path, run: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the attempts at a run of a record in order: by its folder what is recorded of each, {} if nothing is."""
+    """Return the attempts at a run of a record in order, by folder, with their entries; {} for one without an entry."""
     first = run_folder(run["place"], run["condition"])
     recorded = {attempt["folder"]: attempt for attempt in run["attempts"]}
     names = {*recorded, *names_of_attempts(folder, first)}
@@ -217,7 +217,7 @@ def names_of_attempts(folder: Path, run: str) -> list[str]:
 
 
 def attempt_number(name: str, run: str) -> int:
-    """Return which attempt at a run a folder of this name is: later ones have a number behind the name; 0: none."""
+    """Return the number of the attempt in a folder of this name; 0 if it holds no attempt at this run."""
     name = name.removesuffix(PART)
     number = name.removeprefix(f"{run}-")
     return 1 if name == run else int(number) if number != name and number.isdecimal() else 0

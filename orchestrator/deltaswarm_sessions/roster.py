@@ -128,7 +128,7 @@ def _lock(sessions: Path, only_reads: bool) -> FolderLock | None:
 
 
 def doubt(sessions: Path) -> str:
-    """Say why nobody can tell who began and who withdrew; empty if the roster does."""
+    """Say why the roster cannot be trusted; empty if it can."""
     file = sessions / ROSTER
     if file.exists():
         is_sealed = seal.SEAL in seal.read_sealed(file)
@@ -249,7 +249,7 @@ def allocated(record: dict[str, Any]) -> int:
 
 
 def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
-    """Return the free number whose order and streams were done least often, and which sessions count.
+    """Return the free number whose order and streams were done least often, and the sessions that were counted.
 
     Sessions that are complete or under way count; one that was begun and left does not, until it is continued.
     """

@@ -1,6 +1,5 @@
 """Make two stored results of every kind, and read them as the commands do."""
 
-import csv
 import signal
 import subprocess
 import time
@@ -16,6 +15,7 @@ from deltaswarm_orchestrator.recording import LAYOUT
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.replay import write_steps
 from deltaswarm_orchestrator.results import resume
+from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.load import load_sweep
@@ -113,16 +113,15 @@ def _make(at: Path, seed: str) -> None:
 
 def _make_session(at: Path, participant: int) -> None:
     settings, beside = load_session(str(a_file(at, 2)))
-    session = Session(participant, plan(settings, participant, beside))
+    session = Session(participant, plan(settings, participant, beside), kept={"begun": "2026-11-27T09:00:00+00:00"})
     folder = at / "sessions" / folder_name(participant)
     for run in session.runs:
         (at / "planned.toml").write_text(to_toml(run.scenario))
         assert main(["run", str(at / "planned.toml"), "--in-process", "-q", "--out", str(folder / run.folder)]) == 0
         page = folder / f"{run.folder}.again-1"
         page.mkdir()
-        with (page / "probes.csv").open("w", newline="") as stream:
-            row = ProbeRow("trust", 0, "why", "it was quick", 60.0, None, answered_utc="2026-11-27T10:00:00.000Z")
-            csv.writer(stream).writerows([ProbeRow._fields, row])
+        row = ProbeRow("trust", 0, "why", "it was quick", 60.0, None, answered_utc="2026-11-27T10:00:00.000Z")
+        write_csv(page / "probes.csv", ProbeRow._fields, [row])
         session.attempts[run.folder] = attempts_at(folder, run)
     write_record(folder, session)
 
@@ -158,6 +157,8 @@ def _read_checkpoint(folder: Path) -> Any:
 
 
 def _read_sessions(folder: Path) -> Any:
+    if roster.doubt(folder):
+        return FOUND
     settings, beside = load_session(str(folder.parent / "deltas.toml"))
     for participant in (1, 2):
         here = folder / folder_name(participant)

@@ -1,7 +1,7 @@
 """What is frozen before there are data: entries whose hashes cover their content, and how two versions of it differ.
 
-Protocols of studies and commitments of sessions are made of such entries. An entry's hash also covers what it is of
-and the hash of the entry before it, so an entry that was edited or taken out by hand shows.
+Protocols of studies and commitments of sessions consist of such entries. An entry's hash also covers a name and the
+hash of the entry before it, so it shows if an entry was edited or removed by hand.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ class Difference(NamedTuple):
 
 
 def differences(old: Table, new: Table, path: str = "") -> Iterator[Difference]:
-    """Yield what differs between two tables, by dotted keys. None is as good as no value."""
+    """Yield the differences of two tables by dotted key. A key that is None counts as absent."""
     for name in {**old, **new}:
         was, now = old.get(name), new.get(name)
         if isinstance(was, dict) and isinstance(now, dict):
@@ -61,29 +61,29 @@ def as_read(table: Any) -> Table:
     return dict(json.loads(json.dumps(table)))
 
 
-def hash_of(entry: Entry, of: str, before: str = "") -> str:
-    """Return the SHA-256 of an entry in canonical form; `before`: the hash of the entry before it."""
-    content = {name: value for name, value in entry.items() if name != HASH}
-    return hashlib.sha256(json.dumps([of, before, content], sort_keys=True).encode()).hexdigest()
+def hash_of(entry: Entry, name: str, before: str = "") -> str:
+    """Return the SHA-256 of an entry in canonical form; `before` is the hash of the entry before it."""
+    content = {key: value for key, value in entry.items() if key != HASH}
+    return hashlib.sha256(json.dumps([name, before, content], sort_keys=True).encode()).hexdigest()
 
 
-def hashes_of(entries: Sequence[Entry], of: str) -> list[str]:
+def hashes_of(entries: Sequence[Entry], name: str) -> list[str]:
     """Return the hash that each entry of a chain must have."""
     hashes: list[str] = []
     for entry in entries:
-        hashes.append(hash_of(entry, of, hashes[-1] if hashes else ""))
+        hashes.append(hash_of(entry, name, hashes[-1] if hashes else ""))
     return hashes
 
 
 def check_entry(entry: Entry, kinds: Mapping[str, type]) -> None:
-    """Check the keys of an entry. Raises LookupError, TypeError, ValueError: one is missing, or of another type."""
+    """Raise LookupError, TypeError or ValueError unless an entry has these keys, with values of these types."""
     if wrong := [name for name, kind in kinds.items() if not isinstance(entry[name], kind)]:
         raise ValueError(f"wrong {', '.join(wrong)}")
     time_of(entry["date"])
 
 
 def time_of(date: str) -> datetime:
-    """Parse a date. Raises ValueError: it is none, or has no time zone."""
+    """Parse a date. Raises ValueError if it is not a date with a time zone."""
     time = datetime.fromisoformat(date)
     if time.tzinfo is None:
         raise ValueError(f"{date!r} has no time zone")
@@ -91,7 +91,7 @@ def time_of(date: str) -> datetime:
 
 
 def write(file: Path, record: Table, mode: int | None = None) -> Path:
-    """Write entries, or a record of them; return the file."""
+    """Write an entry, or a record of several; return the file."""
     file.parent.mkdir(parents=True, exist_ok=True)
     write_whole(file, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n", mode)
     return file
