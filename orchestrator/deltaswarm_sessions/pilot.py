@@ -44,13 +44,7 @@ class Question(NamedTuple):
 
 
 def plan_participants(settings: SessionSettings, runs: Path, question: Question) -> dict[str, Any]:
-    """Return how many participants each metric needs.
-
-    Args:
-        settings: The session, whose orders and arrivals are balanced over groups of participants.
-        runs: The table of the pilot's runs.
-        question: What is to be shown.
-    """
+    """Return how many participants each metric needs, by the table of the pilot's runs."""
     first, second = pair = _conditions(settings, question)
     rows, columns = _read(runs, question.metric)
     if not columns:

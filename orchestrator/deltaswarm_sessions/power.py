@@ -88,15 +88,7 @@ def powers(
     """Search for the least number of groups of participants that has the wanted power; return all that were tried.
 
     The numbers double up to the first that has it, or to `MAX_PARTICIPANTS`, and then close in on the least.
-
-    Args:
-        pilot: Its differences, which must not all be equal.
-        effect: The mean difference to find, in the same unit.
-        group: Participants who do every order equally often.
-        wanted: Power that is enough.
-        alpha: Level of the two-sided test.
-        test: One of `TESTS`.
-        seed: The same seed gives the same numbers.
+    The pilot's differences must not all be equal. `group`: participants who do every order equally often.
     """
     tried: dict[int, Power] = {}
 
