@@ -1,28 +1,31 @@
 """A commitment to a session's plan and code before the first participant: its hash can be published, and shows neither.
 
-The hash covers a random nonce, so nobody can find the plan by trying plans. The canonical form is that of the frozen
-protocols of studies.
+The hash covers a random nonce, so nobody can find the plan by trying plans.
 """
 
 import json
 import secrets
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import frozen, provenance
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.frozen import HASH, Entry, Table, as_read, changed_keys
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario, content_of
-from deltaswarm_sessions import ledger
-from deltaswarm_sessions.ledger import COMMITMENT
 from deltaswarm_sessions.plan import plan
+from deltaswarm_sessions.roster import COMMITMENT, held
+from deltaswarm_sessions.roster import read as read_roster
+from deltaswarm_sessions.roster import write as write_roster
 from deltaswarm_sessions.settings import SessionSettings
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
-from deltaswarm_wire.files import write_whole
 
-ENTRY = {"date": str, "code": dict, "nonce": str, "plan": dict, "hash": str}
+ENTRY = {"date": str, "code": dict, "nonce": str, "plan": dict, HASH: str}
+NAME = "session"
+
+MAX_NAMED = 8
+"""Maximum number of differing values named in a message."""
 
 OF_PARTICIPANT = (
     "schema",
@@ -37,101 +40,80 @@ OF_PARTICIPANT = (
 """Scenario keys that differ between participants or places, and follow from the session's own table."""
 
 
-def plan_of(settings: SessionSettings, beside: Path) -> dict[str, Any]:
+def plan_of(settings: SessionSettings, beside: Path) -> Table:
     """Return what a session fixes: design and seed, questions, exclusions, scenarios, and which measures there are."""
     runs = plan(settings, 1, beside)
-    content = {
-        "session": checked.plain(settings),
-        "consent": (beside / settings.consent).read_text(encoding="utf-8") if settings.consent else "",
-        "scenario": {run.label: fixed(run.scenario) for run in sorted(runs, key=lambda run: run.label)},
-        "measures": list(MEASURES),
-    }
-    return dict(json.loads(json.dumps(content)))
+    return as_read(
+        {
+            "session": checked.plain(settings),
+            "consent": (beside / settings.consent).read_text(encoding="utf-8") if settings.consent else "",
+            "scenario": {run.label: _of_condition(run.scenario) for run in sorted(runs, key=lambda run: run.label)},
+            "measures": list(MEASURES),
+        }
+    )
 
 
-def fixed(scenario: Scenario) -> dict[str, Any]:
+def _of_condition(scenario: Scenario) -> Table:
     """Return the keys of a scenario that are the same in all runs of a condition, by dotted names."""
     return {name: value for name, value in flattened(content_of(scenario)) if not name.startswith(OF_PARTICIPANT)}
 
 
 def freeze(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[Path, str]:
-    """Write the commitment before the first session; return its file and its hash.
-
-    Raises:
-        CommandError: there is one already, or a session has begun.
-    """
+    """Write the commitment before the first session; return its file and its hash."""
     entry = {
         "date": provenance.now(),
         "code": _code(),
         "nonce": secrets.token_hex(32),
         "plan": plan_of(settings, beside),
     }
-    found = hash_of(entry)
-    data = json.dumps(entry | {"hash": found}, indent=2, ensure_ascii=False).encode() + b"\n"
+    entry[HASH] = frozen.hash_of(entry, NAME)
     sessions.mkdir(parents=True, exist_ok=True)
-    with ledger.held(sessions):
+    with held(sessions):
         if was := read(sessions):
             raise CommandError(
                 f"{sessions / COMMITMENT} must not be there yet: the plan was frozen on {was['date']} with the hash "
-                f"{was['hash']}; to change it, use another --out"
+                f"{was[HASH]}; to change it, use another --out"
             )
-        roster = ledger.read(sessions)
+        roster = read_roster(sessions)
         begun = [folder.name for folder in sorted(sessions.glob("participant-*"))]
         if begun := begun or [f"participant {number}" for number in sorted(roster.used)]:
             raise CommandError(
                 f"the plan must be frozen before the first session (got {begun[0]} in {sessions}); use another --out"
             )
-        write_whole(sessions / COMMITMENT, data, 0o600)
-        ledger.write(sessions, roster)
-    return sessions / COMMITMENT, found
+        file = frozen.write(sessions / COMMITMENT, entry, 0o600)
+        write_roster(sessions, roster)
+    return file, str(entry[HASH])
 
 
-def hash_of(entry: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a commitment in canonical form, without the hash that is written in it."""
-    from deltaswarm_studies import protocol  # imports pandas
-
-    return protocol.hash_of(entry, "session", "")
-
-
-def read(sessions: Path) -> dict[str, Any]:
-    """Return the commitment of a folder of sessions; {} if there is none.
-
-    Raises:
-        CommandError: it cannot be read, or was changed.
-    """
+def read(sessions: Path) -> Table:
+    """Return the commitment of a folder of sessions; {} if there is none."""
     file = sessions / COMMITMENT
     if not file.exists():
         return {}
     try:
-        entry = json.loads(file.read_text(encoding="utf-8"))
-        is_whole = (
-            all(isinstance(entry[name], kind) for name, kind in ENTRY.items()) and hash_of(entry) == entry["hash"]
-        )
+        entry: Table = json.loads(file.read_text(encoding="utf-8"))
+        frozen.check_entry(entry, ENTRY)
+        if frozen.hash_of(entry, NAME) != entry[HASH]:
+            raise ValueError("its content has another hash")
     except (OSError, ValueError, LookupError, TypeError):
-        is_whole = False
-    if not is_whole:
-        raise CommandError(f"{file} was changed or damaged after it was written; restore it")
-    return dict(entry)
+        raise CommandError(f"{file} was changed or damaged after it was written; restore it") from None
+    return entry
 
 
 def check_plan(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[str, list[str]]:
-    """Return the hash that sessions of this plan are under, and warnings; "" and none if nothing was frozen.
-
-    Raises:
-        CommandError: the session's file, or a scenario in it, is no longer as it was frozen.
-    """
+    """Refuse a plan that differs from the frozen one. Return the frozen hash and warnings; "" if nothing is frozen."""
     entry = read(sessions)
     if not entry:
         return "", []
-    if changed := list(differences(entry["plan"], plan_of(settings, beside))):
+    if changed := changed_keys(entry["plan"], plan_of(settings, beside)):
         raise CommandError(
-            f"the plan must be as it was frozen on {entry['date']} (other values of {', '.join(changed[:8])}): "
+            f"the plan must be as it was frozen on {entry['date']} (other values of {', '.join(changed[:MAX_NAMED])}): "
             "undo the change, or use another --out"
         )
-    return str(entry["hash"]), [f"{line}: --against will show it" for line in code_problems(entry)]
+    return str(entry[HASH]), [f"{line}: --against will show it" for line in code_problems(entry)]
 
 
-def code_problems(entry: Mapping[str, Any]) -> list[str]:
+def code_problems(entry: Entry) -> list[str]:
     """Say how the code in use differs from the frozen one."""
     was, now = entry["code"], _code()
     if was["digest"] == now["digest"]:
@@ -139,23 +121,14 @@ def code_problems(entry: Mapping[str, Any]) -> list[str]:
     return [f"the code must be that of version {was['version']}, commit {was['commit']} (got commit {now['commit']})"]
 
 
-def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
-    """Yield the dotted names of values that differ."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        for name in {**old, **new}:
-            yield from differences(old.get(name), new.get(name), f"{path}.{name}" if path else name)
-    elif old != new:
-        yield path
+def run_problem(entry: Entry, label: str, seed: int, done: Scenario) -> str:
+    """Say in which keys a run's scenario differs from the frozen one and its seed; empty if in none."""
+    was = entry["plan"]["scenario"].get(label, {})
+    changed = [*changed_keys(was, as_read(_of_condition(done))), *(["seed"] if done.seed != seed else [])]
+    return f"must be as frozen (other values of {', '.join(changed[:MAX_NAMED])})" if changed else ""
 
 
-def run_problems(entry: Mapping[str, Any], label: str, seed: int, done: Scenario) -> list[str]:
-    """Name what of a run's scenario is not as it was frozen, or not what its place in the order demands."""
-    changed = list(differences(entry["plan"]["scenario"].get(label), json.loads(json.dumps(fixed(done)))))
-    return [*changed, *(["seed"] if done.seed != seed else [])]
-
-
-def settings_of(entry: Mapping[str, Any]) -> SessionSettings:
-    """Return the settings of a frozen session."""
+def settings_of(entry: Entry) -> SessionSettings:
     return checked.load(SessionSettings, entry["plan"]["session"], "session")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_sessions import BIDS, PSYCH_DS
-from deltaswarm_sessions.staging import staged, write_rows
+from deltaswarm_sessions.tables import staged, write_rows
 from deltaswarm_wire.cells import rows_by_column
 from deltaswarm_wire.files import write_whole
 
@@ -23,12 +23,7 @@ Columns = Mapping[str, Row]
 
 
 def export(kind: str, tables: Path, name: str) -> Path:
-    """Write the tables in a folder as a dataset of this kind below it; return its folder. An earlier one is replaced.
-
-    Raises:
-        CommandError: a folder of this name is there that is no dataset.
-        OSError: it cannot be written; an earlier one is as it was.
-    """
+    """Write the tables in a folder as a dataset below it, in place of an earlier one; return its folder."""
     out = tables / kind
     if out.exists() and not (out / DESCRIPTION).exists():
         raise CommandError(f"{out} must be a dataset that was exported before, or not be there; move it away")
@@ -108,7 +103,7 @@ def _rows(file: Path) -> Sequence[dict[str, str]]:
 def _tsv(file: Path, columns: Iterable[str], rows: Iterable[Row]) -> None:
     """Write a table of BIDS, which has n/a in empty cells, and neither tabs nor line breaks in them."""
     plain = [{name: " ".join(value.split()) or "n/a" for name, value in row.items()} for row in rows]
-    write_rows(file, columns, plain, "\t")
+    write_rows(file, columns, plain)
 
 
 def _json(file: Path, content: Mapping[str, Any]) -> None:

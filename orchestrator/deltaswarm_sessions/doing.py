@@ -16,46 +16,42 @@ from deltaswarm_orchestrator.cli.arguments import show
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.scenarios.load import language_at
-from deltaswarm_sessions import commitment, ledger, roster
+from deltaswarm_sessions import commitment, roster
 from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
-from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import SessionSettings, load_session
 from deltaswarm_sessions.tables import RUNS, WIDE, write_tables
+from deltaswarm_sessions.trivial_questions import situation_warnings
 from deltaswarm_sessions.variables import OF_SWARM
 
 QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
 """Options of --plan."""
 
+NEEDS = dict.fromkeys(QUESTION, "plan") | {"reason": "withdraw", "wide": "table", "format": "table"}
+"""Options that have no effect without another."""
+
 
 def session(arguments: argparse.Namespace) -> int:
     """Do the remaining runs of a participant's session, write the tables of all participants, or plan their number."""
     settings, beside = load_session(arguments.session)
-    asked = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
-    if asked and arguments.plan is None:
-        raise CommandError(f"--{next(iter(asked))} must be given with --plan, without which it has no effect")
+    for name, needed in NEEDS.items():
+        value = getattr(arguments, name)
+        if value is not False and value not in (None, "", []) and getattr(arguments, needed) is None:
+            raise CommandError(f"--{name} must be given with --{needed}, without which it has no effect")
     if arguments.plan is not None:
-        return _plan(arguments, settings, asked)
+        return _plan(arguments, settings)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     out = out / roster.PILOT if arguments.pilot else out
     check_files(out)
-    if arguments.reason and arguments.withdraw is None:
-        raise CommandError("--reason must be given with --withdraw, without which it has no effect")
     if arguments.freeze:
         file, found = commitment.freeze(settings, beside, out)
         show(arguments, {"file": str(file), "hash": found}, f"{found}\n{file}: keep it secret until the study is over")
         return OK
-    if arguments.wide and not arguments.table:
-        raise CommandError("--wide must be given with --table, without which it has no effect")
-    if arguments.format and not arguments.table:
-        raise CommandError("--format must be given with --table, without which it has no effect")
     if arguments.participant is None:
         return _keep(arguments, settings, out)
-    if arguments.language is not None:
-        settings = replace(settings, language=language_at(arguments.language, Path()))
     return _do(arguments, settings, beside, out)
 
 
@@ -63,7 +59,7 @@ def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -
     """Work on the participants of a folder of sessions: number, withdraw, correct a number, write tables."""
     if arguments.table:
         check_out(arguments.table)
-    with ledger.held(out, only_reads=bool(arguments.table)) as is_writable:
+    with roster.held(out, only_reads=bool(arguments.table)) as is_writable:
         _finish(arguments, settings, out)
         if arguments.next:
             number = roster.next_number(settings, out)
@@ -87,7 +83,7 @@ def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -
 
 def _finish(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -> None:
     """Finish what an earlier command began and did not end, unless this one is the same command again."""
-    noted = ledger.read(out)
+    noted = roster.read(out)
     match noted.unfinished:
         case () | (arguments.withdraw,):
             return
@@ -111,13 +107,7 @@ def _tables(arguments: argparse.Namespace, settings: SessionSettings, out: Path,
     return files
 
 
-def _as_in_file(arguments: argparse.Namespace, settings: SessionSettings) -> SessionSettings:
-    """Return the settings without the language of one participant, to which no plan commits."""
-    return settings if arguments.language is None else load_session(arguments.session)[0]
-
-
 def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
-    """Do the remaining runs of one participant, or print which they are."""
     participant: int = arguments.participant
     check_out(out)
     roster.check_number(out, participant)
@@ -125,14 +115,16 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     _, record = before = _state(out, participant)
     kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected", "begun") if name in record}
     kept |= {"pilot": True} if arguments.pilot else {}
-    frozen, warnings = commitment.check_plan(_as_in_file(arguments, settings), beside, out)
+    frozen, warnings = commitment.check_plan(settings, beside, out)
     if record and (was := record.get("frozen", "")) != frozen:
         raise CommandError(
             f"{folder} must be a session of the plan that is frozen in {out}, {frozen or 'none'} (got a session of "
-            f"{was or 'none'}): restore {ledger.COMMITMENT}, or use another --out"
+            f"{was or 'none'}): restore {roster.COMMITMENT}, or use another --out"
         )
     kept |= {"frozen": frozen} if frozen else {}
     kept |= {} if record else {"begun": provenance.now()}
+    if arguments.language is not None:  # of this participant: no plan commits to it
+        settings = replace(settings, language=language_at(arguments.language, Path()))
     runs = plan(settings, kept.get("allocated", participant), beside)
     runner = Runner(
         session=Session(participant, runs, shows_score=settings.score, kept=kept),
@@ -149,15 +141,15 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     if arguments.dry_run:
         for warning in situation_warnings(runner.session.runs):
             notice(warning)
-        outlined = outline(settings, runner.session.runs, is_concealed=not runner.has_begun)
+        outlined = outline(settings, runner.session.runs, is_concealed=not record)
         show(arguments, outlined, outline_text(outlined))
         return OK
     out.mkdir(parents=True, exist_ok=True)
-    with ledger.held(out):  # what was checked above may have changed since
+    with roster.held(out):  # what was checked above may have changed since
         roster.check_number(out, participant)
         if _state(out, participant) != before:
             raise CommandError(f"{folder} or the frozen plan was changed by another command; give this one again")
-        ledger.write(out, ledger.read(out))
+        roster.write(out, roster.read(out))
         runner.begin()
         roster.note_begun(out, participant)
     with results_on(sys.stderr) if arguments.json else nullcontext():
@@ -174,7 +166,6 @@ def _state(out: Path, participant: int) -> tuple[str, dict[str, Any]]:
 
 
 def _next_text(found: dict[str, Any]) -> str:
-    """Format the result of `next_number`."""
     told = {"complete or under way": "counted", "begun and not complete": "not_complete", "withdrawn": "withdrawn"}
     lines = [f"{words}: {', '.join(map(str, found[name]))}" for words, name in told.items() if found[name]]
     return "\n".join([str(found["next"]), *lines])
@@ -195,7 +186,7 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
                 f"({error}); mend that, then give the command again",
                 FAILED,
             ) from None
-    ledger.write(out, ledger.read(out)._replace(unfinished=()))
+    roster.write(out, roster.read(out)._replace(unfinished=()))
     return {
         "deleted": str(removed.folder) if removed.folder else None,
         "tables": [str(folder) for folder in removed.tables],
@@ -203,11 +194,11 @@ def _withdraw(arguments: argparse.Namespace, settings: SessionSettings, out: Pat
     }
 
 
-def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:
-    """Print how many participants are needed to find a difference between two conditions."""
+def _plan(arguments: argparse.Namespace, settings: SessionSettings) -> int:
     from deltaswarm_sessions.pilot import Question, plan_participants, text  # imports SciPy
 
     check_files(arguments.plan)
+    asked: dict[str, Any] = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
     effect = asked.get("effect")
     if effect is not None and ("metric" not in asked or not effect):
         raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")

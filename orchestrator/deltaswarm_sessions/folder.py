@@ -2,16 +2,17 @@
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.frozen import changed_keys
 from deltaswarm_orchestrator.recording import PART, SCENARIO
 from deltaswarm_orchestrator.results.folder import results_in
-from deltaswarm_orchestrator.results.folder_lock import is_held
+from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
@@ -22,9 +23,10 @@ from deltaswarm_scenario.situation import shares
 from deltaswarm_scenario.technique import AFTER
 from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_scenario.tlx import TLX
-from deltaswarm_sessions.plan import PlannedRun
-from deltaswarm_sessions.session import Attempt, Session, changed_keys
+from deltaswarm_sessions.plan import PlannedRun, run_folder
+from deltaswarm_sessions.session import Attempt, Session
 from deltaswarm_wire.cells import rows_by_column
+from deltaswarm_wire.checked import plain
 from deltaswarm_wire.reading import decoded
 
 RECORD, SUMMARY = "session.json", "summary.json"
@@ -40,16 +42,18 @@ NEEDED = {
 
 
 def folder_name(participant: int) -> str:
-    """Return the name of a participant's folder."""
     return f"participant-{participant:03}"
 
 
-def check_design(folder: Path, session: Session) -> None:
-    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one.
+def locked(folder: Path) -> FolderLock:
+    try:
+        return FolderLock(folder)
+    except HeldError:
+        raise CommandError(f"{folder} must be free: a session of this participant is under way") from None
 
-    Raises:
-        CommandError: the order of the conditions, or the scenario of a valid run, is another one.
-    """
+
+def check_design(folder: Path, session: Session) -> None:
+    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one."""
     hint = "undo the change of the session's file, or choose another folder by --out"
     if (folder / RECORD).exists():
         before = [run["condition"] for run in read_record(folder)["runs"]]
@@ -57,7 +61,7 @@ def check_design(folder: Path, session: Session) -> None:
             raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
     for attempt in (attempt for attempts in session.attempts.values() for attempt in attempts if attempt.is_valid):
         file = folder / attempt.folder / SCENARIO
-        if changed := changed_keys(attempt.scenario, load_scenario(str(file))):
+        if changed := changed_keys(plain(attempt.scenario), plain(load_scenario(str(file)))):
             raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
         was, is_now = seal.read_sealed(file.with_name(seal.MANIFEST)).get("inputs"), inputs.identify(attempt.scenario)
         if was and (other := inputs.differences({**was, inputs.CODE: is_now[inputs.CODE]}, is_now)):
@@ -65,11 +69,7 @@ def check_design(folder: Path, session: Session) -> None:
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record in a participant's folder. Runs whose folders have been deleted are no longer vouched for.
-
-    Raises:
-        CommandError: it cannot be read, is another participant's, or it, or a file that it seals, has been changed.
-    """
+    """Return the record in a participant's folder. Runs whose folders have been deleted are no longer vouched for."""
     record = intact_record(folder)
     if folder.name != (own := folder_name(record["participant"])):
         raise CommandError(
@@ -80,7 +80,7 @@ def read_record(folder: Path) -> dict[str, Any]:
 
 
 def intact_record(folder: Path) -> dict[str, Any]:
-    """Return the record in a participant's folder whatever the folder's name is. Raises CommandError, as above."""
+    """Return the record in a participant's folder whatever the folder's name is."""
     sealed = seal.files_of(seal.read_sealed(folder / RECORD))
     deleted = {name for name in sealed if not (folder / name).parent.exists()}
     return _having(folder / RECORD, seal.checked(folder / RECORD, deleted=deleted), "runs")
@@ -89,32 +89,31 @@ def intact_record(folder: Path) -> dict[str, Any]:
 def write_record(folder: Path, session: Session) -> None:
     """Write the record, which seals the manifests of all attempts (and they their runs) and the later answers."""
     attempts = [attempt.folder for attempts in session.attempts.values() for attempt in attempts]
-    names = [f"{name}/{seal.MANIFEST}" for name in attempts]
-    pages = [page for name in attempts for page in folders_of_later_answers(folder / name)]
-    names += [f"{page.name}/{PROBES}" for page in pages]
-    files = seal.digests(folder, [name for name in names if (folder / name).exists()])
+    manifests = [name for attempt in attempts if (folder / (name := f"{attempt}/{seal.MANIFEST}")).exists()]
+    files = seal.digests(folder, [*manifests, *_later_files(folder, attempts)])
     seal.write_sealed(folder / RECORD, session.record, files)
 
 
+def _later_files(folder: Path, attempts: Iterable[str]) -> list[str]:
+    """Return the tables of answers that were given after these attempts."""
+    pages = [page for name in attempts for page in folders_of_later_answers(folder / name)]
+    return [f"{page.name}/{PROBES}" for page in pages if (page / PROBES).exists()]
+
+
 def unsealed_in(folder: Path, record: dict[str, Any]) -> list[str]:
-    """Return what a participant's tables rest on and nothing vouches for: runs and answers from before seals."""
+    """List files behind a participant's tables that no seal covers: runs and answers of earlier versions."""
     recorded = (attempt["folder"] for run in record["runs"] for attempt in run["attempts"])
     attempts = [name for name in recorded if (folder / name).exists() and not name.endswith(PART)]
-    found = [f"{name}/{file}" for name in attempts for file in _not_sealed(folder / name)]
-    names = [f"{page.name}/{PROBES}" for name in attempts for page in folders_of_later_answers(folder / name)]
-    return found + seal.not_sealed(record, [name for name in names if (folder / name).exists()])
-
-
-def _not_sealed(run: Path) -> list[str]:
-    return seal.not_sealed(seal.read_sealed(run / seal.MANIFEST), results_in(run))
+    found = [
+        f"{name}/{file}"
+        for name in attempts
+        for file in seal.not_sealed(seal.read_sealed(folder / name / seal.MANIFEST), results_in(folder / name))
+    ]
+    return found + seal.not_sealed(record, _later_files(folder, attempts))
 
 
 def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
-    """Return all attempts at a run that have ended, in order, with those that were killed.
-
-    Raises:
-        CommandError: a summary cannot be read, or a file of an attempt has been changed.
-    """
+    """Return all attempts at a run that have ended, in order, with those that were killed."""
     found: list[Attempt] = []
     for name in names_of_attempts(folder, run.folder):
         here = folder / name
@@ -124,7 +123,6 @@ def attempts_at(folder: Path, run: PlannedRun) -> list[Attempt]:
 
 
 def scenario_of(run: PlannedRun, folder: str, earlier: Sequence[Attempt]) -> Scenario:
-    """Return the scenario of the attempt in a folder of this name, after these."""
     return run.attempt(attempt_number(folder, run.folder), is_repeat=any(attempt.is_valid for attempt in earlier))
 
 
@@ -132,8 +130,6 @@ def summary_of(run: Path) -> dict[str, Any]:
     """Return the summary of a run with what was known only after it: later answers, and how many were right.
 
     A killed run has no summary of its own, and no measures.
-
-    Raises CommandError, as above.
     """
     manifest = seal.checked(run / seal.MANIFEST)
     if _is_killed(run):
@@ -153,11 +149,7 @@ def answers(folder: Path) -> list[Row]:
 
 
 def rows_in(file: Path) -> list[Row]:
-    """Return the rows of a table of a run, without a last one that a kill cut off.
-
-    Raises:
-        CommandError: it cannot be read, lacks a column, or a cell is not the number that its column demands.
-    """
+    """Return the rows of a table of a run, without a last one that a kill cut off."""
     try:
         data = file.read_bytes() if file.exists() else b""
         is_cut = bool(data) and not data.endswith(b"\n")  # maybe in the middle of a character
@@ -181,7 +173,6 @@ def _check_cells(rows: Sequence[Row], table: str) -> None:
 
 
 def is_finite(cell: str) -> bool:
-    """Whether a cell holds a finite number."""
     try:
         return math.isfinite(float(cell))
     except ValueError:
@@ -207,8 +198,15 @@ def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]
 
 
 def _later(folder: Path) -> list[Row]:
-    """Return the answers that were given after a run."""
     return [row for page in folders_of_later_answers(folder) for row in rows_in(page / PROBES) if row["answered_utc"]]
+
+
+def attempts_of(folder: Path, run: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the attempts at a run of a record in order, by folder, with their entries; {} for one without an entry."""
+    first = run_folder(run["place"], run["condition"])
+    recorded = {attempt["folder"]: attempt for attempt in run["attempts"]}
+    names = {*recorded, *names_of_attempts(folder, first)}
+    return {name: recorded.get(name, {}) for name in sorted(names, key=lambda name: attempt_number(name, first))}
 
 
 def names_of_attempts(folder: Path, run: str) -> list[str]:
@@ -219,7 +217,7 @@ def names_of_attempts(folder: Path, run: str) -> list[str]:
 
 
 def attempt_number(name: str, run: str) -> int:
-    """Return which attempt at a run a folder of this name is: later ones have a number behind the name; 0: none."""
+    """Return the number of the attempt in a folder of this name; 0 if it holds no attempt at this run."""
     name = name.removesuffix(PART)
     number = name.removeprefix(f"{run}-")
     return 1 if name == run else int(number) if number != name and number.isdecimal() else 0
@@ -231,7 +229,6 @@ def _is_killed(run: Path) -> bool:
 
 
 def _having(file: Path, content: dict[str, Any], needed: str) -> dict[str, Any]:
-    """Return the content of a file if it has this key. Raises CommandError: it has not, or there is no file."""
     if needed not in content:
         reason = f"it has no {needed!r}" if content else "it is missing"
         raise CommandError(f"{file} must be a whole file of this session ({reason}); restore it, or move it away")

@@ -44,16 +44,7 @@ class Question(NamedTuple):
 
 
 def plan_participants(settings: SessionSettings, runs: Path, question: Question) -> dict[str, Any]:
-    """Return how many participants each metric needs.
-
-    Args:
-        settings: The session, whose orders and arrivals are balanced over groups of participants.
-        runs: The table of the pilot's runs.
-        question: What is to be shown.
-
-    Raises:
-        CommandError: the question does not fit the session or the table, or the pilot has too few participants.
-    """
+    """Return how many participants each metric needs, by the table of the pilot's runs."""
     first, second = pair = _conditions(settings, question)
     rows, columns = _read(runs, question.metric)
     if not columns:
@@ -119,11 +110,7 @@ def _conditions(settings: SessionSettings, question: Question) -> tuple[str, str
 
 
 def _read(runs: Path, metric: str | None = None) -> tuple[list[Row], list[str]]:
-    """Return the valid runs after the training, and the columns with numbers that measure them.
-
-    Raises:
-        CommandError: a cell of the metric, or of a column that is known to hold numbers, is none.
-    """
+    """Return the valid runs after the training, and the columns with numbers that measure them."""
     seal.checked(runs.with_name(seal.RECORD))
     try:
         columns, lines = rows_of(read_text(runs), "\t")
@@ -152,7 +139,6 @@ def _is_valid(row: Row) -> bool:
 
 
 def _is_measured(rows: Sequence[Row], metric: str) -> bool:
-    """Whether some run has a value, and each value is a number."""
     values = [row[metric] for row in rows if row[metric]]
     return bool(values) and all(map(is_finite, values))
 

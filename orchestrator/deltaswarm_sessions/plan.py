@@ -28,6 +28,7 @@ from deltaswarm_sessions.settings import (
     LAST,
     MAX_CONDITIONS,
     RANDOM,
+    ConditionSettings,
     CriterionSettings,
     SessionSettings,
 )
@@ -95,37 +96,34 @@ def order_of(participant: int, count: int, seed: int | None = None) -> list[Plac
     return [Placed(condition, (condition + row + cycle) % count) for condition in rows[row]]
 
 
-def allocation_of(settings: SessionSettings, participant: int) -> tuple[object, ...]:
-    """Return what is balanced over participants: conditions in order, with their streams if these are crossed."""
-    count = len(settings.condition)
-    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
-    if settings.arrivals != CROSSED:
-        return tuple(placed.condition for placed in order)
-    return (*order, _set_of(settings, participant))
+class Place(NamedTuple):
+    """The place of a run in the order of a participant."""
+
+    condition: ConditionSettings
+    stream: int | None
+    """The stream of arrivals; None: one of its own."""
+    number: int
+    """The number from which the run's seed is derived."""
 
 
-def _set_of(settings: SessionSettings, participant: int) -> int:
-    """Return which set of streams a participant's group has, from 0."""
-    return (participant - 1) // group_of(len(settings.condition), is_crossed=True) % settings.arrival_sets
-
-
-def order_and_numbers(settings: SessionSettings, participant: int) -> list[tuple[str, int]]:
-    """Return the label of each run in order, the training first, with the number from which its seed is derived."""
+def places_of(settings: SessionSettings, participant: int) -> list[Place]:
+    """Return a participant's runs in order, the training first."""
     count, is_crossed = len(settings.condition), settings.arrivals == CROSSED
     order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
-    first = _set_of(settings, participant) if is_crossed else participant
-    numbers = (placed.stream + 1 if is_crossed else place for place, placed in enumerate(order, 1))
-    runs = [
-        (settings.condition[placed.condition].label, first * (MAX_CONDITIONS + 1) + number)
-        for placed, number in zip(order, numbers, strict=True)
-    ]
-    return [(settings.training.label, 0), *runs]  # all train with the same arrivals
+    streams_set = (participant - 1) // group_of(count, is_crossed=True) % settings.arrival_sets
+    first = (streams_set if is_crossed else participant) * (MAX_CONDITIONS + 1)
+    places = [Place(settings.training, None, 0)]  # all train with the same arrivals
+    for place, (index, stream) in enumerate(order, 1):
+        condition = settings.condition[index]
+        if is_crossed:
+            places.append(Place(condition, stream + streams_set * count, first + stream + 1))
+        else:
+            places.append(Place(condition, None, first + place))
+    return places
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run of a participant."""
-
     label: str
     """The condition's label."""
     folder: str
@@ -160,60 +158,45 @@ class PlannedRun:
 
 
 def run_folder(place: int, label: str) -> str:
-    """Return the name of the folder of a run's first attempt."""
     return f"{place}-{label.replace(' ', '-')}"
 
 
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
-    """Plan all runs of a participant, the training first; relative paths start at `beside`.
-
-    Raises:
-        SettingsError: a scenario is invalid, or the consent text cannot be read.
-    """
+    """Plan all runs of a participant, the training first; relative paths start at `beside`."""
     count, criterion = len(settings.condition), settings.training.criterion
-    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
-    runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
     consent = _text(settings.consent, beside)
     runs = []
-    numbers = [number for _, number in order_and_numbers(settings, participant)]
-    for place, ((condition, stream), number) in enumerate(zip(runs_of, numbers, strict=True)):
+    for place, (condition, stream, number) in enumerate(places_of(settings, participant)):
         name, label = condition.scenario, condition.label
         if name not in BUILT_IN:
             name = str((beside / name).resolve())
-        sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         ends = criterion is not None and criterion.if_not_reached == END and place == 0
         end_text = THANKS if place == count else WAIT if ends else MORE
         shown = {"title": label, "place": [place, count], "end_text": end_text}
         if settings.language:
             shown["language"] = scenarios.language_at(settings.language, beside)
+        sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         overrides = [
             *DEFAULTS,
             *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),
             *settings.set,
             *condition.set,
+            *(f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()),
         ]
-        overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]
-        if stream is not None:
-            is_crossed = settings.arrivals == CROSSED
-            stream = stream + _set_of(settings, participant) * count if is_crossed else None
         scenario = scenarios.load_scenario(name, overrides, seed_of(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
         run = PlannedRun(
             label, run_folder(place, label), scenario, place, stream, (settings.seed, number), condition.set
         )
         if place == 0:
-            run = replace(
-                run,
-                once=tuple(form.name for form in settings.form if form.when == FIRST),
-                criterion=_checked(criterion, scenario),
-            )
+            once = tuple(form.name for form in settings.form if form.when == FIRST)
+            run = replace(run, once=once, criterion=_checked(criterion, scenario))
         runs.append(run)
         consent = ""  # asked for once
     return runs
 
 
 def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:
-    """Return the criterion. Raises SettingsError: the training's runs have no such metric."""
     if criterion and (problems := criterion.problems_with(training)):
         raise SettingsError([replace(p, path=f"session.training.criterion.{p.path}") for p in problems])
     return criterion
@@ -230,7 +213,6 @@ def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool
 
 
 def seed_of(seed: int, number: int, attempt: int) -> int:
-    """Derive the seed of an attempt at a run."""
     return agent_seed(seed, number + (attempt - 1) * MAX_RUNS) % MAX_SEED
 
 
@@ -283,7 +265,6 @@ def outline(settings: SessionSettings, planned: Sequence[PlannedRun], *, is_conc
 
 
 def outline_text(outlined: dict[str, Any]) -> str:
-    """Format the result of `outline`."""
     rows = [
         (row["label"], row["scenario"], f"{row['simulated_s']:g}", _minutes(row["wall_min"]), "; ".join(row["asks"]))
         for row in outlined["runs"]

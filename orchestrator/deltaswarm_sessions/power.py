@@ -63,7 +63,6 @@ class Pilot(NamedTuple):
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the residuals."""
         return math.sqrt(float(np.sum(self.residuals**2)) / self.degrees)
 
 
@@ -89,15 +88,7 @@ def powers(
     """Search for the least number of groups of participants that has the wanted power; return all that were tried.
 
     The numbers double up to the first that has it, or to `MAX_PARTICIPANTS`, and then close in on the least.
-
-    Args:
-        pilot: Its differences, which must not all be equal.
-        effect: The mean difference to find, in the same unit.
-        group: Participants who do every order equally often.
-        wanted: Power that is enough.
-        alpha: Level of the two-sided test.
-        test: One of `TESTS`.
-        seed: The same seed gives the same numbers.
+    The pilot's differences must not all be equal. `group`: participants who do every order equally often.
     """
     tried: dict[int, Power] = {}
 
@@ -122,13 +113,13 @@ def _power(pilot: Pilot, effect: float, participants: int, alpha: float, test: s
     residuals = pilot.residuals * math.sqrt(count / pilot.degrees)
     times_drawn = rng.multinomial(participants, np.full(count, 1 / count), size=RESAMPLES).astype(float)
     if test == SIGNED_RANK:
-        return float(np.mean(_signed_rank_rejects(times_drawn, residuals, effect, alpha)))
+        return float(np.mean(signed_rank_rejects(times_drawn, residuals, effect, alpha)))
     if participants <= pilot.parameters:
         return 0.0
-    return float(np.mean(_t_rejects(times_drawn, residuals, effect, alpha, participants - pilot.parameters)))
+    return float(np.mean(t_rejects(times_drawn, residuals, effect, alpha, participants - pilot.parameters)))
 
 
-def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float, degrees: int) -> NDArray[np.bool_]:
+def t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float, degrees: int) -> NDArray[np.bool_]:
     """Test each row. Equal differences, which only a coarse scale or a small pilot gives, do not count as an effect."""
     n = float(times_drawn[0].sum())
     mean = times_drawn @ residuals / n
@@ -138,7 +129,7 @@ def _t_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float
     return varies & ((effect + mean) ** 2 > stats.t.isf(alpha / 2, degrees) ** 2 * variance / n)
 
 
-def _signed_rank_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
+def signed_rank_rejects(times_drawn: Array, residuals: Array, effect: float, alpha: float) -> NDArray[np.bool_]:
     """Test each row by the Walsh averages of its differences, as `stats.contrast` does."""
     n = int(times_drawn[0].sum())
     others = n * (n + 1) // 2 - rejected_walsh(n, alpha)

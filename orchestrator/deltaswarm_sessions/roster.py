@@ -1,28 +1,39 @@
-"""The participants of a folder of sessions: who is there, who withdrew, wrong numbers, and which number comes next.
+"""The participants of a folder of sessions, `roster.json`: who began, who withdrew, and which number comes next.
 
-What changes more than one file is noted before it begins and after it ended, so that the next command can finish it.
-The caller holds the folder of sessions (`ledger.held`).
+The roster also notes where tables were written and which command was interrupted, so that the next command can finish
+it; its seal covers the commitment, too. A command that changes the folder holds it (`held`).
 """
 
+import errno
 import shutil
+import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base import provenance, seal
-from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError, notice
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
-from deltaswarm_sessions import MAX_PARTICIPANT, ledger
-from deltaswarm_sessions.folder import RECORD, folder_name, intact_record, read_record
-from deltaswarm_sessions.ledger import Withdrawn
-from deltaswarm_sessions.plan import allocation_of
+from deltaswarm_sessions import MAX_PARTICIPANT
+from deltaswarm_sessions.folder import RECORD, folder_name, intact_record, locked, read_record
+from deltaswarm_sessions.plan import places_of
 from deltaswarm_sessions.settings import SessionSettings
+
+ROSTER = "roster.json"
+"""In the folder of all sessions."""
+
+COMMITMENT = "commitment.json"
+"""Beside it: keep it secret until the study is published."""
 
 PILOT = "pilot"
 """The folder of a pilot's sessions, in that of the study."""
+
+WAIT_S = 30.0
+"""How long a command waits for another one that holds the folder."""
+POLL_S = 0.05
 
 BEYOND_REACH = "copies, back-ups, exports, repositories, and whatever was published"
 """Where a withdrawn participant's data may also be."""
@@ -31,36 +42,121 @@ OF_TABLES = (seal.RECORD, "participants.tsv", f"tables{PART}")
 """What tells that a folder has tables, even if a command that wrote them was killed."""
 
 
-class Removed(NamedTuple):
-    """What a withdrawal did."""
+class Withdrawn(NamedTuple):
+    participant: int
+    date: str
+    reason: str
 
-    folder: Path | None
-    """The folder that was removed; None: there was none."""
-    tables: list[Path]
-    """Folders of tables that must be written again, without the participant."""
-    not_there: list[Path]
-    """Folders to which tables were written and which are no longer there."""
+
+class Roster(NamedTuple):
+    """What `roster.json` holds."""
+
+    withdrawn: tuple[Withdrawn, ...] = ()
+    tables: tuple[str, ...] = ()
+    """Folders to which tables of the data were written."""
+    begun: tuple[int, ...] = ()
+    """Participants whose sessions were begun here and who did not withdraw."""
+    unfinished: tuple[int, ...] = ()
+    """What an interrupted command was about: the participant who withdraws, or a wrong number and the right one."""
+
+    @property
+    def used(self) -> set[int]:
+        """Numbers that must not be given to anybody else."""
+        return {*self.begun, *(one.participant for one in self.withdrawn), *self.unfinished}
+
+    @property
+    def option(self) -> str:
+        """The option that finishes the interrupted command."""
+        return " ".join(["--withdraw" if len(self.unfinished) == 1 else "--renumber", *map(str, self.unfinished)])
+
+
+def read(sessions: Path) -> Roster:
+    """Return the roster of a folder of sessions; an empty one if there is no file."""
+    content = seal.checked(sessions / ROSTER)
+    try:
+        rows = tuple(Withdrawn(**row) for row in content.get("withdrawn", ()))
+        return Roster(rows, *(tuple(content.get(name, ())) for name in Roster._fields[1:]))
+    except TypeError as error:
+        raise CommandError(f"{sessions / ROSTER} must be as a command wrote it ({error}); restore it") from None
+
+
+def write(sessions: Path, roster: Roster) -> None:
+    """Write and seal the roster, and seal the commitment if there is one."""
+    content = roster._asdict() | {"withdrawn": [one._asdict() for one in roster.withdrawn]}
+    files = [COMMITMENT] if (sessions / COMMITMENT).exists() else []
+    seal.write_sealed(sessions / ROSTER, content, seal.digests(sessions, files))
+
+
+@contextmanager
+def held(sessions: Path, *, only_reads: bool = False) -> Iterator[bool]:
+    """Hold a folder of sessions, so that one command at a time changes it. Yield whether it can be written.
+
+    It cannot if there is no such folder or, with `only_reads`, if this process may not write to it.
+    """
+    if not sessions.is_dir():
+        yield False
+        return
+    lock = _lock(sessions, only_reads)
+    try:
+        if problem := doubt(sessions):
+            if not only_reads and not (sessions / ROSTER).exists():
+                raise CommandError(f"{problem}; restore it")
+            notice(problem)
+        yield lock is not None
+    finally:
+        if lock is not None:
+            lock.release()
+
+
+def _lock(sessions: Path, only_reads: bool) -> FolderLock | None:
+    deadline = time.monotonic() + WAIT_S
+    while True:
+        try:
+            return FolderLock(sessions)
+        except HeldError as error:
+            if time.monotonic() >= deadline:
+                raise CommandError(
+                    f"{sessions} must be free: another command is at work on its sessions{error}; "
+                    "give this command again when that has ended",
+                    FAILED,
+                ) from None
+            time.sleep(POLL_S)
+        except OSError as error:
+            if only_reads and error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+                return None
+            raise
+
+
+def doubt(sessions: Path) -> str:
+    """Say why the roster cannot be trusted; empty if it can."""
+    file = sessions / ROSTER
+    if file.exists():
+        is_sealed = seal.SEAL in seal.read_sealed(file)
+        return "" if is_sealed else f"{file}: not sealed, so nobody can tell whether it was changed"
+    records = sessions.glob(f"participant-*/{RECORD}")
+    if any("begun" in seal.read_sealed(record) for record in records):  # those of earlier versions have none
+        return f"{file} is missing, so nobody can tell who withdrew, or who began and is no longer there"
+    return ""
 
 
 def note_tables(sessions: Path, out: Path) -> None:
     """Note where tables will be written, so that a withdrawal finds them, and of whom: folders may have been copied."""
-    roster = ledger.read(sessions)
+    roster = read(sessions)
     there = [file.parent.name.rpartition("-")[2] for file in sessions.glob(f"participant-*/{RECORD}")]
     tables = dict.fromkeys((*roster.tables, str(out.resolve())))
     begun = dict.fromkeys((*roster.begun, *sorted(int(text) for text in there if text.isdecimal())))
-    ledger.write(sessions, roster._replace(tables=tuple(tables), begun=tuple(begun)))
+    write(sessions, roster._replace(tables=tuple(tables), begun=tuple(begun)))
 
 
 def note_begun(sessions: Path, participant: int) -> None:
-    """Note that a participant's session was begun."""
-    roster = ledger.read(sessions)
+    roster = read(sessions)
     if participant not in roster.begun:
-        ledger.write(sessions, roster._replace(begun=(*roster.begun, participant)))
+        write(sessions, roster._replace(begun=(*roster.begun, participant)))
 
 
 def check_number(sessions: Path, participant: int) -> None:
-    """Refuse the number of a participant who withdrew, or which is being corrected. Raises CommandError."""
-    roster = ledger.read(sessions)
+    """Refuse the number of a participant who withdrew, or which is being corrected."""
+    roster = read(sessions)
     if gone := next((one for one in roster.withdrawn if one.participant == participant), None):
         raise CommandError(
             f"--participant must not be a number that is used up: {participant} withdrew on {gone.date}; "
@@ -73,15 +169,21 @@ def check_number(sessions: Path, participant: int) -> None:
         )
 
 
+class Removed(NamedTuple):
+    folder: Path | None
+    """The folder that was removed; None: there was none."""
+    tables: list[Path]
+    """Folders of tables that must be written again, without the participant."""
+    not_there: list[Path]
+    """Folders to which tables were written and which are no longer there."""
+
+
 def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
-    """Remove all that a participant left in a folder of sessions; number, date and reason stay.
+    """Remove a participant's folder; number, date and reason stay. The caller holds the folder of sessions.
 
-    The withdrawal is unfinished until the tables have been written again and `ledger` says so.
-
-    Raises:
-        CommandError: nothing is known of this participant, a session is under way, or the folder cannot be removed.
+    The withdrawal is unfinished until the tables have been written again and the roster says so.
     """
-    roster, folder = ledger.read(sessions), sessions / folder_name(participant)
+    roster, folder = read(sessions), sessions / folder_name(participant)
     is_known = any(one.participant == participant for one in roster.withdrawn)
     if not folder.exists() and not is_known and participant not in roster.begun:
         raise CommandError(f"--withdraw must be a participant with a session in {sessions} (got {participant})")
@@ -92,8 +194,10 @@ def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
     tables = [Path(name) for name in roster.tables]
     there = [one for one in tables if any((one / name).exists() for name in OF_TABLES)]
     removed = Removed(folder if folder.exists() else None, there, [one for one in tables if one not in there])
-    with _held(folder):
-        ledger.write(sessions, roster._replace(unfinished=(participant,)))
+    with ExitStack() as stack:
+        if removed.folder:
+            stack.callback(locked(folder).release)
+        write(sessions, roster._replace(unfinished=(participant,)))
         try:
             if removed.folder:
                 shutil.rmtree(folder)
@@ -107,25 +211,25 @@ def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
 
 
 def renumber(sessions: Path, old: int, new: int) -> Path:
-    """Give a participant who began under a wrong number the right one; the order of the runs stays. Return the folder.
+    """Correct a participant's number; the order of the runs stays. Return the folder.
 
-    Raises:
-        CommandError: there is no such session, it is under way, or the new number is in use.
+    The caller holds the folder of sessions.
     """
-    roster = ledger.read(sessions)
+    roster = read(sessions)
     folder, target = sessions / folder_name(old), sessions / folder_name(new)
     if roster.unfinished and folder.exists() == target.exists():  # nothing was moved yet, or more was by hand
-        ledger.write(sessions, roster := roster._replace(unfinished=()))
+        write(sessions, roster := roster._replace(unfinished=()))
     if not roster.unfinished:
         if not (folder / RECORD).exists():
             raise CommandError(f"--renumber must begin with a participant who has a session in {sessions} (got {old})")
         if target.exists():
             raise CommandError(f"--renumber must end with a number that is free ({target} exists)")
         check_number(sessions, new)
-    with _held(folder if folder.exists() else target):
+    lock = locked(folder if folder.exists() else target)
+    try:
         if folder.exists():
             read_record(folder)
-            ledger.write(sessions, roster._replace(unfinished=(old, new)))
+            write(sessions, roster._replace(unfinished=(old, new)))
             folder.rename(target)
         record = intact_record(target)
         if record["participant"] == old:
@@ -133,7 +237,9 @@ def renumber(sessions: Path, old: int, new: int) -> Path:
             content = {**record, "participant": new, "allocated": allocated(record), "corrected": corrected}
             seal.write_sealed(target / RECORD, content, seal.files_of(record))
         begun = (*(number for number in roster.begun if number not in (old, new)), new)
-        ledger.write(sessions, roster._replace(begun=begun, unfinished=()))
+        write(sessions, roster._replace(begun=begun, unfinished=()))
+    finally:
+        lock.release()
     return target
 
 
@@ -143,22 +249,26 @@ def allocated(record: dict[str, Any]) -> int:
 
 
 def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
-    """Return the free number whose order and streams were done least often, and which sessions count.
+    """Return the free number whose order and streams were done least often, and the sessions that were counted.
 
     Sessions that are complete or under way count; one that was begun and left does not, until it is continued.
     """
+
+    def balanced(number: int) -> tuple[object, ...]:
+        return tuple((place.condition.label, place.stream) for place in places_of(settings, number))
+
     counted: list[dict[str, Any]] = []
     left: list[dict[str, Any]] = []
-    roster = ledger.read(sessions)
+    roster = read(sessions)
     used = roster.used
     for file in sorted(sessions.glob(f"participant-*/{RECORD}")):
         record = read_record(file.parent)
         used |= {record["participant"], allocated(record)}
         is_counted = _is_complete(record) or is_held(file.parent)
         (counted if is_counted else left).append(record)
-    done = Counter(allocation_of(settings, allocated(record)) for record in counted)
+    done = Counter(balanced(allocated(record)) for record in counted)
     free = (number for number in range(1, MAX_PARTICIPANT + 1) if number not in used)
-    number = min(free, key=lambda number: (done[allocation_of(settings, number)], number))
+    number = min(free, key=lambda number: (done[balanced(number)], number))
     return {
         "next": number,
         "counted": [record["participant"] for record in counted],
@@ -168,23 +278,8 @@ def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
 
 
 def _is_complete(record: dict[str, Any]) -> bool:
-    """Return whether each run after the training has a valid attempt."""
     return all(
         any(one["complete"] and one.get("valid", True) for one in run["attempts"])
         for run in record["runs"]
         if run["place"]
     )
-
-
-@contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Hold a participant's folder, if it is there; no session may be under way in it."""
-    try:
-        lock = FolderLock(folder) if folder.exists() else None
-    except HeldError:
-        raise CommandError(f"{folder} must be free: a session of this participant is under way") from None
-    try:
-        yield
-    finally:
-        if lock:
-            lock.release()

@@ -14,13 +14,14 @@ from deltaswarm_orchestrator.cli import report
 from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
-from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_sessions.folder import (
     RECORD,
     attempts_at,
     check_design,
     folders_of_later_answers,
+    locked,
     scenario_of,
     write_record,
 )
@@ -58,38 +59,20 @@ class Runner:
         self._inputs = {run.folder: identify(run.scenario) for run in self.session.runs}
 
     def check(self) -> list[str]:
-        """Make every check of all runs, before a participant has done the first; return warnings.
-
-        Raises:
-            SettingsError, CommandError: a run would be refused.
-        """
+        """Make every check of all runs, before a participant has done the first; return warnings."""
         for run in self.session.runs:
             check_run(run.scenario, self._options(run))
         slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
         return [*dict.fromkeys(warning for warning in [*slow, order_warning(self.session.runs)] if warning)]
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether the session has been begun, so that its order is no longer concealed."""
-        return (self.folder / RECORD).exists()
-
     def begin(self) -> None:
-        """Take the folder, and write the record of what is done and planned.
-
-        Raises:
-            CommandError: another session of this participant is under way, or this one was begun with another design.
-        """
+        """Take the folder, and write the record of what is done and planned."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        try:
-            self._lock = FolderLock(self.folder)
-        except HeldError:
-            raise CommandError(
-                f"{self.folder} must be free: another session of this participant is under way"
-            ) from None
+        self._lock = locked(self.folder)
         try:
             self._read()
             check_design(self.folder, self.session)
-            self._write()
+            write_record(self.folder, self.session)
         except BaseException:
             self._lock.release()
             raise
@@ -116,17 +99,17 @@ class Runner:
                 complain(step.text)
                 if step.is_end:
                     return FAILED
-            self._read()
-            self._write()
+            self._note()
         return OK
+
+    def _note(self) -> None:
+        self._read()
+        write_record(self.folder, self.session)
 
     def _read(self) -> None:
         seal.checked(self.folder / RECORD)  # before a new record seals what it finds
         for run in self.session.runs:
             self.session.attempts[run.folder] = attempts_at(self.folder, run)
-
-    def _write(self) -> None:
-        write_record(self.folder, self.session)
 
     def _options(self, run: PlannedRun) -> RunOptions:
         station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
@@ -140,8 +123,7 @@ class Runner:
         self._opens_browser = False
         scenario = scenario_of(run, options.out.name, self.session.attempts[run.folder])
         code = report.run_and_report(scenario, options, quiet=self.quiet)
-        self._read()
-        self._write()
+        self._note()
         heed_signals_again()
         return code
 

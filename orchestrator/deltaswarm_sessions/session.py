@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.scenarios.load import keys_of
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.technique import AFTER
@@ -22,8 +21,6 @@ SCORE_TEXT = (
 
 
 class Attempt(NamedTuple):
-    """An attempt at a run that has ended."""
-
     folder: str
     """The folder's name."""
     summary: dict[str, Any]
@@ -203,11 +200,3 @@ class Session:
         values = [criterion.value(attempt.summary) for attempt in self._valid(run)]
         got = ", ".join("none" if value is None else f"{value:g}" for value in values)
         return f"{criterion.metric} must be {criterion.bounds} (got {got})"
-
-
-def changed_keys(planned: Scenario, done: Scenario) -> list[str]:
-    """Return the scenario keys whose values differ."""
-    plans, values = (
-        {path: value for path, _, _, value in keys_of(scenario, "") if "[]" not in path} for scenario in (planned, done)
-    )
-    return [path for path, value in plans.items() if values[path] != value]

@@ -8,6 +8,7 @@ from typing import Any
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise, value_at
 from deltaswarm_orchestrator.scenarios.load import read_toml
+from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.task import JudgementTask
@@ -53,9 +54,8 @@ class CriterionSettings:
 
     def problems_with(self, scenario: Scenario) -> list[Problem]:
         """Check that the training's runs have the metric."""
-        if self._path not in {variable.path for variable in MEASURES.values()} | {
-            *_numbers(summarise(Outcome(), scenario))
-        }:
+        measured = {variable.path for variable in MEASURES.values()}
+        if self._path not in measured | {name for name, _ in flattened(summarise(Outcome(), scenario))}:
             known = f"must be a number in summary.json by its dotted name, or one of {', '.join(MEASURES)}"
             return [Problem("metric", repr(self.metric), known)]
         asked: list[Technique | type[Technique]] = [*scenario.operator.probes.techniques]
@@ -86,7 +86,6 @@ class CriterionSettings:
 
     @property
     def bounds(self) -> str:
-        """The bounds in words."""
         ends = (("at least", self.at_least), ("at most", self.at_most))
         return " and ".join(f"{word} {bound:g}" for word, bound in ends if bound is not None)
 
@@ -100,15 +99,6 @@ class CriterionSettings:
     @property
     def _path(self) -> str:
         return MEASURES[self.metric].path if self.metric in MEASURES else self.metric
-
-
-def _numbers(table: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return the dotted names of a summary's values."""
-    return [
-        name
-        for key, value in table.items()
-        for name in (_numbers(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [f"{prefix}{key}"])
-    ]
 
 
 @dataclass(frozen=True)
@@ -128,8 +118,6 @@ class ConditionSettings:
 
 @dataclass(frozen=True)
 class TrainingSettings(ConditionSettings):
-    """The table `[session.training]`."""
-
     criterion: CriterionSettings | None = key(None, "when training is enough; without it, there is one training run")
 
 
@@ -197,11 +185,7 @@ class SessionSettings:
 
 
 def load_session(file: str) -> tuple[SessionSettings, Path]:
-    """Load a session from a file; return it with the folder that its paths start from.
-
-    Raises:
-        SettingsError: it lists every mistake in the file.
-    """
+    """Load a session from a file; return it with the folder that its paths start from."""
     table, path = read_toml("session", file, {})
     assert path is not None
     if "session" not in table:

@@ -3,36 +3,36 @@
 Each table has a row per observation and a column per variable; by the columns of `KEYS`, tables are joined.
 """
 
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError, complain, notice
 from deltaswarm_orchestrator.recording import PART, SCENARIO
-from deltaswarm_orchestrator.results.run_tables import PROBES
+from deltaswarm_orchestrator.results.run_tables import PROBES, write_csv
 from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
-from deltaswarm_sessions import ledger
 from deltaswarm_sessions.exclusion import EXCLUDED, ExclusionSettings, exclusions
 from deltaswarm_sessions.folder import (
     RECORD,
     answers,
     attempt_number,
+    attempts_of,
     folder_name,
-    names_of_attempts,
     read_record,
     rows_in,
     summary_of,
     unsealed_in,
 )
-from deltaswarm_sessions.ledger import Withdrawn
 from deltaswarm_sessions.observed import consent_of, of_run, questions_of, version_of
 from deltaswarm_sessions.plan import run_folder
-from deltaswarm_sessions.roster import allocated
-from deltaswarm_sessions.staging import staged, write_rows
+from deltaswarm_sessions.roster import Withdrawn, allocated
+from deltaswarm_sessions.roster import read as read_roster
 from deltaswarm_sessions.variables import KEYS, MEASURES, PARTICIPANT, QUESTION, RUN
 from deltaswarm_wire.plugins import as_recorded
 
@@ -53,15 +53,12 @@ def write_tables(
     """Write the tables of all participants below a folder of sessions; return the files.
 
     `exclude`: rules whose columns mark runs. `is_wide`: also write a row per participant, as JASP and SPSS need it.
-
-    Raises:
-        CommandError: there is no session, or a file of one cannot be read or has been changed.
     """
     begun = {file.parent.parent for file in sessions.glob("participant-*/*/*")}
     if lacking := sorted(str(folder) for folder in begun if not (folder / RECORD).exists()):
         raise CommandError(f"{lacking[0]} has runs and no {RECORD}; restore it, or move the folder away")
     folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
-    roster = ledger.read(sessions)
+    roster = read_roster(sessions)
     withdrawn = roster.withdrawn
     if not folders and not withdrawn:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
@@ -86,7 +83,7 @@ def write_tables(
     files = [out / f"{name}.tsv" for name in tables]
     with staged(out / "tables") as part:
         for file, (columns, rows) in zip(files, tables.values(), strict=True):
-            write_rows(part / file.name, columns, rows, "\t")
+            write_rows(part / file.name, columns, rows)
         (out / seal.RECORD).unlink(missing_ok=True)  # else tables that are cut off here would seem to be edited
         (out / f"{WIDE}.tsv").unlink(missing_ok=True)
         for file in files:
@@ -126,10 +123,8 @@ def _runs(folder: Path, record: Row, rules: ExclusionSettings) -> Iterator[tuple
     for run in record["runs"]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
         first = run_folder(run["place"], run["condition"])
-        recorded = {attempt["folder"]: attempt for attempt in run["attempts"]}
-        names = {*recorded, *names_of_attempts(folder, first)}
-        for name in sorted(names, key=lambda name: attempt_number(name, first)):
-            attempt, place = recorded.get(name, {}), folder / name
+        for name, attempt in attempts_of(folder, run).items():
+            place = folder / name
             own = {
                 "pilot": record.get("pilot", False),
                 "attempt": attempt_number(name, first),
@@ -157,9 +152,7 @@ def _participants(records: Mapping[Path, dict[str, Any]], withdrawn: Iterable[Wi
 
 
 def _participant(folder: Path, record: dict[str, Any]) -> Row:
-    names = [
-        name for run in record["runs"] for name in names_of_attempts(folder, run_folder(run["place"], run["condition"]))
-    ]
+    names = [name for run in record["runs"] for name in attempts_of(folder, run)]
     manifests = [seal.read_sealed(folder / name / seal.MANIFEST) for name in names]
     consents = (consent_of(_rows(folder / name, "actions")) for name in names)
     complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
@@ -208,7 +201,6 @@ def _wide(runs: Iterable[tuple[Path, Row]]) -> list[dict[str, Any]]:
 
 
 def _of_runs(runs: Iterable[tuple[Path, Row]], name: str) -> Iterator[Row]:
-    """Yield the rows of one table of all runs."""
     return ({**keys, **row} for folder, keys in runs for row in _rows(folder, name))
 
 
@@ -230,3 +222,22 @@ def _dictionary() -> Iterator[Row]:
     for table, columns in (own | {name: {**KEYS, **columns_of(table)} for name, table in TABLES.items()}).items():
         for name, (kind, column) in columns.items():
             yield {"table": table, "column": name, "type": kind, "unit": column.unit, "meaning": column.meaning}
+
+
+@contextmanager
+def staged(out: Path) -> Iterator[Path]:
+    """Make a new folder beside `out`, from which the caller moves what is complete; delete the rest at the end."""
+    part = out.with_name(f"{out.name}{PART}")
+    if part.exists():
+        shutil.rmtree(part)  # of a command that was killed
+    part.mkdir(parents=True)
+    try:
+        yield part
+    finally:
+        shutil.rmtree(part)
+
+
+def write_rows(file: Path, columns: Iterable[str], rows: Iterable[Row], delimiter: str = "\t") -> None:
+    names = list(columns)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_csv(file, names, ([row.get(name, "") for name in names] for row in rows), delimiter, "\n")

@@ -33,7 +33,6 @@ def to_translate(scenarios: Iterable[Scenario]) -> str:
 
 
 def _own_texts(scenario: Scenario) -> Iterator[str]:
-    """Yield what a scenario and its controller say on the page."""
     operator = scenario.operator
     yield from (operator.page.title, operator.page.end_text, operator.probes.consent)
     for form in operator.probes.form:

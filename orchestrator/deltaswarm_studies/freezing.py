@@ -1,16 +1,13 @@
 """Freeze a study's protocol before its first run, and amend it with a reason."""
 
-import json
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import frozen, provenance
 from deltaswarm_orchestrator.base.advice import command_line
-from deltaswarm_studies.protocol import FILE, Protocol, ProtocolError, hash_of, protocol_of
+from deltaswarm_orchestrator.base.frozen import HASH
+from deltaswarm_studies.protocol import FILE, Protocol, ProtocolError, protocol_of
 from deltaswarm_studies.settings import EXPLORATORY
 from deltaswarm_studies.study import Study
-from deltaswarm_wire.files import write_whole
 
 
 def freeze(study: Study, folder: Path, file: Path | None) -> Path:
@@ -20,7 +17,7 @@ def freeze(study: Study, folder: Path, file: Path | None) -> Path:
         ProtocolError: it is exploratory, frozen already, or some of its runs are there.
     """
     known = protocol_of(study, folder)
-    if study.file.study.kind == EXPLORATORY:
+    if known.kind == EXPLORATORY:
         raise ProtocolError(f"{study.name}: study.kind must be 'confirmatory' to be frozen (got {EXPLORATORY!r})")
     if known.entries:
         amend = command_line("study", file or study.name, "--out", folder, "--amend", "REASON")
@@ -29,7 +26,7 @@ def freeze(study: Study, folder: Path, file: Path | None) -> Path:
         )
     if runs := _runs(study, folder):
         raise ProtocolError(f"{study.name} must be frozen before its first run ({len(runs)} are there, as {runs[0]})")
-    return _write(folder, study, [], _entry(known, "", file))
+    return _add(known, folder, file, "")
 
 
 def amend(study: Study, folder: Path, file: Path | None, reason: str) -> Path:
@@ -47,7 +44,7 @@ def amend(study: Study, folder: Path, file: Path | None, reason: str) -> Path:
         raise ProtocolError(f"{folder}: {edited[0]} Restore it first.")
     if not known.unamended:
         raise ProtocolError(f"{study.name}: nothing differs from the protocol of {known.entries[-1]['date']}")
-    return _write(folder, study, known.entries, _entry(known, " ".join(reason.split()), file))
+    return _add(known, folder, file, " ".join(reason.split()))
 
 
 def _runs(study: Study, folder: Path) -> list[Path]:
@@ -58,7 +55,7 @@ def _runs(study: Study, folder: Path) -> list[Path]:
     return list(dict.fromkeys([*own, *beside]))
 
 
-def _entry(known: Protocol, reason: str, file: Path | None) -> dict[str, Any]:
+def _add(known: Protocol, folder: Path, file: Path | None, reason: str) -> Path:
     code = provenance.commit()
     commit, uncommitted = {"deltaswarm": code}, []
     if code is None or code.endswith("-dirty"):
@@ -74,11 +71,6 @@ def _entry(known: Protocol, reason: str, file: Path | None) -> dict[str, Any]:
         "reason": reason,
         "protocol": known.now,
     }
-    return {**entry, "hash": hash_of(entry, known.study, known.entries[-1]["hash"] if known.entries else "")}
-
-
-def _write(folder: Path, study: Study, before: Sequence[Mapping[str, Any]], entry: Mapping[str, Any]) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    record = {"study": study.name, "entries": [*before, entry]}
-    write_whole(folder / FILE, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n")
-    return folder / FILE
+    before = known.entries[-1][HASH] if known.entries else ""
+    entry[HASH] = frozen.hash_of(entry, known.study, before)
+    return frozen.write(folder / FILE, {"study": known.study, "entries": [*known.entries, entry]})

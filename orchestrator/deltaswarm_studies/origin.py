@@ -21,17 +21,17 @@ BEGUN = "begun"
 DONE, WALL = "runs", "wall time of all sessions"
 CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
 
-
 WITH_THE_RUNS = "with the runs"
 """When tables were sealed that `deltaswarm study` or `deltaswarm report` wrote after the runs."""
 
 
-def sealed_tables(folder: Path, study: Study | None = None) -> dict[str, Any]:
-    """Return the sealed record of a study's tables, after a check of all of them; {} if they are not sealed.
+def facts_of(table: pd.DataFrame) -> dict[str, str]:
+    """Return a table of where runs come from as a mapping."""
+    return dict(zip(table["what"], table["value"].astype(str), strict=True))
 
-    Raises:
-        SealError: a table is not as it was sealed, or the tables are of another study than the one given.
-    """
+
+def sealed_tables(folder: Path, study: Study | None = None) -> dict[str, Any]:
+    """Check the tables of a study, and return their sealed record; {} if they are not sealed."""
     record = seal.checked(folder / seal.RECORD)
     if record and study and record.get("study") != study.name:
         raise seal.SealError(f"{folder} must hold the study {study.name!r} (got {record.get('study')!r})")
@@ -40,16 +40,13 @@ def sealed_tables(folder: Path, study: Study | None = None) -> dict[str, Any]:
 
 def seal_tables(study: Study, provenance: pd.DataFrame, folder: Path, files: Sequence[Path], sealed: str) -> None:
     """Seal the tables of a study's runs; `sealed` says since when they are."""
-    origin = dict(zip(provenance["what"], provenance["value"].astype(str), strict=True))
-    record = {"study": study.name, "sealed": sealed, "origin": origin}
+    record = {"study": study.name, "sealed": sealed, "origin": facts_of(provenance)}
     seal.write_sealed(folder / seal.RECORD, record, seal.digests(folder, [file.name for file in files]))
 
 
 def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.DataFrame:
     """Make rows that say which code makes the page, and what may have changed since the runs: study file and tables."""
-    then = dict(zip(recorded["what"], recorded["value"].astype(str), strict=True))
-    code = provenance.code_digest()
-    is_same = then.get(CODE) == code
+    then, code = facts_of(recorded), provenance.code_digest()
     changed = [
         words
         for what, words, now in zip((RUNS, QUESTIONS), ("what it runs", "what it asks"), study.digests, strict=True)
@@ -57,7 +54,7 @@ def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.Data
     ]
     state = f"changed since the runs: {' and '.join(changed)}" if changed else "unchanged since the runs"
     rows = {
-        "page by code": f"{code}, {'that of the runs' if is_same else 'not that of the runs'}",
+        "page by code": f"{code}, {'that of the runs' if then.get(CODE) == code else 'not that of the runs'}",
         "study file": state if RUNS in then else "not known whether it has changed since the runs",
         "tables": f"sealed {sealed}" if sealed else "not sealed: not known whether they have changed since the runs",
     }
@@ -66,7 +63,7 @@ def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.Data
 
 def begun_of(recorded: pd.DataFrame) -> str:
     """Return when a study's runs began; empty if that is not recorded."""
-    return str(dict(zip(recorded["what"], recorded["value"], strict=True)).get(BEGUN, ""))
+    return facts_of(recorded).get(BEGUN, "")
 
 
 def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
@@ -96,7 +93,7 @@ def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
 
 def run_s(provenance: pd.DataFrame) -> float | None:
     """Return the wall time of a study's runs, divided by their number [s]; None if it is not known."""
-    told = dict(zip(provenance["what"], provenance["value"].astype(str), strict=True))
+    told = facts_of(provenance)
     try:
         return 60 * float(told[WALL].partition(" ")[0]) / int(told[DONE].partition(" ")[0])
     except (KeyError, ValueError, ZeroDivisionError):

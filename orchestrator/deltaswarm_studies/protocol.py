@@ -1,24 +1,21 @@
 """A study's protocol: what it runs, asks and expects, frozen before its runs, and every amendment since.
 
-`protocol.json` in the study's folder has an entry for the frozen protocol and one for each amendment. The hash of an
-entry covers its content, date, commits and reason, and the hash of the entry before it, so an entry that was edited or
-taken out by hand shows.
+`protocol.json` in the study's folder has an entry for the frozen protocol and one for each amendment.
 """
 
-import hashlib
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import pandas as pd
 
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import frozen, provenance
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.frozen import ABSENT, HASH, Difference, Entry, Table, as_read, time_of
 from deltaswarm_orchestrator.scenarios.load import check_table
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.operator_settings import BUDGET
@@ -42,90 +39,69 @@ RUN_ONLY = ("schema", "record")
 UNUSED_UNLESS = {"operator.budget.": ("operator.autonomy.sets_delta", BUDGET)}
 """Keys of a scenario that do nothing unless another has this value: another default of theirs changes no run."""
 
-ENTRY = {"date": str, "commit": dict, "uncommitted": list, "reason": str, "protocol": dict, "hash": str}
-"""The keys of an entry."""
+ENTRY = {"date": str, "commit": dict, "uncommitted": list, "reason": str, "protocol": dict, HASH: str}
 
 MAX_NAMED = 3
 """Maximum number of differences named in a line; the page has all."""
-
-ABSENT = "not there"
-MAX_SHOWN = 200
-
-Content = dict[str, Any]
 
 
 class ProtocolError(CommandError):
     """A protocol cannot be frozen, amended or read."""
 
 
-class Difference(NamedTuple):
-    """A key that differs between two versions of a protocol, with both values as text."""
-
-    key: str
-    old: str
-    new: str
-
-    def __str__(self) -> str:
-        return f"{self.key} was {self.old}, is {self.new}"
-
-
-def content(study: Study) -> Content:
+def content(study: Study) -> Table:
     """Return all of a study that its protocol fixes: runs, outcomes, criteria, margins, expectations."""
-    tables = {variant.label: dict(flattened(content_of(variant.scenario))) for variant in study.sweep.variants}
+    swept, drawn = study.sweep.file.sweep, study.sweep.file.sensitivity
+    ignored = {*RUN_ONLY, *(one.name for one in study.ranges)}
+    tables = {
+        variant.label: {name: value for name, value in flattened(content_of(variant.scenario)) if name not in ignored}
+        for variant in study.sweep.variants
+    }
     first = next(iter(tables.values()))
-    drawn = study.sweep.file.sensitivity
-    ignored = (*RUN_ONLY, *(one.name for one in study.ranges))
     shared = {
         name: value
         for name, value in first.items()
-        if name not in ignored and all(name in table and table[name] == value for table in tables.values())
+        if all(name in table and table[name] == value for table in tables.values())
     }
-    swept = study.sweep.file.sweep
-    extensions = {
+    own = {
+        label: {name: value for name, value in table.items() if name not in shared} for label, table in tables.items()
+    }
+    runs = {"seed": swept.seed, "repeats": swept.repeats, "seeds": study.sweep.seeds}
+    runs |= {"series_every_s": swept.series_every_s, **({"repeats_of": swept.repeats_of} if swept.repeats_of else {})}
+    runs["extensions"] = {
         f"{source.what} {source.name}": source.digest
         for variant in study.sweep.variants
         for source in provenance.sources(variant.scenario)
     }
-    runs = {"seed": swept.seed, "repeats": swept.repeats, "seeds": study.sweep.seeds}
-    runs |= {"series_every_s": swept.series_every_s, **({"repeats_of": swept.repeats_of} if swept.repeats_of else {})}
     asked = {
         name: _rows(value) if isinstance(value, tuple) else _fixed(value)
-        for name in checked.plain(study.file)
+        for name, value in vars(study.file).items()
         if name not in SHOWN_ONLY
-        for value in [getattr(study.file, name)]
     }
-    fixed = {
-        "scenario": shared,
-        "condition": {
-            label: {name: value for name, value in table.items() if name not in (*shared, *ignored)}
-            for label, table in tables.items()
-        },
-        "runs": runs | {"extensions": extensions},
-        **({"sensitivity": _fixed(drawn) | {"range": _rows(drawn.range)}} if drawn else {}),
-        "tests": {"alpha": ALPHA},
-        **asked,
-    }
-    return _plain(fixed)
+    sensitivity = {"sensitivity": _fixed(drawn) | {"range": _rows(drawn.range)}} if drawn else {}
+    return as_read(
+        {"scenario": shared, "condition": own, "runs": runs, **sensitivity, "tests": {"alpha": ALPHA}} | asked
+    )
 
 
-def _fixed(settings: Any) -> Content:
+def _fixed(settings: Any) -> Table:
     return {name: value for name, value in checked.plain(settings).items() if name not in WORDS_ONLY}
 
 
-def _rows(tables: Sequence[Any]) -> dict[str, Content]:
+def _rows(tables: Sequence[Any]) -> dict[str, Table]:
     """Return tables by their names, or by their places where they have none."""
-    rows: dict[str, Content] = {}
+    rows: dict[str, Table] = {}
     for place, settings in enumerate(tables, start=1):
         name = next((text for key in ("id", "name", "text") if (text := getattr(settings, key, ""))), "")
         rows[name if name and name not in rows else f"{name} {place}".strip()] = _fixed(settings)
     return rows
 
 
-def differences(old: Content, new: Content) -> list[Difference]:
+def differences(old: Table, new: Table) -> list[Difference]:
     """List what differs between two versions. A key that deltaswarm did not have yet counts as its default."""
     old, new = _completed(old), _completed(new)
     was, now = old.pop("condition"), new.pop("condition")
-    found = {label: list(_differences(was[label], now[label], "")) for label in was if label in now}
+    found = {label: list(frozen.differences(was[label], now[label])) for label in was if label in now}
     in_all = [change for change in next(iter(found.values()), []) if all(change in each for each in found.values())]
     return [
         *(change._replace(key=f"scenario.{change.key}") for change in in_all),
@@ -137,60 +113,39 @@ def differences(old: Content, new: Content) -> list[Difference]:
         ),
         *(Difference(f"condition.{label}", "there", ABSENT) for label in was if label not in now),
         *(Difference(f"condition.{label}", ABSENT, "there") for label in now if label not in was),
-        *_differences(old, new, ""),
+        *frozen.differences(old, new),
     ]
 
 
-def _differences(old: Content, new: Content, path: str) -> Iterator[Difference]:
-    for name in {**old, **new}:
-        was, now = old.get(name, ABSENT), new.get(name, ABSENT)
-        if isinstance(was, dict) and isinstance(now, dict):
-            yield from _differences(was, now, f"{path}{name}.")
-        elif was != now:
-            yield Difference(f"{path}{name}", _shown(was), _shown(now))
-
-
-def _shown(value: Any) -> str:
-    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
-
-
-def _completed(frozen: Content) -> Content:
+def _completed(protocol: Table) -> Table:
     """Return a protocol with all keys of each condition, and today's defaults of the keys that it lacks."""
-    shared = frozen["scenario"]
-    completed: Content = {
-        name: table for name, table in frozen.items() if name not in ("scenario", *get_type_hints(StudyFile))
-    }
+    shared = protocol["scenario"]
+    completed = {name: table for name, table in protocol.items() if name != "scenario"}
     completed["condition"] = {
         label: _used({**_defaults({**shared, **own}["control.mode"]), **shared, **own})
-        for label, own in frozen["condition"].items()
+        for label, own in protocol["condition"].items()
     }
     for name, kind in get_type_hints(StudyFile).items():
-        table = frozen.get(name, {})
+        told = protocol.get(name, {})
         if get_origin(kind) is tuple:
-            defaults = _plain(_fixed(get_args(kind)[0]()))
-            completed[name] = {row: {**defaults, **told} for row, told in table.items()}
+            defaults = as_read(_fixed(get_args(kind)[0]()))
+            completed[name] = {row: {**defaults, **table} for row, table in told.items()}
         else:
-            completed[name] = {**_plain(_fixed(kind())), **table}
+            completed[name] = {**as_read(_fixed(kind())), **told}
     return completed
 
 
-def _used(table: Content) -> Content:
+def _used(table: Table) -> Table:
     unused = tuple(prefix for prefix, (key, value) in UNUSED_UNLESS.items() if table.get(key) != value)
     return {name: value for name, value in table.items() if not name.startswith(unused)}
 
 
 @cache
-def _defaults(mode: str) -> Content:
+def _defaults(mode: str) -> Table:
     """Return the keys of a scenario in which only the control mode is set; none if there is no such mode now."""
     scenario, _ = check_table({"schema": 1, "control": {"mode": mode}})
     table = dict(flattened(checked.plain(scenario))) if scenario else {}
     return {name: value for name, value in table.items() if name not in RUN_ONLY}
-
-
-def _plain(table: Any) -> Content:
-    """Return a table as JSON gives it back."""
-    return dict(json.loads(json.dumps(table)))
 
 
 @dataclass(frozen=True)
@@ -199,34 +154,32 @@ class Protocol:
 
     study: str
     kind: str
-    now: Content
-    entries: Sequence[Mapping[str, Any]] = ()
+    now: Table
+    entries: Sequence[Entry] = ()
     """The frozen protocol, and each amendment: `ENTRY`."""
     begun: str = ""
     """When the runs began; empty if there are none, or it is not known."""
 
     @property
     def is_before_the_runs(self) -> bool:
-        """Whether the protocol was frozen before the runs began."""
         return bool(self.entries) and not self._is_late(self.entries[0])
 
     @property
     def status(self) -> str:
-        """Whether and when the study was frozen."""
         if self.kind == EXPLORATORY:
             return "Exploratory: nothing was frozen before its runs, so its results suggest and do not confirm."
         late = "what it asks and expects could still be changed after the first results were seen."
         if not self.entries:
             return f"Not frozen before its runs: {late}"
         entry = self.entries[0]
-        if entry["hash"] != self._hashes[0]:
+        if entry[HASH] != self._hashes[0]:
             return f"Not known what was frozen, or when: {FILE} was edited by hand, so {late}"
         if not self.is_before_the_runs:
             return f"Not frozen before its runs, which began on {self.begun}, but on {entry['date']}: {late}"
         runs = f"before its runs, which began on {self.begun}" if self.begun else "when its runs began is not known"
-        return f"Frozen on {entry['date']}, {runs}; hash {entry['hash']}."
+        return f"Frozen on {entry['date']}, {runs}; hash {entry[HASH]}."
 
-    @property
+    @cached_property
     def unamended(self) -> list[Difference]:
         """What differs between the newest entry and the study file."""
         return differences(self.entries[-1]["protocol"], self.now) if self.entries else []
@@ -236,11 +189,11 @@ class Protocol:
         """What contradicts the protocol, a line each."""
         lines = [
             f"{FILE} was edited by hand: {'amendment' if place else 'the protocol'} of {entry['date']} has the hash "
-            f"{entry['hash']}, its content has {right}."
+            f"{entry[HASH]}, its content has {right}."
             for place, (entry, right) in enumerate(zip(self.entries, self._hashes, strict=True))
-            if entry["hash"] != right
+            if entry[HASH] != right
         ]
-        if self.entries and self._is_late(self.entries[0]):
+        if self.entries and not self.is_before_the_runs:
             lines.append(f"The protocol was frozen on {self.entries[0]['date']}, after the runs began ({self.begun}).")
         if found := self.unamended:
             more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
@@ -252,14 +205,10 @@ class Protocol:
 
     @property
     def _hashes(self) -> list[str]:
-        """The hash that each entry must have."""
-        hashes: list[str] = []
-        for entry in self.entries:
-            hashes.append(hash_of(entry, self.study, hashes[-1] if hashes else ""))
-        return hashes
+        return frozen.hashes_of(self.entries, self.study)
 
-    def _is_late(self, entry: Mapping[str, Any]) -> bool:
-        return bool(self.begun) and _time(entry["date"]) > _time(self.begun)
+    def _is_late(self, entry: Entry) -> bool:
+        return bool(self.begun) and time_of(entry["date"]) > time_of(self.begun)
 
     def surprises(self, claims: pd.DataFrame) -> pd.DataFrame:
         """Make a row per claim that has an expectation: claim, text, verdict, `expected`, `is_surprise`.
@@ -281,14 +230,12 @@ class Protocol:
     @property
     def amendments(self) -> list[tuple[str, list[Difference]]]:
         """Every amendment: its date, commit and reason in a line, and the keys that changed."""
-        when = {True: "after the runs began", False: "before the runs"} if self.begun else {False: "runs not known"}
-        return [
-            (
-                f"{entry['date']} ({_commit(entry)}), {when[self._is_late(entry)]}: {entry['reason']}",
-                differences(before["protocol"], entry["protocol"]),
-            )
-            for before, entry in itertools.pairwise(self.entries)
-        ]
+        amendments = []
+        for before, entry in itertools.pairwise(self.entries):
+            when = "after the runs began" if self._is_late(entry) else "before the runs"
+            line = f"{entry['date']} ({_commit(entry)}), {when if self.begun else 'runs not known'}: {entry['reason']}"
+            amendments.append((line, differences(before["protocol"], entry["protocol"])))
+        return amendments
 
     def lead(self, claims: pd.DataFrame) -> str:
         """The first line of the study's page: its status, and the surprises."""
@@ -301,7 +248,7 @@ class Protocol:
         rows: dict[str, Any] = {"kind": self.kind}
         if self.entries:
             entry = self.entries[0]
-            rows |= {"frozen": entry["date"], "hash": entry["hash"], "commit": _commit(entry)}
+            rows |= {"frozen": entry["date"], "hash": entry[HASH], "commit": _commit(entry)}
             rows |= {"not in the commit": "; ".join(map(str, entry["uncommitted"]))} if entry["uncommitted"] else {}
             rows |= {"amendments": len(self.entries) - 1}
         else:
@@ -317,31 +264,12 @@ def _share(judged: pd.DataFrame) -> str:
     return f"{judged['is_surprise'].sum()} of {len(judged)}"
 
 
-def hash_of(entry: Mapping[str, Any], study: str, before: str) -> str:
-    """Return the hash of an entry, which covers the hash of the entry before it."""
-    told = {name: value for name, value in entry.items() if name != "hash"}
-    return hashlib.sha256(json.dumps([study, before, told], sort_keys=True).encode()).hexdigest()
-
-
-def _time(date: str) -> datetime:
-    time = datetime.fromisoformat(date)
-    if time.tzinfo is None:
-        raise ValueError(f"{date!r} has no time zone")
-    return time
-
-
-def _commit(entry: Mapping[str, Any]) -> str:
-    commit = entry["commit"]
-    told = commit.items() if isinstance(commit, dict) else [("", commit)]
-    return ", ".join(f"{value} ({name})" if name else str(value) for name, value in told if value) or "not known"
+def _commit(entry: Entry) -> str:
+    return ", ".join(f"{value} ({name})" for name, value in entry["commit"].items() if value) or "not known"
 
 
 def protocol_of(study: Study, folder: Path, begun: str = "") -> Protocol:
-    """Return what is known of a study's protocol, from the folder of its page.
-
-    Raises:
-        ProtocolError: `protocol.json` cannot be read, or is that of another study.
-    """
+    """Return what is known of a study's protocol, from the folder of its page."""
     file = folder / FILE
     record = _read(file) if file.exists() else {}
     if record and record.get("study") != study.name:
@@ -349,19 +277,16 @@ def protocol_of(study: Study, folder: Path, begun: str = "") -> Protocol:
     return Protocol(study.name, study.file.study.kind, content(study), record.get("entries", []), begun)
 
 
-def _read(file: Path) -> Content:
+def _read(file: Path) -> Mapping[str, Any]:
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
+        record: Table = json.loads(file.read_text(encoding="utf-8"))
         for entry in record["entries"]:
-            wrong = [name for name, kind in ENTRY.items() if not isinstance(entry[name], kind)]
-            if wrong:
-                raise ValueError(f"wrong {', '.join(wrong)}")
-            _time(entry["date"])
-            differences(entry["protocol"], entry["protocol"])
+            frozen.check_entry(entry, ENTRY)
+            differences(entry["protocol"], entry["protocol"])  # raises where a part is missing or of another form
         if not record["entries"]:
             raise ValueError("no entries")
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise ProtocolError(
             f"{file} must be as `deltaswarm study --freeze` writes it ({error!r}); restore it"
         ) from None
-    return dict(record)
+    return record

@@ -45,7 +45,7 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     with session(tmp_path, signal.SIGKILL):
         wait_until((out / "1-A.again-1" / "station.json").exists, "the page that asks again")
         second = told("session", str(tmp_path / "study.toml"), "--participant", "1", "--out", str(out.parent))
-        assert (second.returncode, "another session" in second.stderr) == (2, True)
+        assert (second.returncode, "under way" in second.stderr) == (2, True)
     last = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
     with subprocess.Popen(last, cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
         try:

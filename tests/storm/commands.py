@@ -23,12 +23,11 @@ from random import Random
 from typing import Any
 
 from deltaswarm_orchestrator.cli import main as deltaswarm
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import roster
 from tests.support.branching import SCRIPT
-from tests.support.sessions import a_file
+from tests.support.sessions import a_file, a_participant
 from tests.support.swarms import COMMAND, wait_until
 from tests.support.sweeping import kill, marked, marked_command
-from tests.unit.sessions.test_tables import a_participant
 
 KILL, EDIT, FULL, TWICE = BLOWS = ("kill", "edit", "full disk", "twice")
 ENDED_WITHIN_S = 20.0
@@ -147,9 +146,9 @@ def session(folder: Path, random: Random) -> Ground:
             there = {row["participant"] for row in csv.DictReader(stream, delimiter="\t") if not row.get("withdrawn")}
         with (folder / "data" / "runs.tsv").open(newline="") as stream:
             there &= {row["participant"] for row in csv.DictReader(stream, delimiter="\t")}
-        roster = ledger.read(folder / "out")
+        noted = roster.read(folder / "out")
         left = [path.name for path in (folder / "out").glob(f"participant-{number:03}*")]
-        return sorted(there), sorted(one.participant for one in roster.withdrawn), roster.unfinished, left
+        return sorted(there), sorted(one.participant for one in noted.withdrawn), noted.unfinished, left
 
     return Ground(folder, [*command, "--withdraw", str(number)], result)
 

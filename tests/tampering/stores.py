@@ -1,6 +1,5 @@
 """Make two stored results of every kind, and read them as the commands do."""
 
-import csv
 import signal
 import subprocess
 import time
@@ -16,12 +15,13 @@ from deltaswarm_orchestrator.recording import LAYOUT
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.replay import write_steps
 from deltaswarm_orchestrator.results import resume
+from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.table import read_series, read_table
 from deltaswarm_scenario.person_tables import ProbeRow
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import roster
 from deltaswarm_sessions.folder import attempts_at, check_design, folder_name, write_record
 from deltaswarm_sessions.pilot import _read as read_pilot
 from deltaswarm_sessions.plan import plan
@@ -106,23 +106,22 @@ def _make(at: Path, seed: str) -> None:
     assert main(["study", str(at / "own.toml"), "-j", "1", "-q", "--out", str(at / "out")]) in (0, 1, 3)
     for participant in (1, 2):
         _make_session(at, participant + 2 * (seed == "2"))
-    ledger.write(at / "sessions", ledger.Roster((ledger.Withdrawn(9, "2026-11-27", "by mail"),)))
+    roster.write(at / "sessions", roster.Roster((roster.Withdrawn(9, "2026-11-27", "by mail"),)))
     write_tables(at / "sessions", at / "tables")
     _make_checkpoint(at / "checkpoint", seed)
 
 
 def _make_session(at: Path, participant: int) -> None:
     settings, beside = load_session(str(a_file(at, 2)))
-    session = Session(participant, plan(settings, participant, beside))
+    session = Session(participant, plan(settings, participant, beside), kept={"begun": "2026-11-27T09:00:00+00:00"})
     folder = at / "sessions" / folder_name(participant)
     for run in session.runs:
         (at / "planned.toml").write_text(to_toml(run.scenario))
         assert main(["run", str(at / "planned.toml"), "--in-process", "-q", "--out", str(folder / run.folder)]) == 0
         page = folder / f"{run.folder}.again-1"
         page.mkdir()
-        with (page / "probes.csv").open("w", newline="") as stream:
-            row = ProbeRow("trust", 0, "why", "it was quick", 60.0, None, answered_utc="2026-11-27T10:00:00.000Z")
-            csv.writer(stream).writerows([ProbeRow._fields, row])
+        row = ProbeRow("trust", 0, "why", "it was quick", 60.0, None, answered_utc="2026-11-27T10:00:00.000Z")
+        write_csv(page / "probes.csv", ProbeRow._fields, [row])
         session.attempts[run.folder] = attempts_at(folder, run)
     write_record(folder, session)
 
@@ -158,6 +157,8 @@ def _read_checkpoint(folder: Path) -> Any:
 
 
 def _read_sessions(folder: Path) -> Any:
+    if roster.doubt(folder):
+        return FOUND
     settings, beside = load_session(str(folder.parent / "deltas.toml"))
     for participant in (1, 2):
         here = folder / folder_name(participant)

@@ -163,11 +163,13 @@ def person_tables(folder: Path) -> list[tuple[str, bytes]]:
     return [(file.name, file.read_bytes()) for file in files if file.exists()]
 
 
-def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+def write_csv(
+    file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]], delimiter: str = ",", line_end: str = "\r\n"
+) -> None:
     """Write a CSV file atomically."""
     with replacing(file) as stream:
         text = io.TextIOWrapper(stream, newline="", encoding="utf-8")
-        table = TableWriter(text)
+        table = TableWriter(text, delimiter, line_end)
         table.writerow(header)
         table.writerows(rows)
         text.detach()

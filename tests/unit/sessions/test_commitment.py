@@ -12,8 +12,7 @@ from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.scenario import Scenario
 from tests.support.complaints import Printed
-from tests.support.sessions import a_file
-from tests.unit.sessions.test_tables import rows_of
+from tests.support.sessions import a_command, edited, rows_of
 
 EXCLUDE = "\n[session.exclude]\nmax_answers_missing = 3\n"
 
@@ -27,11 +26,11 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     done = report.run_and_report
     monkeypatch.setattr(report, "run_and_report", run)
-    file = a_file(tmp_path, 2, EXCLUDE)
-    text = file.read_text().replace('set = ["run.duration_s=60"]', "")
+    command = a_command(tmp_path, 2, EXCLUDE)
+    text = Path(command[1]).read_text().replace('set = ["run.duration_s=60"]', "")
     short = 'speed = 5.0\nset = ["run.duration_s=4", "run.step_s=0.5", "operator.probes.isa_every_s=0"]'
-    file.write_text(text.replace("speed = 5.0", short))
-    return ["session", str(file), "--out", str(tmp_path / "out")]
+    Path(command[1]).write_text(text.replace("speed = 5.0", short))
+    return command
 
 
 def frozen(command: list[str], capsys: Printed) -> str:
@@ -107,9 +106,7 @@ def test_sessions_are_verified_against_the_hash(command: list[str], tmp_path: Pa
     (run.parent / "session.json").write_text(json.dumps(record))
     assert main(verify) == 1
     assert "by the frozen order (got X)" in capsys.readouterr().out
-    entry = json.loads((out / "commitment.json").read_text())
-    entry["plan"]["session"]["seed"] = 99
-    (out / "commitment.json").write_text(json.dumps(entry))
+    edited(out / "commitment.json", date="2026-01-01T00:00:00+00:00")
     assert main(verify) == 2
     assert "was changed or damaged" in capsys.readouterr().err
 
@@ -137,29 +134,24 @@ def test_what_is_missing_or_older_than_the_freeze_is_not_verified(
     shutil.copytree(out, kept)
     here = out / "participant-002"
 
+    record = json.loads((here / "session.json").read_text())
+    without, cut_off = (json.loads(json.dumps(record)) for _ in range(2))
+    without["runs"][2]["attempts"] = []
+    cut_off["runs"][2]["attempts"][0]["complete"] = False
+
     def without_a_run() -> None:
-        record = json.loads((here / "session.json").read_text())
-        record["runs"][2]["attempts"] = []
         shutil.rmtree(here / f"2-{record['runs'][2]['condition']}")
-        write_sealed(here / "session.json", record, {})
+        write_sealed(here / "session.json", without, {})
 
-    def with_a_run_cut_off() -> None:
-        record = json.loads((here / "session.json").read_text())
-        record["runs"][2]["attempts"][0]["complete"] = False
-        write_sealed(here / "session.json", record, {})
-
-    def begun_early() -> None:
-        record = json.loads((here / "session.json").read_text())
-        write_sealed(here / "session.json", record | {"begun": "2001-01-01T00:00:00+00:00"}, {})
-
+    early_record = record | {"begun": "2001-01-01T00:00:00+00:00"}
     for change, named in (
         (lambda: shutil.rmtree(here), "participant 2 began, and the folder participant-002 is missing"),
         ((here / "session.json").unlink, "participant-002: session.json is missing"),
         ((out / "roster.json").unlink, "roster.json is missing"),
         (lambda: main([*command, "--withdraw", "2"]), "participant 2 withdrew on"),
         (without_a_run, "planned, and not done"),
-        (with_a_run_cut_off, "planned, and not complete"),
-        (begun_early, "must be begun after the plan was frozen"),
+        (lambda: write_sealed(here / "session.json", cut_off, {}), "planned, and not complete"),
+        (lambda: write_sealed(here / "session.json", early_record, {}), "must be begun after the plan was frozen"),
     ):
         change()
         capsys.readouterr()

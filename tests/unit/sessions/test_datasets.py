@@ -12,16 +12,15 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from tests.support.sessions import a_file
-from tests.unit.sessions.test_tables import a_participant, rows_of
+from tests.support.sessions import a_command, a_participant, rows_of
 
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     """The tables of two participants, one of whom has conditions whose labels BIDS does not allow, with exports."""
     a_participant(tmp_path / "out", 1, "AB")
-    a_participant(tmp_path / "out", 2, ["A b", "A-b"])  # type: ignore[arg-type]
-    command = ["session", str(a_file(tmp_path)), "--out", str(tmp_path / "out"), "--table", str(tmp_path / "data")]
+    a_participant(tmp_path / "out", 2, ["A b", "A-b"])
+    command = [*a_command(tmp_path), "--table", str(tmp_path / "data")]
     assert main([*command, "--format", "bids", "--format", "psych-ds"]) == 0
     assert main([*command, "--format", "bids"]) == 0, "again"
     return tmp_path / "data"
@@ -44,10 +43,10 @@ def test_no_text_is_a_formula_in_any_table(tmp_path: Path) -> None:
     """Of notes, labels and reasons; one apostrophe less is what was typed."""
     out, data = tmp_path / "out", tmp_path / "data"
     for number in (1, 2):
-        a_participant(out, number, ["A", "=B+1"])  # type: ignore[arg-type]
+        a_participant(out, number, ["A", "=B+1"])
     actions = out / "participant-001" / "0-A" / "actions.csv"
     actions.write_text(actions.read_text().replace('"tab\tand ""quote""\nof 1"', "\"=cmd|'/C calc'!A0\""))
-    command = ["session", str(a_file(tmp_path)), "--out", str(out)]
+    command = a_command(tmp_path)
     assert main([*command, "--withdraw", "2", "--reason", "+49 by phone"]) == 0
     assert main([*command, "--table", str(data), "--wide", "--format", "bids", "--format", "psych-ds"]) == 0
     cells = [

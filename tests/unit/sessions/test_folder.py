@@ -1,6 +1,5 @@
 """What is on file of a session: attempts, their numbers, and answers that were given in a run or after it."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.situation import SituationRow
 from deltaswarm_sessions.folder import answers, attempts_at, folders_of_later_answers, read_record, summary_of
@@ -23,8 +23,7 @@ def a_run(folder: Path, summary: dict[str, Any] | None = None, *rows: ProbeRow) 
     folder.mkdir(parents=True)
     if summary is not None:
         (folder / "summary.json").write_text(json.dumps(summary))
-    with (folder / "probes.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([ProbeRow._fields, *rows])
+    write_csv(folder / "probes.csv", ProbeRow._fields, rows)
     return folder
 
 
@@ -75,25 +74,18 @@ def test_the_summary_counts_questions_not_items(missing: int | None, left: int, 
     """A question that was answered later is no longer missing, however many items it has; workload is scored."""
     person = {"answers_missing": missing, "isa": 2.0}
     run = a_run(tmp_path / "1-A", {"complete": True, "person": person})
+    assert summary_of(run) == {"complete": True, "person": person}
     later = (*(row("tlx", name, value) for name, value in SCALES.items()), row("trust", "why", "x"))
     a_run(tmp_path / "1-A.again-1", None, *later)
-    summary = summary_of(run)
-    assert summary == {
-        "complete": True,
-        "person": {"answers_missing": left, "isa": 2.0, "tlx": {"raw": 30.0}},
-    }
+    assert summary_of(run)["person"] == {"answers_missing": left, "isa": 2.0, "tlx": {"raw": 30.0}}
 
 
 def test_answers_to_forms_alone_leave_the_scores(tmp_path: Path) -> None:
-    """And without later answers, or without a person, nothing changes."""
-    person = {"answers_missing": 2, "tlx": {"raw": 50.0}}
-    run = a_run(tmp_path / "1-A", {"complete": True, "person": person})
-    assert summary_of(run) == {"complete": True, "person": person}
-    a_run(tmp_path / "1-A.again-1", None, row("trust", "why", "x"))
-    assert summary_of(run)["person"] == {"answers_missing": 1, "tlx": {"raw": 50.0}}
-    nobody = a_run(tmp_path / "2-B", {"complete": True, "person": None})
-    a_run(tmp_path / "2-B.again-1", None, row("trust", "why", "x"))
-    assert summary_of(nobody) == {"complete": True, "person": None}
+    """And without a person nothing changes."""
+    for name, person in (("1-A", {"answers_missing": 2, "tlx": {"raw": 50.0}}), ("2-B", None)):
+        run = a_run(tmp_path / name, {"complete": True, "person": person})
+        a_run(tmp_path / f"{name}.again-1", None, row("trust", "why", "x"))
+        assert summary_of(run)["person"] == (person and person | {"answers_missing": 1})
 
 
 KNOWN_AND_TRUE = (
@@ -104,19 +96,18 @@ KNOWN_AND_TRUE = (
 
 
 def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path: Path) -> None:
-    """A question without an answer is not right; who was asked nothing has no share."""
+    """A question without an answer is not right; who was asked nothing has no share. Older tables lack columns."""
     run = a_run(tmp_path / "1-A", {"complete": True, "person": {"read": 1}})
-    assert summary_of(run) == {"complete": True, "person": {"read": 1}}
+    assert summary_of(run)["person"] == {"read": 1}
     rows = [SituationRow("sagat", 0, "trees", 9.0, *of) for of in KNOWN_AND_TRUE]
-    with (run / "situation.csv").open("w", newline="") as stream:
-        unanswered = SituationRow("spam", 1, "trees", 9.0, "", "", "3", None, None, None, None, None, None)
-        csv.writer(stream).writerows([SituationRow._fields, *rows, unanswered])
-    shares = {"situation_right_share": 0.5, "situation_true_share": 0.25, "situation_known_share": 1 / 3}
-    assert summary_of(run) == {"complete": True, "person": {"read": 1, **shares}}
-    with (run / "situation.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([("probe", "is_right"), ("sagat", "1"), ("sagat", "")])
-    old = {"situation_right_share": 0.5, "situation_true_share": None, "situation_known_share": None}
-    assert summary_of(run) == {"complete": True, "person": {"read": 1, **old}}
+    unanswered = SituationRow("spam", 1, "trees", 9.0, "", "", "3", None, None, None, None, None, None)
+    for header, table, (right, true, known) in (
+        (SituationRow._fields, [*rows, unanswered], (0.5, 0.25, 1 / 3)),
+        (("probe", "is_right"), [("sagat", 1), ("sagat", "")], (0.5, None, None)),
+    ):
+        write_csv(run / "situation.csv", header, table)
+        shares = {"situation_right_share": right, "situation_true_share": true, "situation_known_share": known}
+        assert summary_of(run)["person"] == {"read": 1, **shares}
 
 
 def test_attempts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:

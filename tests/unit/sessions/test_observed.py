@@ -10,7 +10,7 @@ from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow, WallTime
 from deltaswarm_sessions.exclusion import ExclusionSettings
 from deltaswarm_sessions.observed import STANDARD
 from deltaswarm_sessions.tables import write_tables
-from tests.unit.sessions.test_tables import a_participant, rows_of
+from tests.support.sessions import SUMMARY, a_participant, edited, rows_of
 
 
 def answer(probe: str, number: int, item: str, value: float | None, reaction_s: float | None = None) -> ProbeRow:
@@ -21,14 +21,12 @@ def answer(probe: str, number: int, item: str, value: float | None, reaction_s: 
 
 def test_what_a_run_noted_of_itself_is_in_its_columns(tmp_path: Path) -> None:
     """Start, duration, screen, scales, rules of exclusion; and of the participant: order, version, consent."""
-    here = tmp_path / "sessions" / "participant-001"
-    a_participant(here.parent, 1, "TAB")
+    here = a_participant(tmp_path / "sessions", 1, "TAB")
     run = here / "1-A"
     manifest = {"started": "2026-11-26T02:00:00Z", "versions": {"deltaswarm": "0.1.0"}, "commit": "abc"}
     (run / "manifest.json").write_text(json.dumps(manifest))
-    summary = json.loads((run / "summary.json").read_text())
-    summary["person"] |= {"page_away_s": 30.5, "answers_missing": 2}
-    (run / "summary.json").write_text(json.dumps(summary | {"task": {"d_prime": -0.25}}))
+    person = SUMMARY["person"] | {"page_away_s": 30.5, "answers_missing": 2}
+    edited(run / "summary.json", person=person, task={"d_prime": -0.25})
     (run / "scenario.toml").write_text(to_toml(load_scenario("smoke", ["operator.probes.tlx=true"])))
     acts = [
         OperatorAction(0.0, "sheet", text="participant=P001; condition=1 A; consent_sha256=00aa"),
@@ -56,6 +54,7 @@ def test_what_a_run_noted_of_itself_is_in_its_columns(tmp_path: Path) -> None:
         "00aa",
     ]
     [wide] = rows_of(tmp_path / "data" / "wide.tsv")
+    assert {name.partition(".")[2] for name in wide} == {"", "A", "B"}, "no training"
     assert (wide["participant"], wide["tlx_raw.A"], wide["answers_missing.B"]) == ("1", "40.0", "1")
     asked = rows_of(tmp_path / "data" / "questions.tsv")
     assert [(one["probe"], one["item"]) for one in asked] == [

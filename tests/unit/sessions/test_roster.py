@@ -7,31 +7,21 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main, report
+from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.scenarios.load import to_toml
-from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_sessions import ledger
+from deltaswarm_sessions import roster
+from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.roster import next_number, renumber, withdraw
 from deltaswarm_sessions.settings import load_session
 from tests.support.complaints import Printed
-from tests.support.sessions import a_file
-from tests.unit.sessions.test_tables import rows_of
+from tests.support.sessions import Pretended, a_command, rows_of
 
 
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The command for sessions of two conditions, whose runs are pretended."""
-
-    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
-        options.out.mkdir()
-        (options.out / "scenario.toml").write_text(to_toml(scenario))
-        (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
-        return 0
-
-    monkeypatch.setattr(report, "run_and_report", pretend)
-    return ["session", str(a_file(tmp_path, 2)), "--out", str(tmp_path / "out")]
+    Pretended(monkeypatch)
+    return a_command(tmp_path)
 
 
 def test_a_withdrawn_participant_leaves_number_date_and_reason(
@@ -56,6 +46,7 @@ def test_a_withdrawn_participant_leaves_number_date_and_reason(
     assert [path.name for path in (tmp_path / "data" / "bids").glob("sub-*")] == ["sub-002"]
     assert main([*command, "--participant", "1"]) == 2
     assert "1 withdrew on 20" in capsys.readouterr().err
+    assert next_number(load_session(command[1])[0], tmp_path / "out")["next"] == 3
     assert main([*command, "--withdraw", "2"]) == 0
     assert rows_of(tmp_path / "data" / "runs.tsv") == [], "the last one, too"
     assert main([*command, "--withdraw", "2", "--reason", "again"]) == 0
@@ -74,11 +65,11 @@ def test_nothing_is_withdrawn_or_renumbered_while_a_session_is_under_way(command
     assert next_number(load_session(command[1])[0], out)["counted"] == [1]
     lock.release()
     assert (out / "participant-001" / "session.json").exists()
-    assert not ledger.read(out).withdrawn
+    assert not roster.read(out).withdrawn
 
 
 def test_a_pilot_has_a_folder_and_a_column(command: list[str], tmp_path: Path) -> None:
-    """The study's own tables and numbers know nothing of it."""
+    """Its participants use up no number of the study."""
     assert main([*command, "--participant", "1", "--pilot"]) == 0
     assert (tmp_path / "out" / "pilot" / "participant-001").exists()
     assert main([*command, "--table", str(tmp_path / "data")]) == 2
@@ -95,6 +86,7 @@ def test_a_corrected_number_keeps_the_order(command: list[str], tmp_path: Path, 
     before = json.loads((folder / "session.json").read_text())["runs"]
     (folder / f"2-{before[2]['condition']}").rename(tmp_path / "undone")
     assert main([*command, "--renumber", "1", "2"]) == 0
+    assert roster.read(tmp_path / "out").begun == (2,)
     assert main([*command, "--participant", "2"]) == 0
     record = json.loads((tmp_path / "out" / "participant-002" / "session.json").read_text())
     assert [run["condition"] for run in record["runs"]] == [run["condition"] for run in before]
@@ -103,16 +95,25 @@ def test_a_corrected_number_keeps_the_order(command: list[str], tmp_path: Path, 
     assert main([*command, "--table", str(tmp_path / "data")]) == 0
     rows = rows_of(tmp_path / "data" / "participants.tsv")
     assert [(row["participant"], row["allocated"]) for row in rows] == [("1", "1"), ("2", "1")]
-    capsys.readouterr()
     assert main([*command, "--renumber", "1", "2"]) == 2
     assert "must end with a number that is free" in capsys.readouterr().err
+
+
+def test_a_number_that_was_corrected_is_not_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its owner may come yet, although nobody has done its order to the end."""
+    Pretended(monkeypatch, {}, {"complete": False})
+    command = a_command(tmp_path)
+    assert main([*command, "--participant", "1"]) == 1
+    assert main([*command, "--renumber", "1", "2"]) == 0
+    found = next_number(load_session(command[1])[0], tmp_path / "out")
+    assert (found["next"], found["not_complete"]) == (3, [2])
 
 
 def test_the_next_number_keeps_the_balance_after_drop_outs(command: list[str], tmp_path: Path) -> None:
     """With the numbers it gives, orders and streams are balanced in a group of those who came to the end."""
     file, out = Path(command[1]), tmp_path / "out"
     file.write_text(file.read_text().replace("speed = 5.0", "speed = 5.0\narrival_sets = 2"))
-    settings, _ = load_session(command[1])
+    settings, beside = load_session(command[1])
     drops = {2, 5, 6}
     done: list[tuple[object, ...]] = []
     while len(done) < 8:
@@ -126,16 +127,8 @@ def test_the_next_number_keeps_the_balance_after_drop_outs(command: list[str], t
         folder.mkdir(parents=True)
         (folder / "session.json").write_text(json.dumps({"participant": number, "runs": runs}))
         if is_done:
-            done.append(orders(tmp_path, number))
+            done.append(tuple((run.label, run.stream) for run in plan(settings, number, beside)[1:]))
     assert set(Counter(done).values()) == {1}
     found = next_number(settings, out)
     assert set(found["not_complete"]) == drops
     assert len(found["counted"]) == 8
-
-
-def orders(folder: Path, number: int) -> tuple[object, ...]:
-    """The conditions of a participant in order, with the streams, as planned."""
-    from deltaswarm_sessions.plan import plan
-
-    settings, beside = load_session(str(folder / "deltas.toml"))
-    return tuple((run.label, run.stream) for run in plan(settings, number, beside)[1:])

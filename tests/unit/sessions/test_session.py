@@ -1,16 +1,15 @@
 """What comes next in a session: runs that are open, pages after them, and what the experimenter is told."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from deltaswarm_scenario.techniques import ProbeSettings
-from deltaswarm_sessions.session import Ask, DoRun, Say, Session, changed_keys
+from deltaswarm_sessions.session import Ask, DoRun, Say, Session
 from tests.support.sessions import FORMS, a_session, do, with_criterion
 
 TASK = {"events": 9, "hits": 3, "misses": 1, "false_alarms": 2, "correct_rejections": 2, "unjudged": 1}
-TLX = 'set = ["operator.probes.tlx=true"]\n'
 
 
 def follow(session: Session, *done: dict[str, Any]) -> list[str]:
@@ -39,34 +38,21 @@ def test_each_run_is_done_once_in_order(tmp_path: Path) -> None:
     assert follow(session) == []
 
 
-def test_a_run_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
+def test_a_run_that_was_cut_off_or_is_not_valid_is_done_again(tmp_path: Path) -> None:
     """In the next sitting; in the same one nothing is done twice without a criterion."""
     session = a_session(tmp_path)
-    cut = {"complete": False}
-    assert follow(session, cut, {}) == ["do run 0 of 2: training", "do run 1 of 2: A", "do run 2 of 2: B"]
-    assert follow(session, {}, {}) == ["do run 0 of 2: training", "do run 2 of 2: B"]
-    assert [run.folder for run in session.runs] == ["0-training", "1-A", "2-B"]
-    assert [attempt.folder for attempt in session.attempts["0-training"]] == ["0-training", "0-training-2"]
-
-
-def test_a_run_that_is_not_valid_is_done_again(tmp_path: Path) -> None:
-    """Although it reached its last step; nothing more is asked about it."""
-    session = a_session(tmp_path)
-    assert len(follow(session, {}, {"valid": False}, {})) == 3
-    assert follow(session, {}) == ["do run 1 of 2: A"]
-    rows = session.record["runs"][1]["attempts"]
-    assert [(row["folder"], row["complete"], row["valid"]) for row in rows] == [
-        ("1-A", True, False),
-        ("1-A-2", True, True),
-    ]
+    all_runs = ["do run 0 of 2: training", "do run 1 of 2: A", "do run 2 of 2: B"]
+    assert follow(session, {"complete": False}, {"valid": False}) == all_runs
+    assert follow(session, {}, {}, {}) == all_runs
+    attempts = [(one.folder, one.is_valid) for run in session.runs for one in session.attempts[run.folder]]
+    assert attempts == [("0-training", False), ("0-training-2", True), ("1-A", False), ("1-A-2", True), ("2-B", True)]
 
 
 def test_missing_answers_are_asked_for_after_the_run_and_in_the_next_sitting(tmp_path: Path) -> None:
     """NASA-TLX and forms with questions; then the experimenter is told what is still missing."""
     session = a_session(tmp_path, 1, FORMS.replace('name = "end"', 'name = "end"\ntext = "Thanks"'))
     missing = {"person": {"answers_missing": 2}}
-    asked = follow(session, {"answered": ("you",)}, {"answered": ("trust",), **missing})
-    assert asked == [
+    assert follow(session, {"answered": ("you",)}, {"answered": ("trust",), **missing}) == [
         "do run 0 of 1: training",
         "do run 1 of 1: A",
         "ask 1-A: asking again after run 1, A: end",
@@ -81,65 +67,50 @@ def test_what_is_asked_again_is_what_has_no_answer(tmp_path: Path) -> None:
     """A form comes after the run, wherever it was before; questions about a moment are not asked again."""
     session = a_session(tmp_path, 1, FORMS)
     training, run = session.runs
-    both = do(session, training)
-    assert both.unanswered is not None
-    assert [(form.name, form.when) for form in both.unanswered.form] == [("you", "after")]
-    assert (both.unanswered.isa_every_s, both.unanswered.tlx, both.unanswered.consent) == (0.0, False, "")
-    half = do(session, run, answered=("trust", "isa")).unanswered
+    both, half = do(session, training).unanswered, do(session, run, answered=("trust", "isa")).unanswered
+    assert both is not None
     assert half is not None
+    assert [(form.name, form.when) for form in both.form] == [("you", "after")]
+    assert (both.isa_every_s, both.tlx, both.consent) == (0.0, False, "")
     assert [form.name for form in half.form] == ["end"]
 
 
-@pytest.mark.parametrize(
-    ("answered", "expected"), [((), (True, True)), (("isa",), (True, True)), (("tlx",), None), (("tlx", "x"), None)]
-)
-def test_workload_is_asked_again_as_it_was(
-    answered: tuple[str, ...], expected: tuple[bool, bool] | None, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize(("answered", "is_asked"), [((), True), (("isa",), True), (("tlx", "x"), False)])
+def test_workload_is_asked_again_as_it_was(answered: tuple[str, ...], is_asked: bool, tmp_path: Path) -> None:
     """With its weights; not if it was answered."""
-    session = a_session(tmp_path, 1, "")
-    scenario = session.runs[1].scenario
+    session = a_session(tmp_path, 1)
     attempt = do(session, session.runs[1], answered=answered)
-    probes = ProbeSettings(tlx=True, tlx_weights=True)
-    operator = type(scenario.operator)(probes=probes)
-    found = attempt._replace(scenario=type(scenario)(operator=operator)).unanswered
-    assert (found and (found.tlx, found.tlx_weights)) == expected
-    assert found is None or found.form == ()
-
-
-def test_the_score_can_be_left_out(tmp_path: Path) -> None:
-    """By a key of the session."""
-    for shows_score in (True, False):
-        planned = a_session(tmp_path)
-        session = Session(1, planned.runs, shows_score=shows_score)
-        steps = session.steps()
-        next(steps)
-        do(session, session.runs[0], task=TASK)
-        assert isinstance(next(steps), Ask) == shows_score
+    operator = attempt.scenario.operator
+    asked = replace(operator, probes=replace(operator.probes, tlx=True, tlx_weights=True))
+    found = attempt._replace(scenario=replace(attempt.scenario, operator=asked)).unanswered
+    assert (found and (found.tlx, found.tlx_weights, found.form)) == ((True, True, ()) if is_asked else None)
 
 
 def test_the_score_of_a_task_is_shown_once(tmp_path: Path) -> None:
     """On a page of its own, with the numbers of the run, and not again when the session is continued."""
     session = a_session(tmp_path, 1)
-    assert follow(session, {}, {"task": TASK}) == [
-        "do run 0 of 1: training",
-        "do run 1 of 1: A",
-        "ask 1-A: the score",
-    ]
+    shown = ["do run 0 of 1: training", "do run 1 of 1: A", "ask 1-A: the score"]
+    assert follow(session, {}, {"task": TASK}) == shown
     [attempt] = session.attempts["1-A"]
     assert attempt.score is not None
-    assert attempt.score.name == "score"
-    assert attempt.score.text == (
+    assert (attempt.score.name, attempt.score.text) == (
+        "score",
         "Judged right: 5 of 9 reported events. Targets found: 3. Targets taken for decoys: 1. "
-        "Decoys taken for targets: 2. Without a judgement: 1."
+        "Decoys taken for targets: 2. Without a judgement: 1.",
     )
     assert follow(session) == []
-    steps = a_session(tmp_path, 1)
-    for step in steps.steps():
-        if isinstance(step, DoRun):
-            do(steps, step.run, task=TASK)
-        elif isinstance(step, Ask):
-            assert (step.probes.isa_every_s, [form.name for form in step.probes.form]) == (0.0, ["score"])
+    without = Session(1, a_session(tmp_path, 1).runs, shows_score=False)
+    assert follow(without, {}, {"task": TASK}) == shown[:2]
+
+
+def test_the_page_of_the_score_asks_nothing_else(tmp_path: Path) -> None:
+    session = a_session(tmp_path, 1)
+    steps = session.steps()
+    next(steps)
+    do(session, session.runs[0], task=TASK)
+    step = next(steps)
+    assert isinstance(step, Ask)
+    assert (step.probes.isa_every_s, [form.name for form in step.probes.form]) == (0.0, ["score"])
 
 
 def test_training_is_repeated_with_the_reason(tmp_path: Path) -> None:
@@ -153,8 +124,7 @@ def test_training_is_repeated_with_the_reason(tmp_path: Path) -> None:
         "do run 0 of 1: training again (3 of at most 3), since read must be at least 2 and at most 6.5 (got 1, none)",
         "do run 1 of 1: A",
     ]
-    assert session.outcome(session.runs[0]) == "reached"
-    assert session.outcome(session.runs[1]) == "open"
+    assert [session.outcome(run) for run in session.runs] == ["reached", "open"]
 
 
 @pytest.mark.parametrize(("then", "said"), [("go on", "the session goes on"), ("end", "the session ends here.")])
@@ -176,39 +146,20 @@ def test_the_record_has_the_order_and_all_attempts(tmp_path: Path) -> None:
     do(session, training, person={"answers_missing": 0, "read": 7})
     do(session, first)
     plain = {"digest": "ff", "complete": True, "valid": True}
-    cut = {"complete": False, "valid": False}
+    cut = {"folder": "0-training", "complete": False, "valid": False, "answers_missing": 1, "training_value": 0.0}
+    whole = {"folder": "0-training-2", "answers_missing": 0, "training_value": 7.0}
+
+    def row(place: int, condition: str, key: str, stream: int | None, *attempts: dict[str, Any]) -> dict[str, Any]:
+        row = {"place": place, "condition": condition, "scenario": "smoke", "set": [key], "stream": stream}
+        return {**row, "attempts": [{**plain, **attempt} for attempt in attempts]}
+
     assert session.record == {
         "participant": 3,
         "language": "",
         "runs": [
-            {
-                "place": 0,
-                "condition": "training",
-                "scenario": "smoke",
-                "set": ["run.duration_s=60"],
-                "stream": None,
-                "attempts": [
-                    {**plain, "folder": "0-training", **cut, "answers_missing": 1, "training_value": 0.0},
-                    {**plain, "folder": "0-training-2", "answers_missing": 0, "training_value": 7.0},
-                ],
-                "outcome": "reached",
-            },
-            {
-                "place": 1,
-                "condition": "A",
-                "scenario": "smoke",
-                "set": ["control.delta=2"],
-                "stream": 1,
-                "attempts": [{**plain, "folder": "1-A", "answers_missing": None}],
-            },
-            {
-                "place": 2,
-                "condition": "B",
-                "scenario": "smoke",
-                "set": ["control.delta=3"],
-                "stream": 0,
-                "attempts": [],
-            },
+            {**row(0, "training", "run.duration_s=60", None, cut, whole), "outcome": "reached"},
+            row(1, "A", "control.delta=2", 1, {"folder": "1-A", "answers_missing": None}),
+            row(2, "B", "control.delta=3", 0),
         ],
     }
 
@@ -227,17 +178,3 @@ def test_what_the_experimenter_is_told_goes_with_the_last_attempt(tmp_path: Path
         elif isinstance(step, Say):
             told.append(step.text)
     assert told == ["answers missing in run 1, A: 1"]
-
-
-def test_a_change_of_a_scenario_is_named_by_its_keys(tmp_path: Path) -> None:
-    """None, or all that differ."""
-    one, other = (run.scenario for run in a_session(tmp_path).runs[1:])
-    assert changed_keys(one, one) == []
-    assert changed_keys(one, other) == [
-        "seed",
-        "control.options",
-        "operator.probes.condition",
-        "operator.page.title",
-        "operator.page.end_text",
-        "operator.page.place",
-    ]

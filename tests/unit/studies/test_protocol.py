@@ -10,10 +10,11 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.frozen import hash_of
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.page import pages, write
-from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, hash_of, protocol_of
+from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, protocol_of
 from deltaswarm_studies.study import Study
 from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
@@ -72,55 +73,38 @@ def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
 
 
 @in_one_test(
-    ("old", "new", "key"),
+    ("old", "new", "keys"),
     [
-        ("margin = 1.1", "margin = 1.2", "contrast.limit.margin"),
-        ("at_least = 1.5", "at_least = 1.4", "claim.c.at_least"),
-        ('expect = "undecided"', 'expect = "holds"', "claim.c.expect"),
-        ("Hybrid waits less", "Hybrid waits more", "claim.c.text"),
-        ('["waiting_all", "messages"]', '["waiting_all"]', "study.metrics"),
-        ("[study]", '[study]\nkind = "exploratory"', "study.kind"),
-        ("[study]", '[study]\nquestion = "Another?"', "study.question"),
-        ('reference = "loss=0.0"', 'reference = "loss=0.5"', "contrast.limit.reference"),
-        (CLAIM, "", "claim.c"),
-        (LIMIT, LIMIT + LIMIT.replace('"limit"', '"more"'), "contrast.more"),
-    ],
-)
-def test_a_change_of_what_is_asked_is_named(folder: Path, old: str, new: str, key: str) -> None:
-    """Each by its key alone."""
-    assert changed(folder, ASKED.replace(old, new, 1)) == [key]
-
-
-@in_one_test(
-    ("old", "new", "key"),
-    [
+        ("margin = 1.1", "margin = 1.2", ["contrast.limit.margin"]),
+        ('expect = "undecided"', 'expect = "holds"', ["claim.c.expect"]),
+        ("Hybrid waits less", "Hybrid waits more", ["claim.c.text"]),
+        ('["waiting_all", "messages"]', '["waiting_all"]', ["study.metrics"]),
+        ("[study]", '[study]\nkind = "exploratory"', ["study.kind"]),
+        (CLAIM, "", ["claim.c"]),
+        (LIMIT, LIMIT + LIMIT.replace('"limit"', '"more"'), ["contrast.more"]),
         ("repeats = 10", "repeats = 9", ["runs.repeats", "runs.seeds"]),
         ("repeats = 10", "repeats = 10\nseed = 2", ["runs.seed", "runs.seeds"]),
-        ("duration_s = 1000.0", "duration_s = 2000.0", ["scenario.run.duration_s"]),
-        ("horizon_s = 100.0", "horizon_s = 90.0", ["scenario.metrics.horizon_s"]),
         ("series_every_s = 100.0", "series_every_s = 50.0", ["runs.series_every_s"]),
+        ("duration_s = 1000.0", "duration_s = 2000.0", ["scenario.run.duration_s"]),
         ("[scenario]\n", "[scenario]\nrun.step_s = 0.5\n", ["scenario.run.step_s"]),
-        ('base = "smoke"', 'base = "paper-25"', None),
+        ('"hybrid"]', '"hierarchical"]', [f"condition.{loss}, hybrid 3.control.mode" for loss in LEVELS]),
+        ("[study]", '[study]\ntitle = "T"', []),
+        ("Unknown.", "Known.", []),
+        (CLAIM, CLAIM + SHOWN, []),
     ],
 )
-def test_a_change_of_what_is_run_is_named(folder: Path, old: str, new: str, key: list[str] | None) -> None:
-    """Also of the scenario that the study file only names."""
-    found = changed(folder, sweep=SWEEP.replace(old, new))
-    assert found == key if key else {"scenario.agents.count", "scenario.events.rate_hz"} <= set(found)
+def test_a_change_is_named_by_its_key(folder: Path, old: str, new: str, keys: list[str]) -> None:
+    """Of what is run or asked; words, figures and findings are written after the runs, or decide nothing."""
+    assert (old in ASKED) != (old in SWEEP)
+    assert changed(folder, ASKED.replace(old, new, 1), SWEEP.replace(old, new, 1)) == keys
 
 
-def test_another_condition_is_named(folder: Path) -> None:
-    """One is gone, one is new."""
-    names = {name for key in changed(folder, sweep=SWEEP.replace("0.5, 0.9", "0.5, 0.8")) for name in [key]}
-    assert {"condition.loss=0.8, hybrid 3", "condition.loss=0.9, hybrid 3"} <= names
-
-
-def test_a_change_within_some_conditions_is_named_in_these(folder: Path) -> None:
-    """Their labels are the same, and the other conditions too."""
-    sweep = SWEEP.replace(
-        'control.mode = ["decentralised", "hybrid"]', 'control.mode = ["decentralised", "hierarchical"]'
-    )
-    assert changed(folder, sweep=sweep) == [f"condition.{loss}, hybrid 3.control.mode" for loss in LEVELS]
+def test_a_change_of_what_the_study_file_only_names_is_named(folder: Path) -> None:
+    """Of another base; and conditions that are gone or new."""
+    found = changed(folder, sweep=SWEEP.replace('base = "smoke"', 'base = "paper-25"'))
+    assert {"scenario.agents.count", "scenario.events.rate_hz"} <= {*found}
+    found = changed(folder, sweep=SWEEP.replace("0.5, 0.9", "0.5, 0.8"))
+    assert {"condition.loss=0.8, hybrid 3", "condition.loss=0.9, hybrid 3"} <= {*found}
 
 
 @in_one_test(
@@ -143,12 +127,6 @@ def test_a_commit_that_says_nothing_is_told(
         assert found.entries[0]["uncommitted"] == [*told, *more]
         row = found.facts(pd.DataFrame()).query("what == 'not in the commit'")["value"].tolist()
         assert row == ["; ".join([*told, *more])] * bool(told or more)
-
-
-def test_words_figures_and_findings_are_no_part_of_it(folder: Path) -> None:
-    """They are written after the runs, or decide nothing."""
-    assert changed(folder, ASKED.replace("[study]", '[study]\ntitle = "T"') + SHOWN) == []
-    assert changed(folder, ASKED.replace("Unknown.", "Known.")) == []
 
 
 def test_two_tables_of_one_name_are_two() -> None:
@@ -192,6 +170,7 @@ def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], Non
     at(LATE)
     amend(made(ASKED.replace("1.1", "1.2")), folder, None, "typo")
     whole = (folder / FILE).read_text()
+    (folder / FILE).write_text(json.dumps(json.loads(whole), sort_keys=True, indent=1))  # as a formatter does
     assert protocol_of(made(ASKED.replace("1.1", "1.2")), folder).problems == []
     edits: list[Callable[[dict[str, Any]], object]] = [
         lambda record: record["entries"][0]["protocol"]["contrast"]["limit"].update(margin=1.2),
@@ -208,13 +187,6 @@ def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], Non
         assert [line for line in problems if "edited by hand" in line]
         with pytest.raises(ProtocolError, match="edited by hand"):
             amend(made(ASKED.replace("1.1", "1.4")), folder, None, "typo")
-
-
-def test_the_order_of_keys_and_the_spaces_of_the_file_are_no_edit(folder: Path) -> None:
-    """As after a formatter."""
-    record = json.loads((folder / FILE).read_text())
-    (folder / FILE).write_text(json.dumps(record, sort_keys=True, indent=1))
-    assert protocol_of(made(ASKED), folder).problems == []
 
 
 def test_a_new_hash_over_an_old_date_still_shows_that_runs_were_first(folder: Path) -> None:
@@ -303,29 +275,29 @@ def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -
 
 @in_one_test("text", ["", "[]", "{}", '{"study": "made-up", "entries": []}', '{"study": "made-up", "entries": [{}]}'])
 def test_a_file_that_is_no_protocol_is_named(text: str, folder: Path) -> None:
-    """Instead of a traceback, or of no protocol."""
     (folder / FILE).write_text(text)
     with pytest.raises(ProtocolError, match=FILE):
         protocol_of(made(ASKED), folder)
 
 
-def test_a_protocol_of_the_wrong_form_is_named(folder: Path) -> None:
+EDITS: list[Callable[[dict[str, Any]], object]] = [
+    lambda entry: entry.pop("reason"),
+    lambda entry: entry.update(date="yesterday"),
+    lambda entry: entry.update(date="2026-01-01T12:00:00"),
+    lambda entry: entry["protocol"].update(claim=[]),
+    lambda entry: entry["protocol"].pop("scenario"),
+    lambda entry: entry["protocol"]["condition"].update({"loss=0.0, hybrid 3": 3}),
+]
+
+
+@in_one_test("edit", EDITS)
+def test_a_protocol_of_the_wrong_form_is_named(edit: Callable[[dict[str, Any]], object], folder: Path) -> None:
     """Whatever part of it was taken out or replaced."""
     whole = (folder / FILE).read_text()
-    edits: list[Callable[[dict[str, Any]], object]] = [
-        lambda entry: entry.pop("reason"),
-        lambda entry: entry.update(date="yesterday"),
-        lambda entry: entry.update(date="2026-01-01T12:00:00"),
-        lambda entry: entry["protocol"].update(claim=[]),
-        lambda entry: entry["protocol"].pop("scenario"),
-        lambda entry: entry["protocol"].update(contrast=[]),
-        lambda entry: entry["protocol"]["condition"].update({"loss=0.0, hybrid 3": 3}),
-    ]
-    for edit in edits:
-        (folder / FILE).write_text(whole)
-        edited(folder, lambda record, edit=edit: edit(record["entries"][0]))
-        with pytest.raises(ProtocolError, match="restore it"):
-            protocol_of(made(ASKED), folder)
+    edited(folder, lambda record: edit(record["entries"][0]))
+    with pytest.raises(ProtocolError, match="restore it"):
+        protocol_of(made(ASKED), folder)
+    (folder / FILE).write_text(whole)
 
 
 def test_the_first_line_of_a_page_says_what_was_frozen(folder: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a condition gives away: questions about the situation to which one answer is nearly always right."""
+"""Situation questions whose answer is nearly always the same in a condition."""
 
 from collections import Counter
 from collections.abc import Iterable

@@ -1,10 +1,10 @@
-"""What a condition gives away of the answers about its situation."""
+"""Warnings about questions whose answer is nearly always the same."""
 
 from pathlib import Path
 
-from deltaswarm_sessions.giveaways import situation_warnings
 from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.settings import load_session
+from deltaswarm_sessions.trivial_questions import situation_warnings
 from tests.support.sessions import a_file
 
 ASKS = "operator.probes.spam_at_s=[20]"

@@ -7,17 +7,17 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from deltaswarm_orchestrator.base.exits import FAILED
 from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
-from deltaswarm_sessions import ledger, staging
+from deltaswarm_sessions import roster, tables
 from deltaswarm_sessions.folder import RECORD, read_record
 from tests.support.complaints import Printed
-from tests.support.sessions import a_file
-from tests.unit.sessions.test_tables import a_participant, rows_of
+from tests.support.sessions import a_command, a_participant, edited, rows_of
 
 STEPS = {"roster.json", "session.json", "seal.json", "participants.tsv", "participant-002", "commitment.json", "bids"}
 """Files and folders before whose renaming a command is killed."""
@@ -28,7 +28,7 @@ def command(tmp_path: Path) -> list[str]:
     """The command for a folder with sessions of participants 1 and 3."""
     for number in (1, 3):
         a_participant(tmp_path / "out", number, "A")
-    return ["session", str(a_file(tmp_path, 2)), "--out", str(tmp_path / "out")]
+    return a_command(tmp_path)
 
 
 def test_withdrawals_side_by_side_are_all_noted(command: list[str], tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_withdrawals_side_by_side_are_all_noted(command: list[str], tmp_path: Pa
     for process in processes:
         process.join(120)
     assert [process.exitcode for process in processes] == [0] * 6
-    assert sorted(one.participant for one in ledger.read(tmp_path / "out").withdrawn) == [*range(3, 9)]
+    assert sorted(one.participant for one in roster.read(tmp_path / "out").withdrawn) == [*range(3, 9)]
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_command_that_waits_in_vain_is_refused(
     options: str, command: list[str], tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It names the folder and changes nothing."""
-    monkeypatch.setattr(ledger, "WAIT_S", 0.0)
+    monkeypatch.setattr(roster, "WAIT_S", 0.0)
     monkeypatch.setattr(report, "run_and_report", lambda *_, **__: FAILED)
     monkeypatch.chdir(tmp_path)
     lock = FolderLock(tmp_path / "out")
@@ -97,10 +97,10 @@ def test_a_withdrawal_that_is_killed_is_finished_by_the_next_command(
         shutil.copytree(folder, folder.with_suffix(".before"))
     step = 1
     while killed_at(step, withdraw):
-        assert bool(ledger.read(out).withdrawn) == (step > 1)
+        assert bool(roster.read(out).withdrawn) == (step > 1)
         assert main(withdraw if is_same else [*command, "--next"]) == 0
-        roster, is_gone = ledger.read(out), is_same or step > 1
-        assert ([one.participant for one in roster.withdrawn], roster.unfinished) == ([1] * is_gone, ())
+        noted, is_gone = roster.read(out), is_same or step > 1
+        assert ([one.participant for one in noted.withdrawn], noted.unfinished) == ([1] * is_gone, ())
         there = {row["participant"] for row in rows_of(data / "runs.tsv")}
         assert ("1" in there, (data / "bids" / "sub-001").exists(), (out / "participant-001").exists()) == (
             (not is_gone,) * 3
@@ -124,7 +124,7 @@ def test_a_correction_that_is_killed_is_finished_by_the_next_command(
     step = 1
     while killed_at(step, [*command, "--renumber", "1", "2"]):
         assert main([*command, *following]) == 0
-        assert ledger.read(out).unfinished == ()
+        assert roster.read(out).unfinished == ()
         number = 1 if (out / "participant-001").exists() else 2
         record = read_record(out / f"participant-00{number}")
         assert (record["participant"], record.get("allocated", 1)) == (number, 1)
@@ -137,7 +137,7 @@ def test_a_correction_that_is_killed_is_finished_by_the_next_command(
 
 def test_a_freeze_that_is_killed_is_there_or_not(tmp_path: Path, capsys: Printed) -> None:
     """If it is there, the next one tells the hash, which nobody has seen."""
-    command = ["session", str(a_file(tmp_path, 2)), "--out", str(tmp_path / "out"), "--freeze"]
+    command = [*a_command(tmp_path), "--freeze"]
     assert killed_at(2, command)
     found = json.loads((tmp_path / "out" / "commitment.json").read_text())["hash"]
     assert main(command) == 2
@@ -184,22 +184,22 @@ def test_a_full_disk_leaves_the_tables_as_they_were(
     data = tmp_path / "data"
     assert main([*command, "--table", str(data), "--format", "bids"]) == 0
     before = {file: file.read_bytes() for file in data.rglob("*") if file.is_file()}
-    real, tables = staging.write_whole, len([*data.glob("*.tsv")])
-    for room in (0, 5, tables):
+    real, count = tables.write_csv, len([*data.glob("*.tsv")])
+    for room in (0, 5, count):
         left = iter(range(room))
 
-        def write(file: Path, content: bytes, left: Iterator[int] = left) -> None:
+        def write(file: Path, *table: Any, left: Iterator[int] = left) -> None:
             if next(left, None) is None:
                 raise OSError(28, "No space left on device", str(file))
-            real(file, content)
+            real(file, *table)
 
-        monkeypatch.setattr(staging, "write_whole", write)
+        monkeypatch.setattr(tables, "write_csv", write)
         assert main([*command, "--withdraw", "1"]) == 1
         assert "the withdrawal of 1 is not finished" in capsys.readouterr().err
         there = {file: file.read_bytes() for file in data.rglob("*") if file.is_file()}
         assert set(there) == set(before)
         changed = [file for file in before if there[file] != before[file]]
-        assert [file for file in changed if room < tables or "bids" in file.parts] == []
+        assert [file for file in changed if room < count or "bids" in file.parts] == []
     monkeypatch.undo()
     assert main([*command, "--next"]) == 0
     assert "1" not in {row["participant"] for row in rows_of(data / "bids" / "sub-003" / "sub-003_scans.tsv")}
@@ -216,27 +216,23 @@ def test_a_folder_of_a_withdrawn_participant_is_in_no_table(
     assert "--withdraw 1 deletes it" in capsys.readouterr().err
 
 
-def without_a_row(file: Path) -> None:
-    """Delete who withdrew."""
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"withdrawn": []}))
+CHANGES: list[Callable[[Path], object]] = [
+    lambda roster: edited(roster, withdrawn=[]),
+    lambda roster: (roster.parent / "commitment.json").unlink(),
+    Path.unlink,
+]
 
 
-def without_the_plan(file: Path) -> None:
-    """Delete the commitment."""
-    (file.parent / "commitment.json").unlink()
-
-
-@pytest.mark.parametrize("change", [without_a_row, without_the_plan, Path.unlink])
+@pytest.mark.parametrize("change", CHANGES)
 def test_no_change_of_what_is_kept_goes_unseen(
-    change: Callable[[Path], None], command: list[str], tmp_path: Path, capsys: Printed
+    change: Callable[[Path], object], command: list[str], tmp_path: Path, capsys: Printed
 ) -> None:
     """A deleted row, a deleted roster and a deleted commitment are refused, so no number comes back."""
     out = tmp_path / "out"
     assert main([*command, "--withdraw", "1"]) == 0
     (out / "commitment.json").write_text("{}")
-    ledger.write(out, ledger.read(out))
-    record = json.loads((out / "participant-003" / RECORD).read_text())
-    (out / "participant-003" / RECORD).write_text(json.dumps(record | {"begun": "2026-11-28T00:00:00+00:00"}))
+    roster.write(out, roster.read(out))
+    edited(out / "participant-003" / RECORD, begun="2026-11-28T00:00:00+00:00")
     change(out / "roster.json")
     for options in (["--next"], ["--participant", "1"], ["--withdraw", "3"], ["--renumber", "3", "1"]):
         assert main([*command, *options]) == 2
