@@ -19,12 +19,7 @@ from distributed import Client
 
 import deltaswarm_wire
 from deltaswarm_cluster import dask_cluster as dask_cluster_module
-from deltaswarm_cluster.actor import (
-    PREFIX,
-    AgentFiles,
-    AgentsJob,
-    SupervisorActor,
-)
+from deltaswarm_cluster.host import HostActor, Job
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
@@ -181,52 +176,55 @@ def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Pa
     assert not list(tmp_path.glob("run*"))
 
 
-def test_a_killed_supervisor_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The worker notices, removes the files, and says so; the agents end with their parent."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+def job_of_mute_agents(connect: str) -> Job:
+    """Two agents that reach nobody."""
     settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    options = {"--run": "run", "--connect": connect, "--zenoh": []}
+    return Job("hybrid", 60.0, options, "", [(agent, settings, "", "SECRET") for agent in (3, 4)])
+
+
+def test_a_killed_host_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worker notices, removes the files, and says so; the agents end with their parent."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
-        files = {agent: AgentFiles(settings, b"", b"SECRET") for agent in (3, 4)}
-        actor = SupervisorActor(AgentsJob("run", endpoint, "hybrid", 60.0, b"", files))
+        actor = HostActor(job_of_mute_agents(f"tls/127.0.0.1:{mute.getsockname()[1]}"))
         wait_until(lambda: len(list(tmp_path.glob("*/logs/*.log"))) == 2, "the agents")
-        actor._process.kill()
-        update = wait_until(lambda: (found := actor.poll()).is_over and found, "the update")
-    assert update.failed == "its process ended with code -9"
+        os.kill(actor.pid, signal.SIGKILL)
+        why = wait_until(lambda: [item for item in actor.poll() if item[0] == "failed"], "the news")
+    assert why == [["failed", "its process ended with code -9"]]
     wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
 
 
 ACTOR = """
-import sys, tempfile, time
-from deltaswarm_cluster.actor import (
-    PREFIX,
-    AgentFiles,
-    AgentsJob,
-    SupervisorActor,
-)
-tempfile.tempdir = sys.argv[1]
-files = {agent: AgentFiles(sys.argv[3], b"", b"SECRET") for agent in (3, 4)}
-actor = SupervisorActor(AgentsJob("run", sys.argv[2], "hybrid", 60.0, b"", files))
-print(actor._process.pid, flush=True)
+import sys, time
+from deltaswarm_cluster.host import HostActor
+from tests.processes.test_many_machines import job_of_mute_agents
+actor = HostActor(job_of_mute_agents(sys.argv[1]))
+print(actor.pid, flush=True)
 time.sleep(600)
 """
 
 
 @contextmanager
 def an_actor(folder: Path, agents: int = 2) -> Iterator[tuple["subprocess.Popen[str]", int]]:
-    """The process of a worker whose agents are up, and its supervisor's number."""
-    settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    """The process of a worker whose agents are up, and its host's number."""
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": str(ROOT)}
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
-        command = [sys.executable, "-P", "-c", ACTOR, str(folder), endpoint, settings]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as worker:
+        command = [sys.executable, "-P", "-c", ACTOR, f"tls/127.0.0.1:{mute.getsockname()[1]}"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as worker:
             assert worker.stdout is not None
-            supervisor = int(worker.stdout.readline())
+            host = int(worker.stdout.readline())
             wait_until(lambda: len(list(folder.glob("*/logs/*.log"))) >= agents, "the agents")
             try:
-                yield worker, supervisor
+                yield worker, host
             finally:
                 worker.kill()
+
+
+def folders_in(folder: Path) -> set[Path]:
+    """The folders of hosts."""
+    return {logs.parent for logs in folder.glob("*/logs")}
 
 
 def keys_in(folder: Path) -> list[Path]:
@@ -234,18 +232,18 @@ def keys_in(folder: Path) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_a_worker_and_its_supervisor_killed_together_leave_no_keys(tmp_path: Path) -> None:
-    """The agents remove them as they end; the next worker removes the folder, and no other's."""
-    with an_actor(tmp_path) as (worker, supervisor):
+def test_a_worker_and_its_host_killed_together_leave_no_keys(tmp_path: Path) -> None:
+    """The agents remove them as they end; the next host removes the folder, and no other's."""
+    with an_actor(tmp_path) as (worker, host):
         assert len(keys_in(tmp_path)) == 2
-        os.kill(supervisor, signal.SIGSTOP)  # so that it cannot see the worker's end
+        os.kill(host, signal.SIGSTOP)  # so that it cannot see the worker's end
         worker.kill()
-        os.kill(supervisor, signal.SIGKILL)
+        os.kill(host, signal.SIGKILL)
         wait_until(lambda: not keys_in(tmp_path), "no more keys")
-    (left,) = tmp_path.glob(f"{PREFIX}*")
-    with an_actor(tmp_path) as (worker, _):
+    (left,) = folders_in(tmp_path)
+    with an_actor(tmp_path):
         assert not left.exists()
-        (own,) = tmp_path.glob(f"{PREFIX}*")
+        (own,) = folders_in(tmp_path)
         with an_actor(tmp_path, agents=4):
             assert own.exists()
             assert len(keys_in(tmp_path)) == 4
