@@ -67,14 +67,13 @@ DEFAULT = frozenset(
         "run.clock",
         "run.bound",
         "arena.obstacles",
-        "world.dynamics",
         "command",
         "fault",
     ]
 )
 """Keys that must have their defaults."""
 
-DEFAULT_BELOW = ("radio.", "uplink.", "downlink.", "operator.person.", "operator.autonomy.", "operator.task.")
+DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.person.", "operator.autonomy.", "operator.task.")
 """Tables whose keys must, unless they are in `ANY`."""
 
 
@@ -85,7 +84,7 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"control.mode = {mode!r}"]
     defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
-    return [f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults[key]]
+    return [f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)]
 
 
 def rule(key: str) -> frozenset[str]:
