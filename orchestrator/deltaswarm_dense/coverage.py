@@ -84,7 +84,9 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"control.mode = {mode!r}"]
     defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
-    return [f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)]
+    return [
+        f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)
+    ]
 
 
 def rule(key: str) -> frozenset[str]:
