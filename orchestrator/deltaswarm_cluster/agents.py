@@ -38,8 +38,6 @@ STOP_WITHIN_S = END_WITHIN_S + 5.0
 
 @dataclass(frozen=True)
 class DaskPlacement:
-    """The places of a run's agents."""
-
     cluster: "DaskCluster"
     blocks: "Mapping[DaskHost, Sequence[int]]"
     """The agents of each host."""
@@ -48,15 +46,12 @@ class DaskPlacement:
 
     @property
     def workers(self) -> dict[str, list[int]]:
-        """The agents of each worker, as the manifest lists them."""
         return {str(host.worker): [*block] for host, block in self.blocks.items()}
 
     def check_controller(self, mode: str) -> None:
-        """Check that all workers have the controller's files as this machine has them. Raises InputsChangedError."""
         self.cluster.check_controller(mode)
 
     def agents(self, scenario: Scenario, logs: Path) -> "RemoteAgents":
-        """Return the agents at their places, not started yet; their logs come into the folder `logs`."""
         return RemoteAgents(scenario, self, logs)
 
 
@@ -68,11 +63,9 @@ class RemotePart(RunPart):
     """With whom it was lost, to follow "was lost" in a sentence; empty if it was not."""
 
     def how_it_ended(self, when: str = "") -> str:
-        """Describe in one line how it ended."""
         return f"{self.name} was lost{when and f' {when}'}{self.lost}" if self.lost else super().how_it_ended(when)
 
     def lose(self, lost: str) -> None:
-        """Note that it was lost."""
         self.exit_code, self.lost = UNKNOWN, lost
 
 
@@ -113,16 +106,13 @@ class RemoteAgents:
 
     @property
     def parts(self) -> list[RunPart]:
-        """The machines and the agents, as of the last look."""
         return [self._scheduler, *self._machines.values(), *self._agents.values()]
 
     @property
     def agents(self) -> list[RunPart]:
-        """The agents."""
         return [*self._agents.values()]
 
     def write_worlds(self, folder: Path) -> Tls:
-        """Write the world's files into a private folder, from which they can go once the router has read them."""
         hosts = tuple(dict.fromkeys((*LOCAL_HOSTS, host_and_port(self.listen)[0])))
         key, certificate = pem_of(*self._authority.sign(WORLD, CERTIFICATE_DAYS, hosts))
         contents = {"ca.pem": self._ca, f"{WORLD}.pem": certificate, f"{WORLD}.key": key}
@@ -135,12 +125,7 @@ class RemoteAgents:
         return pem_of(self._authority.key, self._authority.certificate)[1]
 
     def start(self, run: str, endpoint: str, zenoh: Sequence[str], was_stopped: Callable[[], object]) -> None:
-        """Start all agents, each with its own certificate, at the world's endpoint.
-
-        Raises:
-            LaunchError: a host was lost, or did not take its agents in time.
-            StoppedError: the user asked to stop.
-        """
+        """Start all agents, each with its own certificate, at the world's endpoint."""
         scenario = self._scenario
         options = {"--run": run, "--connect": endpoint, "--zenoh": list(zenoh)}
         within_s = scenario.run.start_timeout_s
@@ -169,7 +154,6 @@ class RemoteAgents:
         return agent, settings, certificate.decode(), key.decode()
 
     def look(self) -> None:
-        """Take the news of all hosts: ends, logs, and hosts that are lost."""
         if self._live and (problem := self._cluster.problem):
             self._scheduler.lose(f" with all agents: {problem}")
             for host in [*self._live]:
@@ -213,7 +197,6 @@ class RemoteAgents:
             machine.lose(f" with {spans(lost)}{why and f': {why}'}")
 
     def end(self, *, at_once: bool = False) -> None:
-        """End all agents and take their last words; with `at_once`, without waiting for these."""
         try:
             if not at_once:
                 self._stop()

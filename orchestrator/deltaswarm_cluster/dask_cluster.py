@@ -67,11 +67,7 @@ class DaskHost:
         self._future = self._client.submit(HostActor, job, pure=False, actor=True, **place)
 
     def poll(self) -> News:
-        """Return what the last call of the actor brought, if it has, and make the next one.
-
-        Raises:
-            WorkerLostError: the actor failed, or its worker is lost.
-        """
+        """Return what the last call of the actor brought, if it has, and make the next one."""
         if self._actor is None:
             self._await_actor()
             return []
@@ -100,7 +96,6 @@ class DaskHost:
             raise WorkerLostError(f"{type(error).__name__}: {error}") from None
 
     def stop(self) -> None:
-        """Ask the actor to end its agents."""
         self._method("stop")
 
     def close(self) -> None:
@@ -115,11 +110,7 @@ class DaskHost:
 
 
 class DaskCluster:
-    """The workers that a scheduler has when a run begins.
-
-    Raises:
-        ClusterError: there are none, or they do not have what this machine has.
-    """
+    """The workers that a scheduler has when a run begins."""
 
     def __init__(self, client: Client, scheduler: str) -> None:
         self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
@@ -143,11 +134,7 @@ class DaskCluster:
         check_installed(packages_of(found["client"]), machines)
 
     def _ask(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
-        """Call a function on each worker; return its results by address.
-
-        Raises:
-            ClusterError: it failed somewhere, or a worker was lost meanwhile.
-        """
+        """Call a function on each worker; return its results by address."""
         hint = "; is this machine's deltaswarm, from the same sources, installed on all of them?"
         return dict(self._told(self._client.run, function, *arguments, hint=hint))
 
@@ -158,12 +145,7 @@ class DaskCluster:
             raise ClusterError(f"the workers of {self._scheduler} could not be asked ({error}){hint}", FAILED) from None
 
     def check_controller(self, mode: str) -> None:
-        """Check that all workers have a controller's files as this machine has them.
-
-        Raises:
-            InputsChangedError: some have others; the text names them.
-            ClusterError: they cannot be asked.
-        """
+        """Check that all workers have a controller's files as this machine has them."""
         here = inputs.of_controller(mode)
         for address, there in self._ask(inputs.of_controller, mode).items() if here else ():
             if other := inputs.differences(here, there):
@@ -180,7 +162,6 @@ class DaskCluster:
         return str(self._client.scheduler.address).startswith(PRIVATE)
 
     def host(self, worker: Worker) -> DaskHost:
-        """Return the host of agents on a worker, not started yet."""
         return DaskHost(self._client, worker, self._has)
 
     def _has(self, worker: Worker) -> bool:
@@ -190,11 +171,7 @@ class DaskCluster:
         return worker.address in self._present
 
     def endpoint(self, listen: str) -> str:
-        """Return where the world is to listen: as asked, or at this machine's address towards the scheduler.
-
-        Raises:
-            ClusterError: that is no address of this machine, or a worker cannot connect to it.
-        """
+        """Return where the world is to listen: as asked, or at this machine's address towards the scheduler."""
         host, port = host_and_port(listen) if listen else (self._own_address(), 0)
         try:
             with socket.create_server((host, port)) as server:  # never accepts: the kernel connects
@@ -268,7 +245,6 @@ def packages_of(has: Mapping[str, Any]) -> Installed:
 
 
 def _installed() -> Installed:
-    """Return what this machine has."""
     python = ".".join(map(str, sys.version_info[:2]))
     return Installed(__version__, python, version("eclipse-zenoh"), provenance.code_digest())
 

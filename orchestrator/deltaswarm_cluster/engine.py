@@ -28,12 +28,7 @@ class Dask:
         self._scheduler, self._listen = scheduler, listen
 
     def check(self, scenario: Scenario) -> None:
-        """Check that the agents of a scenario can run there.
-
-        Raises:
-            SettingsError: `--listen` is no endpoint that other machines can use, or a fault signals processes.
-            CommandError: there is no scheduler, or the address at which the world would listen is taken.
-        """
+        """Check that the agents of a scenario can run there."""
         if not self._scheduler:
             raise CommandError("--engine dask must be given with --scheduler for a run: its agents are on the workers")
         problems = []
@@ -47,11 +42,7 @@ class Dask:
 
     @contextmanager
     def placed(self, agents: int, say: Callable[[str], object]) -> "Iterator[DaskPlacement]":
-        """Yield the places of a run's agents on the workers, all checked; `say` tells the user where they are.
-
-        Raises:
-            ClusterError: the cluster cannot do this run; nothing has been started.
-        """
+        """Yield the places of a run's agents on the workers, all checked; `say` tells the user where they are."""
         from deltaswarm_cluster.agents import DaskPlacement
         from deltaswarm_cluster.dask_cluster import connected  # no other run needs Dask
 
@@ -72,7 +63,6 @@ class Dask:
             yield DaskPlacement(cluster, hosts, listen)
 
     def sweep_engine(self, workers: int) -> "Engine":
-        """Return an engine for the runs of a sweep."""
         from deltaswarm_cluster.sweep_engine import DaskEngine
 
         return DaskEngine(self._scheduler, workers)

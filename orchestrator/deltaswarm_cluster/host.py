@@ -87,11 +87,9 @@ class HostActor:
 
     @property
     def pid(self) -> int:
-        """The host's process."""
         return self._process.pid
 
     def poll(self) -> News:
-        """Return what has happened since the last call."""
         is_dead = self._process.poll() is not None
         *lines, self._unread = (self._unread + (self._stdout.read() or b"")).split(b"\n")
         news = [json.loads(line) for line in lines]
@@ -199,7 +197,6 @@ def _say(*items: object) -> None:
 
 
 def main() -> None:
-    """Read a job, and serve it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     line = b""
     while not line.endswith(b"\n"):  # unbuffered, since `Host` waits for more

@@ -109,11 +109,7 @@ def check_installed(here: Installed, workers: Mapping[Worker, Installed]) -> Non
 
 
 def check_reached(endpoint: str, problems: Mapping[Worker, str]) -> None:
-    """Check that all workers can connect to where the world will listen; `problems` says why one cannot, if so.
-
-    Raises:
-        ClusterError: some cannot; the text says which, why, and what to do.
-    """
+    """Check that all workers can connect to where the world will listen; `problems` says why one cannot, if so."""
     if failed := {worker: problem for worker, problem in problems.items() if problem}:
         host, _ = host_and_port(endpoint)
         lines = [f"    {worker}: {problem}" for worker, problem in failed.items()]

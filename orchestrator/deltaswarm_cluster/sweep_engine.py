@@ -91,11 +91,7 @@ class DaskEngine:
 
 
 def _check_workers(client: Client, scheduler: str) -> None:
-    """Say that there are no workers yet, or refuse those that would crash for want of deltaswarm.
-
-    Raises:
-        EngineError: workers lack deltaswarm.
-    """
+    """Say that there are no workers yet, or refuse those that would crash for want of deltaswarm."""
     found: Any = client.get_versions(packages=PACKAGES)  # typed for coroutines too
     if not found["workers"]:
         notice(f"deltaswarm: the Dask scheduler at {scheduler} has no workers yet; waiting for them")

@@ -126,7 +126,8 @@ def test_a_part_that_starts_when_its_run_has_ended_says_nothing(tmp_path: Path) 
     source = (
         "from multiprocessing import Pipe; from pathlib import Path;"
         "from deltaswarm_orchestrator.processes import entry_point;"
-        f"entry_point.main('json', [], {{}}, Path({str(tmp_path / 'gone' / 'log')!r}), Pipe()[0], None, False, {{}})"
+        f"log = Path({str(tmp_path / 'gone' / 'log')!r});"
+        "entry_point.main('json', [], '', log, entry_point.Inherited(Pipe()[0]), in_background=False)"
     )
     ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr) == (1, "", "")

@@ -24,8 +24,6 @@ def _with(value: Any, *members: str) -> Any:
 
 
 class ForeignPlacement(Foreign):
-    """The places of a run's agents, of an engine from outside."""
-
     PASSES = (CommandError,)
     CHECKS: ClassVar = {
         "workers": lambda _, value: _with(value, "items"),
@@ -55,8 +53,6 @@ def _runs(kind: type[Any], value: Any, tasks: Any) -> Iterator[Any]:
 
 
 class ForeignSweepEngine(Foreign):
-    """What does the runs of a sweep, of an engine from outside."""
-
     PASSES = (CommandError,)
     CHECKS: ClassVar = {"run": _runs}
 

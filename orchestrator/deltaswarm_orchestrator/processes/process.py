@@ -182,14 +182,12 @@ class Part(RunPart):
         self.outlasted = "its process was stopped, as by SIGSTOP" if self.was_stopped else "its process ran on"
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal, unless the process has ended."""
         self.was_asked_to_end |= number == signal.SIGTERM
         if self.pidfd is not None:
             with suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self.pidfd, number)
 
     def close(self) -> None:
-        """Close the pidfd of a process that has ended."""
         if self.pidfd is not None:
             os.close(self.pidfd)
             self.pidfd = None

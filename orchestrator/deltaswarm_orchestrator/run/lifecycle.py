@@ -1,6 +1,7 @@
 """One run from scenario to summary, in real processes or in one process."""
 
 import shutil
+import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -28,7 +29,6 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.run_tables import score_answers, write_scored
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.by_processes import run_by_processes
-from deltaswarm_orchestrator.run.debugger import Debugger
 from deltaswarm_orchestrator.run.ending import Reason
 from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
@@ -37,7 +37,7 @@ from deltaswarm_scenario.truth import NOBODY_LEFT
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.foreign import called, name_of
-from deltaswarm_wire.plugin_errors import blamed, described, is_interrupt
+from deltaswarm_wire.plugin_errors import PluginError, blamed, described, is_interrupt, own_traceback
 from deltaswarm_wire.plugins import OBSERVERS, find
 
 AT_ONCE = "a second signal ended the run at once"
@@ -100,8 +100,6 @@ def _prepare(scenario: Scenario, options: RunOptions, reporter: Reporter, stop: 
 
 
 class _Run:
-    """One run and its outcome."""
-
     def __init__(self, context: RunContext) -> None:
         self.context, self.ending, self.folder = context, context.ending, context.folder
         self.scenario, self.options, self.stop = context.scenario, context.options, context.stop
@@ -163,12 +161,7 @@ class _Run:
         return result
 
     def _finish(self, summary: dict[str, Any]) -> Path:
-        """Write manifest and summary, and give the folder its final name; return its path.
-
-        Raises:
-            FolderTakenError: the name was taken during the run.
-            RoomError: the folder is gone or cannot be written; the text says why the run had ended, too.
-        """
+        """Write manifest and summary, and give the folder its final name; return its path."""
         folder = self.folder.path
         try:
             disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
@@ -179,7 +172,6 @@ class _Run:
         return self.folder.finish()
 
     def _note_error(self, error: BaseException, what: str) -> str:
-        """Keep the traceback of an error for the user; return the line for `why`."""
         if plugin := blamed(error):
             self.ending.texts += filter(None, [plugin.trace])
             return str(plugin)
@@ -187,7 +179,6 @@ class _Run:
         return f"{what}: {described(error)}"
 
     def _prepare_folder(self) -> None:
-        """Prepare the folder for the first step."""
         folder = self.folder.path
         if warning := disk.shortage(folder, self.scenario):
             self.context.reporter.say(f"warning: {warning}")
@@ -267,7 +258,7 @@ class _Run:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
         from deltaswarm_orchestrator.run.state import RunState
 
-        debugger = Debugger()
+        debugger = _Debugger()
         wanted = Wanted(
             sink,
             self.folder.path,
@@ -341,6 +332,25 @@ class _Run:
             return entry
         step = _steps_lost(outcome).get(entry.number)
         return entry.how_it_ended(entry.seen if step is None else f"in step {step}")
+
+
+class _Debugger:
+    """Stops in Python's debugger where a plug-in first raised; the run ends when the user leaves it (`--debug`)."""
+
+    def __init__(self) -> None:
+        self.was_left = False
+
+    def __call__(self, error: PluginError) -> None:
+        raised = error.__cause__
+        if self.was_left or raised is None:
+            return
+        print(f"{error.report}\nThe run ends when you leave the debugger (q).", file=sys.stderr)
+        import pdb  # slow, and needed only here
+
+        try:
+            pdb.post_mortem(own_traceback(raised))
+        finally:
+            self.was_left = True
 
 
 def _steps_lost(outcome: Outcome) -> dict[int, int]:

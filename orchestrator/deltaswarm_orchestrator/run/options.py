@@ -105,7 +105,6 @@ class RunResult:
 
 
 def _endpoints(options: RunOptions) -> dict[str, str]:
-    """Return the endpoints at which a run listens, by the options that name them."""
     found = {} if options.live_port is None else {"--live-port": f"tcp/{LIVE_HOST}:{options.live_port}"}
     if options.station:
         found["--station-listen"] = f"tcp/{options.station.listen}"
@@ -133,15 +132,7 @@ def check_packages(scenario: Scenario) -> None:
 
 
 def check(scenario: Scenario, options: RunOptions) -> None:
-    """Check what can be checked of a run before anything is started or written.
-
-    Raises:
-        FolderError: the folder exists.
-        SettingsError: the scenario cannot be run with these boards or on a cluster, has a bound that
-            processes cannot compute, or needs a package that is not installed.
-        LiveError: the run cannot be shown live.
-        CommandError: an address at which the run would listen is taken.
-    """
+    """Check what can be checked of a run before anything is started or written."""
     if scenario.run.bound != "none" and not options.in_process:
         allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])

@@ -49,7 +49,6 @@ class Watch:
         self._vain_restarts = 0
 
     def watch_to_the_end(self) -> None:
-        """Watch until the world has ended or is given up."""
         swarm, observer = self._swarm, self._observer
         is_stopping = False
         while True:
@@ -196,7 +195,6 @@ class Watch:
 
     @property
     def _has_begun(self) -> bool:
-        """Whether the first step is under way."""
         status = self._observer.status
         return status is not None and status.phase != "waiting"
 
@@ -247,5 +245,4 @@ class Watch:
 
     @property
     def _step(self) -> int:
-        """The newest step known from the operator's workload or the world's status."""
         return max(self._observer.newest_step, self._observer.status.step if self._observer.status else -1)
