@@ -26,12 +26,10 @@ class Ended(NamedTuple):
 
     @property
     def world(self) -> dict[str, Any]:
-        """The world's totals."""
         return self.outcome.world
 
     @property
     def refused(self) -> dict[str, int]:
-        """The number of samples that the world refused, by agent."""
         return dict(self.world["rejected"])
 
 
@@ -64,7 +62,6 @@ def play(
     rest_s: float = 0.0,
     others: Sequence[str] = (),
 ) -> Ended:
-    """A whole run with this attack, and `others` among its settings."""
     settings = [
         "control.mode=tests.hostile.attacker:Attacker",
         f"control.attack={attack}",

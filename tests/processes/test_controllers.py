@@ -130,7 +130,6 @@ def sets(name: str, *more: str) -> list[str]:
 
 
 def finished(folder: Path, name: str, *arguments: str) -> tuple[int, dict[str, Any], str]:
-    """Exit code, summary, and what was said."""
     with running(folder / name, *sets(name), *arguments) as swarm:
         code, _, errors = swarm.finish()
         return code, swarm.summary(), errors

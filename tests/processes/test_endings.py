@@ -44,7 +44,6 @@ IMPATIENT = (*HASTY, *UNHURRIED)
 
 
 def pid_of(swarm: RunningSwarm, log: str) -> int | None:
-    """The process whose standard error is a part's log."""
     for folder in Path("/proc").iterdir():
         try:
             if folder.name.isdecimal() and os.readlink(folder / "fd" / "2") == str(swarm.part / "logs" / log):
@@ -64,7 +63,6 @@ def ends_by_itself(swarm: RunningSwarm) -> tuple[int, str]:
 
 
 def maps(swarm: RunningSwarm, name: str) -> Callable[[], bool]:
-    """Whether the orchestrator has a library in memory."""
     return lambda: name in Path(f"/proc/{swarm.process.pid}/maps").read_text()
 
 
@@ -240,7 +238,6 @@ def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Pa
 
 
 def reached(fifo: Path) -> int | None:
-    """The writing end, once somebody reads."""
     try:
         return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
     except OSError:
@@ -346,7 +343,6 @@ def fill(small: Path, size: str) -> tuple[str, Path]:
 
 
 def is_full(text: str) -> bool:
-    """Whether a text names the cause."""
     return os.strerror(errno.ENOSPC) in text or "bytes are free" in text
 
 

@@ -32,7 +32,6 @@ def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_pat
 
 
 def fork_servers_of(pid: int) -> Iterator[int]:
-    """The process's fork server, if it has one."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if (

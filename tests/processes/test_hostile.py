@@ -28,8 +28,6 @@ STEPS = 500
 
 
 class Stage:
-    """A run under way, into which a stranger can step."""
-
     def __init__(self, swarm: Swarm, observer: Observer, folder: Path) -> None:
         self.swarm = swarm
         self.observer = observer
@@ -42,12 +40,10 @@ class Stage:
         return zenoh.open(configured(zenoh.Config, client_pairs(link), link))
 
     def is_running(self) -> bool:
-        """Whether steps are being made."""
         self.observer.work(0.01)
         return self.observer.status is not None and self.observer.status.phase == "running"
 
     def finish(self) -> dict[str, Any]:
-        """The summary, once the run has come to its end."""
         wait_for_end(self.swarm, self.observer)
         assert not wait_for(self.swarm.parts, PATIENCE_S)
         scenario = load_scenario("smoke", SETTINGS)

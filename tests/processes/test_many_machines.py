@@ -47,7 +47,6 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 @contextmanager
 def on(cluster: Cluster, out: Path, *arguments: str) -> Iterator[RunningSwarm]:
-    """A run on a cluster, under way."""
     with running(out, "--engine", "dask", "--scheduler", cluster.address, *arguments) as swarm:
         yield swarm
 
@@ -138,7 +137,6 @@ def test_a_busy_worker_can_be_given_up(cluster: Cluster, tmp_path: Path) -> None
 
 
 def names_of(client: Client) -> dict[str, str]:
-    """The names of workers by their addresses."""
     return {address: worker["name"] for address, worker in client.scheduler_info()["workers"].items()}
 
 
@@ -224,7 +222,6 @@ def an_actor(folder: Path, agents: int = 2) -> Iterator[tuple["subprocess.Popen[
 
 
 def folders_in(folder: Path) -> set[Path]:
-    """The folders of hosts."""
     return {logs.parent for logs in folder.glob("*/logs")}
 
 

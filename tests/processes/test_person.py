@@ -46,12 +46,10 @@ ASKING = ("operator.probes.tlx=true", "operator.task.target_share=0.5", "run.dur
 
 
 def run_tables(folder: Path) -> list[Path]:
-    """The tables about a person in a run folder."""
     return [file for name in TABLES if (file := folder / f"{name}.csv").exists()]
 
 
 def flags(overrides: tuple[str, ...]) -> list[str]:
-    """The same overrides on the command line."""
     return [word for override in overrides for word in ("--set", override)]
 
 

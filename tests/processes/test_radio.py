@@ -78,7 +78,6 @@ class Sink:
         self.sent_bytes = Counter[int]()
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
-        """See the protocol `Sink`."""
         self.sent_bytes[step] += len(data)
 
     def __getattr__(self, name: str) -> Any:

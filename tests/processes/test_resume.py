@@ -54,7 +54,6 @@ SETS = [part for text in SETTINGS for part in ("--set", text)]
 
 
 def resuming(out: Path) -> AbstractContextManager[RunningSwarm]:
-    """`deltaswarm run --resume`, under way."""
     return under_way(out, *COMMAND, "run", "--resume", str(out.with_name(out.name + ".part")))
 
 

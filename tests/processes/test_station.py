@@ -49,7 +49,6 @@ def sets(*pairs: str) -> list[str]:
 
 @contextmanager
 def at_the_station(out: Path, *arguments: str) -> Iterator[tuple[RunningSwarm, Person]]:
-    """A run with a person in front of it."""
     with running(out, "--station", *arguments) as swarm, Person(swarm) as person:
         yield swarm, person
 

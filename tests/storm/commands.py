@@ -77,7 +77,6 @@ class Ground:
 
     @property
     def module(self) -> Path:
-        """The file of the controller."""
         return self.folder / "storm_walker.py"
 
 
@@ -111,7 +110,6 @@ def _a_run(folder: Path) -> Path:
 
 
 def value(folder: Path, random: Random) -> Ground:
-    """Prepare a run whose orders are evaluated."""
     run = _a_run(folder)
     jobs = str(random.choice([1, 2]))
 
@@ -122,7 +120,6 @@ def value(folder: Path, random: Random) -> Ground:
 
 
 def branch(folder: Path, random: Random) -> Ground:
-    """Prepare a run that is branched."""
     run, at_s = _a_run(folder), random.choice(["30", "77", "89"])
 
     def result(ground: Ground) -> Any:

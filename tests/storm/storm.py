@@ -84,7 +84,6 @@ class Seen:
         return f"{self.wall_s:6.1f} s  {self.kind:22}  code {self.code}  [{struck}]"
 
     def landed_on(self, target: str, *numbers: signal.Signals) -> bool:
-        """Whether one of these signals reached a part."""
         return any(blow.target == target and blow.number in numbers for blow in self.landed)
 
 
@@ -104,7 +103,6 @@ def draw(rng: Random, options: Sequence[str] = ()) -> list[Blow]:
 
 
 def play(folder: Path, rng: Random) -> Seen:
-    """A whole run below `folder` in a storm."""
     is_swift = rng.random() < 0.5
     sets = [f"run.duration_s={rng.randint(300, 1500) if is_swift else rng.randint(60, 300)}"]
     sets += [f"record={rng.choice(['off', 'views', 'wire'])}"]
@@ -162,11 +160,7 @@ def can_be_resumed(folder: Path) -> Path | None:
 
 
 def resume(run: Path) -> subprocess.CompletedProcess[str]:
-    """Resume a run from its newest checkpoint, without a storm.
-
-    Raises:
-        subprocess.TimeoutExpired: the resumed run does not end in time.
-    """
+    """Resume a run from its newest checkpoint, without a storm."""
     command = [*COMMAND, "run", "--resume", str(run)]
     return subprocess.run(command, capture_output=True, text=True, timeout=AT_MOST_S, check=False)
 
@@ -203,7 +197,6 @@ def _find(part: Path, orchestrator: int, target: str) -> int | None:
 
 
 def left(mark: str, temporary: Path) -> list[str]:
-    """What is still there after a while."""
     deadline = time.monotonic() + GONE_WITHIN_S
     while time.monotonic() < deadline and (marked(mark, trackers=True) or any(temporary.iterdir())):
         time.sleep(0.05)

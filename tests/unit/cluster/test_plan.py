@@ -167,7 +167,6 @@ def to_start(hosts: list[Said], cluster: Any, tmp_path: Path, monkeypatch: pytes
 
 @pytest.fixture
 def agents(to_start: RemoteAgents) -> RemoteAgents:
-    """Started."""
     to_start.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
     return to_start
 

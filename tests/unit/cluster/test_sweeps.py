@@ -34,7 +34,6 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 @contextmanager
 def on(cluster: Cluster, file: Path, out: Path) -> Iterator[RunningSweep]:
-    """A sweep on a cluster, under way."""
     with sweeping(file, out, "--engine", "dask", "--scheduler", cluster.address) as running:
         yield running
 
@@ -206,7 +205,6 @@ class Having:
         self._versions = versions
 
     def get_versions(self, packages: object) -> dict[str, Any]:
-        """What Dask tells of them."""
         python = {"python": "3.11.7.final.0"}
         return {
             "workers": {

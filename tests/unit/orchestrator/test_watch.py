@@ -47,7 +47,6 @@ class Told:
 
     @property
     def exitcode(self) -> int | None:
-        """As the fork server tells it."""
         code = self._process.poll()
         if code is None or self._askings_left:
             self._askings_left -= code is not None
@@ -55,7 +54,6 @@ class Told:
         return code
 
     def end(self) -> int:
-        """Kill it, unless it has ended by itself."""
         self._process.kill()
         return self._process.wait()
 
@@ -87,7 +85,6 @@ def an_observer(**more: Any) -> SimpleNamespace:
 
 
 def a_swarm(**more: Any) -> SimpleNamespace:
-    """One without a station."""
     return SimpleNamespace(
         **{"station": None, "parts": [], "write_pids": lambda: None, "stop_world": lambda: None, **more}
     )
@@ -130,13 +127,11 @@ class Clock:
         self._looks_at_s, self._ends_at_s = looks_at_s, ends_at_s
 
     def work(self, within_s: float) -> bool:
-        """Until it looks again."""
         self.now_s = next(self._looks_at_s)
         return False
 
     @property
     def exit_code(self) -> int | None:
-        """Of the world."""
         return None if self.now_s < self._ends_at_s else 0
 
 
@@ -199,8 +194,6 @@ def test_a_part_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_
 
 
 class EndedPart(RunPart):
-    """A part that has ended, or has not."""
-
     exit_code: int | None = None
 
 
@@ -341,7 +334,6 @@ class SlowSink:
         self.steps: list[int] = []
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """See the protocol `Sink`."""
         time.sleep(STEP_TAKES_S)
         self.steps.append(truth.step)
         if truth.step == STOPPED_AT:

@@ -25,7 +25,6 @@ class Screen:
         self.viewer = RateLimited(lambda *one: self.sent.append(one), lambda: self.now_s)
 
     def taken(self) -> list[tuple[str, float, bytes]]:
-        """What came since the last call."""
         sent, self.sent = self.sent, []
         return sent
 
