@@ -46,7 +46,7 @@ class DaskEngine:
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack, tasks)
             if self._scheduler:
-                _check_workers(client, self._scheduler)
+                check_workers(client, self._scheduler)
             code = provenance.code_digest()
             futures = {
                 client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(code, task)): task
@@ -90,7 +90,7 @@ class DaskEngine:
         return cluster
 
 
-def _check_workers(client: Client, scheduler: str) -> None:
+def check_workers(client: Client, scheduler: str) -> None:
     """Say that there are no workers yet, or refuse those that would crash for want of deltaswarm."""
     found: Any = client.get_versions(packages=PACKAGES)  # typed for coroutines too
     if not found["workers"]:

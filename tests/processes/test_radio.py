@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from tests.support.airs import EVERYTHING, OBSTACLES
-from tests.support.swarms import run
+from tests.support.swarms import run, sets
 
 AGENTS, SECONDS = 8, 200
 OWN = (f"agents.count={AGENTS}", f"run.duration_s={SECONDS}", "events.rate_hz=0.3", "control.delta=2")
@@ -24,10 +24,6 @@ BUSY_SEED = 11
 
 def a_scenario(*radio: str, seed: int = 1) -> Scenario:
     return load_scenario("smoke", [*OWN, "record=off", *radio], seed)
-
-
-def settings(*overrides: str) -> list[str]:
-    return [text for one in overrides for text in ("--set", one)]
 
 
 def check_books(step_records: list[StepRecord]) -> None:
@@ -43,7 +39,7 @@ def check_books(step_records: list[StepRecord]) -> None:
 @pytest.mark.processes
 def test_with_every_model_at_once_processes_have_the_same_digest(tmp_path: Path) -> None:
     """By real processes and twice in one; the tables, the recording and the summary hold every reception."""
-    outside = run(tmp_path / "run", *settings(*OWN, *EVERYTHING, f"seed={BUSY_SEED}"))
+    outside = run(tmp_path / "run", *sets(*OWN, *EVERYTHING, f"seed={BUSY_SEED}"))
     first, second = (run_in_process(a_scenario(*EVERYTHING, seed=BUSY_SEED)) for _ in range(2))
     assert outside["digest"] == first.digest == second.digest
     assert outside["valid"]
@@ -59,7 +55,7 @@ def test_with_every_model_at_once_processes_have_the_same_digest(tmp_path: Path)
 @pytest.mark.processes
 def test_with_obstacles_processes_have_the_same_digest(tmp_path: Path) -> None:
     """Agents walk by the same map in either case."""
-    outside = run(tmp_path / "run", *settings(*OWN, "run.duration_s=100", OBSTACLES, f"seed={BUSY_SEED}"))
+    outside = run(tmp_path / "run", *sets(*OWN, "run.duration_s=100", OBSTACLES, f"seed={BUSY_SEED}"))
     assert outside["digest"] == run_in_process(a_scenario("run.duration_s=100", OBSTACLES, seed=BUSY_SEED)).digest
     assert outside["frames_dropped"]["obstacle"] > 0
 

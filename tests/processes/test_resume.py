@@ -33,6 +33,7 @@ from tests.support.swarms import (
     is_running,
     kill,
     running,
+    sets,
     told,
     under_way,
     wait_until,
@@ -50,7 +51,7 @@ SETTINGS = (
     'fault=[{kind="kill", at_s=130, agents=[1]}, {kind="restart", at_s=110, duration_s=30, agents=[2]},'
     '{kind="sensor-noisy", at_s=150, duration_s=100, noise_m=1.0, miss=0.3, agents=[4]}]',
 )
-SETS = [part for text in SETTINGS for part in ("--set", text)]
+SETS = sets(*SETTINGS)
 
 
 def resuming(out: Path) -> AbstractContextManager[RunningSwarm]:
@@ -188,8 +189,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
         "            deltaswarm_agent.io.process._save = lambda *_: None\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    sets = ["control={mode='forgetful:Forgetful'}", "run.duration_s=50", "run.step_timeout_s=1"]
-    settings = [part for text in sets for part in ("--set", text)]
+    settings = sets("control={mode='forgetful:Forgetful'}", "run.duration_s=50", "run.step_timeout_s=1")
     began = time.monotonic()
     with running(tmp_path / "run", *settings, "--checkpoint", "5") as swarm:
         swarm.end_well()

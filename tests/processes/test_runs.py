@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, run, running, wait_until
+from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, run, running, sets, wait_until
 from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
@@ -133,12 +133,7 @@ def test_the_users_environment_changes_nothing(
 
 def test_robots_that_collide_have_the_same_digest_with_and_without_processes(tmp_path: Path) -> None:
     """And agents in processes feel what they bump into as agents in one process do."""
-    given = {"dynamics": "physics", "radius_m": "0.5", "avoidance": "none"}
-    more = [
-        "--set",
-        "run.duration_s=60",
-        *(word for key, value in given.items() for word in ("--set", f"world.{key}={value}")),
-    ]
+    more = sets("run.duration_s=60", "world.dynamics=physics", "world.radius_m=0.5", "world.avoidance=none")
     inside, outside = (
         run(tmp_path / name, *how, *more) for name, how in (("inside", ["--in-process"]), ("outside", []))
     )

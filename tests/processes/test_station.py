@@ -24,7 +24,16 @@ from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support import persons, swarms
 from tests.support.branching import branched, summary_of
 from tests.support.persons import CONSENT, Person
-from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, UNHURRIED, RunningSwarm, is_running, running, wait_until
+from tests.support.swarms import (
+    BOUND_S,
+    SMOKE_PROCESSES,
+    UNHURRIED,
+    RunningSwarm,
+    is_running,
+    running,
+    sets,
+    wait_until,
+)
 
 pytestmark = pytest.mark.processes
 
@@ -41,10 +50,6 @@ SCRIPT = (
 )
 FAULTS = 'fault=[{kind="freeze", at_s=60, duration_s=40, agents=[2]}, {kind="kill", at_s=200, agents=[4]}]'
 DOWNLINK = ("downlink.loss=0.3", "downlink.latency_s=1.5", "downlink.jitter_s=2", "radio.loss=0.2")
-
-
-def sets(*pairs: str) -> list[str]:
-    return [word for pair in pairs for word in ("--set", pair)]
 
 
 @contextmanager

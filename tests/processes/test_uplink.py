@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
-from tests.support.swarms import run
+from tests.support.swarms import run, sets
 from tests.support.tiers import first_of
 
 OWN = ("agents.count=8", "run.duration_s=200", "events.rate_hz=0.3", "control.delta=2")
@@ -43,7 +43,7 @@ def check_books(step_records: list[StepRecord]) -> None:
 @pytest.mark.parametrize("record", first_of(["wire", "views"]))
 def test_processes_and_one_process_have_the_same_uplink(tmp_path: Path, record: str) -> None:
     """Digest, rows, the operator's own figures, the recording's inbox; nothing is lost on the fabric."""
-    outside = run(tmp_path / "run", *(text for one in (*OWN, *UPLINK, f"record={record}") for text in ("--set", one)))
+    outside = run(tmp_path / "run", *sets(*OWN, *UPLINK, f"record={record}"))
     inside = run_in_process(a_scenario(*UPLINK))
     assert outside["digest"] == inside.digest
     assert (outside["valid"], outside["transport_lost"], outside["samples_rejected"]) == (True, 0, 0)

@@ -8,7 +8,7 @@ from random import Random
 
 from deltaswarm_orchestrator.base.exits import INTERRUPTED
 from tests.storm.storm import AGENTS, FORK_SERVER, ORCHESTRATOR, QUIET, Blow, Seen, strike
-from tests.support.swarms import UNHURRIED
+from tests.support.swarms import UNHURRIED, sets
 
 ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT)
 """Signals that end a part, some of which it may heed."""
@@ -38,7 +38,7 @@ def play_and_judge(folder: Path, rng: Random) -> tuple[Seen, list[str]]:
     """Play a run below `folder` with one blow; return what does not hold, one line each."""
     blow = draw(rng)
     seen = Seen("one blow", [blow])
-    strike(folder, seen, [*(part for one in SETS for part in ("--set", one)), *UNHURRIED], QUIET, waits=True)
+    strike(folder, seen, [*sets(*SETS), *UNHURRIED], QUIET, waits=True)
     return seen, _judge(folder, seen, blow)
 
 

@@ -13,7 +13,7 @@ from random import Random
 from typing import NamedTuple
 
 from deltaswarm_wire import checkpoint
-from tests.support.swarms import COMMAND, UNHURRIED, is_running, kill, parent_of
+from tests.support.swarms import COMMAND, UNHURRIED, is_running, kill, parent_of, sets
 from tests.support.sweeping import MARK, marked
 
 AGENTS = 6
@@ -104,15 +104,14 @@ def draw(rng: Random, options: Sequence[str] = ()) -> list[Blow]:
 
 def play(folder: Path, rng: Random) -> Seen:
     is_swift = rng.random() < 0.5
-    sets = [f"run.duration_s={rng.randint(300, 1500) if is_swift else rng.randint(60, 300)}"]
-    sets += [f"record={rng.choice(['off', 'views', 'wire'])}"]
-    sets += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
+    given = [f"run.duration_s={rng.randint(300, 1500) if is_swift else rng.randint(60, 300)}"]
+    given += [f"record={rng.choice(['off', 'views', 'wire'])}"]
+    given += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
     options = rng.choice(KINDS)
-    sets += PERSON if STATION not in options and rng.random() < 0.5 else ()
+    given += PERSON if STATION not in options and rng.random() < 0.5 else ()
     around = rng.choice([*SURROUNDINGS])
     seen = Seen(" ".join([*options[:1], around]).strip(), draw(rng, options))
-    words = [*options, *(() if is_swift else UNHURRIED), *(text for one in sets for text in ("--set", one))]
-    strike(folder, seen, words, SURROUNDINGS[around])
+    strike(folder, seen, [*options, *(() if is_swift else UNHURRIED), *sets(*given)], SURROUNDINGS[around])
     return seen
 
 
