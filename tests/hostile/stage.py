@@ -58,24 +58,18 @@ def play(
     steps: int,
     attack: str = SILENCE,
     sessions: int = 1,
-    step_timeout_s: float = 6.0,
-    rest_s: float = 0.0,
     others: Sequence[str] = (),
 ) -> Ended:
+    """Do a whole run with this attack, and `others` among its settings."""
     settings = [
         "control.mode=tests.hostile.attacker:Attacker",
         f"control.attack={attack}",
         f"control.sessions={sessions}",
-        f"control.rest_s={rest_s}",
         f"run.duration_s={steps}",
-        f"run.step_timeout_s={step_timeout_s}",
+        "run.step_timeout_s=6",
         "record=off",
         *others,
     ]
-    return _run(folder, scenario_name, settings)
-
-
-def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
     scenario = load_scenario(scenario_name, settings)
     folder.mkdir(parents=True)
     began = time.monotonic()

@@ -69,31 +69,17 @@ def commands_of(run: Path) -> list[dict[str, Any]]:
 
 def a_command(rng: Random) -> dict[str, Any]:
     """One that the paper's controller accepts."""
-    x_m, y_m = rng.uniform(0, 40), rng.uniform(0, 40)
-    target: dict[str, Any] = rng.choice(
-        [
-            {"kind": "all"},
-            {"kind": "circle", "x_m": x_m, "y_m": y_m, "radius_m": rng.randint(1, 30)},
-            {"kind": "tree", "root": rng.randrange(6)},
-            {"kind": "agent", "agent": rng.randrange(6)},
-        ]
-    )
-    match rng.choice(["set delta", "hold", "resume", "recall", "attend"]):
-        case "set delta":
-            return {"name": "set delta", "arguments": {"delta": rng.randint(1, 4)}, **target}
-        case "hold":
-            return {"name": "hold", "arguments": {"for_s": rng.choice([5, 12.5, 60])}, **target}
-        case "recall":
-            return {
-                "name": "recall",
-                "kind": "tree",
-                "root": rng.randrange(6),
-                "arguments": {"pause_s": rng.uniform(0, 60)},
-            }
-        case "attend":
-            return {"name": "attend", "kind": "place", "x_m": x_m, "y_m": y_m, "arguments": {"within_m": 40}}
-        case _:
-            return {"name": "resume", **target}
+    place = {"x_m": rng.uniform(0, 40), "y_m": rng.uniform(0, 40)}
+    tree, agent = {"kind": "tree", "root": rng.randrange(6)}, {"kind": "agent", "agent": rng.randrange(6)}
+    target = rng.choice([{"kind": "all"}, {"kind": "circle", **place, "radius_m": rng.randint(1, 30)}, tree, agent])
+    commands: list[dict[str, Any]] = [
+        {"name": "set delta", "arguments": {"delta": rng.randint(1, 4)}, **target},
+        {"name": "hold", "arguments": {"for_s": rng.choice([5, 12.5, 60])}, **target},
+        {"name": "recall", "arguments": {"pause_s": rng.uniform(0, 60)}, **tree},
+        {"name": "attend", "arguments": {"within_m": 40}, "kind": "place", **place},
+        {"name": "resume", **target},
+    ]
+    return rng.choice(commands)
 
 
 def test_scripted_commands_give_one_digest(tmp_path: Path) -> None:
