@@ -113,32 +113,32 @@ class DaskCluster:
     """The workers that a scheduler has when a run begins."""
 
     def __init__(self, client: Client, scheduler: str) -> None:
-        self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
+        self._client: Any = client  # its methods are typed for coroutines, too
         self._scheduler = scheduler
         self._present: Container[str] = ()
         self._asked_at = -POLL_S
-        if not self._told(client.nthreads):
+        if not self._ask_dask(client.nthreads):
             raise ClusterError(
                 f"the Dask scheduler at {scheduler} must have at least one worker; start some: dask worker {scheduler}"
             )
         self._check_packages()  # first: without deltaswarm, a worker could not even tell its name
-        found = self._ask(_name_and_installed)
+        found = self._ask_workers(_name_and_installed)
         self.workers = in_order(Worker(str(name), address) for address, (name, _) in found.items())
         check_installed(_installed(), {worker: found[worker.address][1] for worker in self.workers})
 
     def _check_packages(self) -> None:
         """Check by Dask's own means that scheduler and workers have this deltaswarm and this Python."""
-        found = self._told(self._client.get_versions, packages=PACKAGES)
+        found = self._ask_dask(self._client.get_versions, packages=PACKAGES)
         machines = {Worker(address, address): packages_of(has) for address, has in found["workers"].items()}
         machines[Worker("the scheduler", self._client.scheduler.address)] = packages_of(found["scheduler"])
         check_installed(packages_of(found["client"]), machines)
 
-    def _ask(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
+    def _ask_workers(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
         """Call a function on each worker; return its results by address."""
         hint = "; is this machine's deltaswarm, from the same sources, installed on all of them?"
-        return dict(self._told(self._client.run, function, *arguments, hint=hint))
+        return dict(self._ask_dask(self._client.run, function, *arguments, hint=hint))
 
-    def _told(self, call: Callable[..., Any], *arguments: object, hint: str = "", **more: object) -> Any:
+    def _ask_dask(self, call: Callable[..., Any], *arguments: object, hint: str = "", **more: object) -> Any:
         try:
             return call(*arguments, **more)
         except (Exception, CancelledError) as error:  # whatever a worker or Dask's own code raised
@@ -147,7 +147,7 @@ class DaskCluster:
     def check_controller(self, mode: str) -> None:
         """Check that all workers have a controller's files as this machine has them."""
         here = inputs.of_controller(mode)
-        for address, there in self._ask(inputs.of_controller, mode).items() if here else ():
+        for address, there in self._ask_workers(inputs.of_controller, mode).items() if here else ():
             if other := inputs.differences(here, there):
                 raise InputsChangedError(f"the files of {mode} must be the same here and on {address} (not: {other})")
 
@@ -175,7 +175,7 @@ class DaskCluster:
         host, port = host_and_port(listen) if listen else (self._own_address(), 0)
         try:
             with socket.create_server((host, port)) as server:  # never accepts: the kernel connects
-                problems = self._ask(_problem_to_reach, host, server.getsockname()[1])
+                problems = self._ask_workers(_problem_to_reach, host, server.getsockname()[1])
         except OSError as error:
             raise ClusterError(
                 "--listen must be an address of this machine with a free port "

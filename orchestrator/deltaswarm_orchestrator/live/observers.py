@@ -57,7 +57,7 @@ class NamedObserver(LiveObserver, AbstractContextManager["NamedObserver"], Proto
 
 
 class Guarded:
-    """Lets an observer that raises look no more: whom a run is shown to does not change the run."""
+    """Drops an observer that raises, because observers must not change a run."""
 
     def __init__(self, observer: "NamedObserver", say: Callable[[str], None]) -> None:
         self._name = f"{type(observer).__module__}:{type(observer).__qualname__}"

@@ -108,7 +108,7 @@ class Boards:
 
 
 def authority_folder(boards: Path) -> Path:
-    """Return the folder of the keys that no board is given: beside the boards' folder, so that it is not copied along.
+    """Return the folder of keys that no board gets; it lies beside the boards' folder, so it is not copied with it.
 
     Raises:
         ValueError: the boards' folder is the root of the file system.

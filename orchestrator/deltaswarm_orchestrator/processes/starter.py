@@ -54,8 +54,8 @@ Options = Mapping[str, object]
 """Options of a command line: True is a flag, a list repeats its option, None and False leave it out."""
 
 STARTED: set[Any] = getattr(multiprocessing.process, "_children", set())
-"""Python's own list of started processes. Each start polls all that are on it, which takes seconds of a thousand
-starts; parts are watched by `Part` and ended by `Swarm.end`, so they are taken off the list."""
+"""Python's own list of started processes. Each start polls all of them, which costs seconds in a thousand starts. Parts
+are taken off the list, since `Part` watches them and `Starter.end` ends them."""
 
 NO_CHANNELS: Mapping[str, socket.socket] = {}
 

@@ -15,7 +15,7 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 
 POLL_S = 0.1
 CONDUCTOR = "the conductor"
-"""Who has stopped a run that was ended on the conductor's page."""
+"""What stopped a run that was ended on the conductor's page, for `exit_reason`."""
 SILENCE_S = 8.0
 """The world sends its status twice a second; it counts as hung after `step_timeout_s` plus this time without one."""
 
@@ -82,9 +82,9 @@ class Watch:
             self._note_ends(self._failed())
 
     def _silent_too_long_s(self) -> float:
-        """Return for how long the world has been silent, if that is too long; else 0.
+        """Return how long the world may be silent, once it has been silent for longer; else 0.
 
-        It is not while the orchestrator itself did not watch, and is sooner if another part has lost the world, too.
+        Silence while the orchestrator itself was stopped does not count. The limit is lower once a part lost the world.
         """
         now = time.monotonic()
         if now - self._looked_at > STOOD_STILL_S:
@@ -139,10 +139,7 @@ class Watch:
                 self._end_soon()  # its workers end, too
 
     def _must_await_status(self) -> bool:
-        """Whether a part has ended and only the world's next status can tell if the run had begun by then.
-
-        The newest status may be older than the first step.
-        """
+        """Whether a part has ended and the newest status may be too old to tell if the first step had begun by then."""
         if self._has_begun or not self._newly_ended():
             return False
         status = self._observer.status
@@ -152,7 +149,7 @@ class Watch:
         return self._awaits_status
 
     def _must_await_world(self) -> bool:
-        """Whether a part has lost its world, and nothing was heard of it since: its end or silence is told first."""
+        """Whether a part has lost the world, whose end or silence must be reported first, and no status came since."""
         if not any(part.exit_code == WORLD_LOST for part in self._newly_ended()):
             self._world_lost_at = None
             return False
