@@ -88,12 +88,13 @@ class DaskHost:
 
     def _await_actor(self) -> None:
         try:
-            if not self._is_there(self.worker):
-                raise WorkerLostError("it has left the cluster")
-            if self._future.done():
+            is_there = self._is_there(self.worker)
+            if is_there and self._future.done():
                 self._actor = self._future.result()
         except (Exception, CancelledError) as error:  # the actor's own, or whatever Dask's code raises
             raise WorkerLostError(f"{type(error).__name__}: {error}") from None
+        if not is_there:
+            raise WorkerLostError("it has left the cluster")
 
     def stop(self) -> None:
         self._method("stop")
