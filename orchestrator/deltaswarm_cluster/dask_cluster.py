@@ -176,7 +176,7 @@ class DaskCluster:
         host, port = host_and_port(listen) if listen else (self._own_address(), 0)
         try:
             with socket.create_server((host, port)) as server:  # never accepts: the kernel connects
-                problems = self._ask_workers(_problem_to_reach, host, server.getsockname()[1])
+                problems = self._ask_workers(problem_to_reach, host, server.getsockname()[1])
         except OSError as error:
             raise ClusterError(
                 "--listen must be an address of this machine with a free port "
@@ -255,7 +255,7 @@ def _name_and_installed(dask_worker: Any) -> tuple[object, Installed]:
     return dask_worker.name, _installed()
 
 
-async def _problem_to_reach(host: str, port: int) -> str:
+async def problem_to_reach(host: str, port: int) -> str:
     """Say why this machine cannot connect to a port, or "" if it can."""
     try:
         _, writer = await asyncio.wait_for(asyncio.open_connection(host, port), REACH_WITHIN_S)

@@ -249,10 +249,10 @@ def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) 
     """Whether it refuses or says nothing; one that listens is well."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        assert asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)) == ""
-    assert "refused" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)).lower()
+        assert asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port)) == ""
+    assert "refused" in asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port)).lower()
     monkeypatch.setattr(dask_cluster_module, "REACH_WITHIN_S", 0.0)
-    assert "no answer" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port))
+    assert "no answer" in asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port))
 
 
 @pytest.mark.slow

@@ -53,9 +53,12 @@ class Told:
             return None
         return code
 
+    def wait(self) -> int:
+        return self._process.wait()
+
     def end(self) -> int:
         self._process.kill()
-        return self._process.wait()
+        return self.wait()
 
 
 @pytest.fixture
@@ -102,7 +105,7 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     parts = [Part(role, 0, cast(Any, each), tmp_path / role) for role, each in ((WORLD, world), (OPERATOR, operator))]
     for part in parts:
         stack.callback(part.close)
-    assert operator._process.wait() == WORLD_LOST
+    assert operator.wait() == WORLD_LOST
     assert world.end() == -signal.SIGKILL
     started: list[bool] = []
     swarm = a_swarm(
