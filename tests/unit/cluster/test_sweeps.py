@@ -210,7 +210,7 @@ def test_a_scheduler_without_workers_is_told(capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize(("workers", "started"), [(1, 1), (2, 2), (1000, 2)])
-def test_a_local_cluster_has_no_more_workers_than_runs(
+def test_a_local_cluster_has_no_spare_workers_and_says_if_one_dies(
     workers: int, started: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However many are asked for; one that dies at the start is told in a line."""
