@@ -1,8 +1,8 @@
-"""The host of a run's agents on one worker: a Dask actor that starts `python -m deltaswarm_cluster.host`.
+"""The host of a run's agents on one worker: a Dask actor that starts `python -m deltaswarm_cluster.host JOB`.
 
-The program reads its job from standard input, starts the agents from a fork server, and prints a JSON list for all that
-happens to them. The end of its standard input, which the actor's release and the worker's death bring about, ends the
-agents and removes their files. If the program is killed, the agents remove their keys as they end.
+The program reads its job from the file descriptor JOB, starts the agents from a fork server, and prints a JSON list for
+everything that happens to them. When its standard input ends, because the actor was released or its worker died, it
+ends the agents and removes their files. If the program is killed, the agents remove their keys as they end.
 """
 
 import json
@@ -71,17 +71,20 @@ class HostActor:
     """The host of one job. Releasing the object ends the agents, as do the loss of client, scheduler and worker."""
 
     def __init__(self, job: Job) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "deltaswarm_cluster.host"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-            start_new_session=True,  # a Ctrl-C in the worker's terminal is for the worker
-        )
+        with open(os.memfd_create("job"), "w+b") as file:  # in memory, since it has private keys
+            file.write(json.dumps(asdict(job)).encode())
+            file.seek(0)
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "deltaswarm_cluster.host", str(file.fileno())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+                pass_fds=(file.fileno(),),
+                start_new_session=True,  # a Ctrl-C in the worker's terminal is for the worker
+            )
         self._stdin, self._stdout = _pipes(self._process)
         self.close = weakref.finalize(self, _see_off, self._process)
         self.close.atexit = False  # this process's end closes the pipes, and no thread can be started by then
-        self._stdin.write(json.dumps(asdict(job)).encode() + b"\n")
         os.set_blocking(self._stdout.fileno(), False)
         self._unread = b""
 
@@ -198,12 +201,8 @@ def _say(*items: object) -> None:
 
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    line = b""
-    while not line.endswith(b"\n"):  # unbuffered, since `Host` waits for more
-        if not (more := os.read(0, 1 << 20)):
-            return
-        line += more
-    job = Job(**json.loads(line))
+    with open(int(sys.argv[1]), "rb") as file:
+        job = Job(**json.load(file))
     _say(UP)
     with TemporaryFolder() as folder:
         os.environ[SECRETS_VARIABLE] = str(folder)
