@@ -10,7 +10,6 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from tests.support.swarms import is_running, running, sets, wait_until
-from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
@@ -143,19 +142,6 @@ def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
     assert found["frames_dropped"]["frame_full"] == 0
     assert main(["run", "smoke", *at_fault("Well"), "--in-process", "--out", str(module / "one")]) == 0
     assert json.loads((module / "one" / "summary.json").read_text())["digest"] == found["digest"]
-
-
-@pytest.mark.parametrize(
-    "overrides", first_of([["control.mode=central", "radio.range_m=150"], ["control.mode=adaptive"]])
-)
-def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tmp_path: Path) -> None:
-    """While events occur often enough that trees form and agents are sent about."""
-    given = sets(*overrides, "events.rate_hz=0.3", "run.duration_s=300")
-    digests = []
-    for name, *how in (("processes",), ("one", "--in-process")):
-        assert main(["run", "smoke", *given, "--record", "off", *how, "--out", str(tmp_path / name)]) == 0
-        digests.append(json.loads((tmp_path / name / "summary.json").read_text())["digest"])
-    assert digests[0] == digests[1]
 
 
 @pytest.mark.parametrize(
