@@ -59,8 +59,11 @@ ANY = frozenset(
 )
 """Keys that may have any value."""
 
-ANY_BELOW = ("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget.")
-"""Tables whose keys may: arrivals are made by the Python code, and nobody is at the console."""
+ANY_BELOW = (
+    *("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget."),
+    "operator.person.",
+)
+"""Tables whose keys may: arrivals are made by the Python code, and a console that gives no orders reads afterwards."""
 
 DEFAULT = frozenset(
     [
@@ -73,7 +76,7 @@ DEFAULT = frozenset(
 )
 """Keys that must have their defaults."""
 
-DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.person.", "operator.autonomy.", "operator.task.")
+DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.autonomy.", "operator.task.")
 """Tables whose keys must, unless they are in `ANY`."""
 
 
@@ -84,6 +87,8 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"control.mode = {mode!r}"]
     defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
+    if scenario.operator.person.commands:
+        return [f"operator.person.policy = {scenario.operator.person.policy!r}"]
     return [
         f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)
     ]

@@ -19,23 +19,19 @@ from deltaswarm_operator.core.change_of_course import go_on_with
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.script import Scripted as Scripted  # for those that make a branch's script
 from deltaswarm_operator.core.workload import WorkloadMeter
-from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
-from deltaswarm_orchestrator.results.outcome import READ, SHOWN, Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Wanted
+from deltaswarm_orchestrator.run.operating import Operating, briefing_of
 from deltaswarm_orchestrator.run.state import Cores, RunState
-from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
-from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.controller_metrics import declared
-from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugin_errors import PluginError, blamed
-from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_world.core.turns import AWAITED, OFF
 from deltaswarm_world.core.world import WorldCore
@@ -91,17 +87,10 @@ class InProcess:
         there = cores.agents if cores else {}
         self.agents = [there.get(agent) or self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = cores.operator if cores else WorkloadMeter(scenario.operator, scenario.run.step_s)
-        self.console: Console | None = cores.console if cores else None
-        """The scripted or simulated operator, if the scenario has one."""
-        if self.console is None and (scenario.has_console or wanted.listens):
-            self.console = Console(self.briefing)
-            self.console.start(time.monotonic())
-        self._tables: ActionLog | None = None
-        if self.console is not None and (folder := wanted.folder) is not None:
-            tables = state.tables if state else {}
-            for name, data in tables.items():
-                write_whole(folder / name, data)
-            self._tables = ActionLog(folder, {name: len(data) for name, data in tables.items()})
+        self._operating: Operating | None = None
+        console = cores.console if cores else None
+        if console is not None or scenario.has_console or wanted.listens:
+            self._operating = Operating(scenario, wanted.folder, console, state.tables if state else None)
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self._wanted = wanted
@@ -109,19 +98,16 @@ class InProcess:
         """Those of all agents asked in the newest step."""
 
     @property
-    def briefing(self) -> Briefing:
-        """The configuration of the operator's console."""
-        return self.scenario.for_operator(forms_of(find_controller(self.scenario.control.mode)), 0.0)
+    def console(self) -> Console | None:
+        """The console of a scripted or simulated operator; None without one."""
+        return self._operating.console if self._operating else None
 
     @property
     def state(self) -> RunState:
         """The state between two steps; it belongs to this run, whose further steps change it."""
         there = {agent: self.agents[agent] for agent in sorted(self.world.participants.present)}
         cores = Cores(self.world, there, self._restarts, self.operator, self.console)
-        tables = {}
-        if self._tables is not None:
-            folder, sizes = self._tables.folder, self._tables.sizes
-            tables = {name: (folder / name).read_bytes()[:size] for name, size in sizes.items()}
+        tables = self._operating.tables if self._operating else {}
         return RunState(cores, self.outcome.step_records, self.outcome.workloads, tables)
 
     def steps(
@@ -154,7 +140,7 @@ class InProcess:
         self.operator.go_on_with(scenario.operator)
         if self.console is None:
             return
-        go_on_with(self.console, self.briefing, commands, rule_drops)
+        go_on_with(self.console, briefing_of(scenario), commands, rule_drops)
         for number in [scripted.number for scripted in commands if scripted.is_dropped and scripted.number is not None]:
             self.console.command_log.withdraw(number)
             self.world.turns.withdraw(number)
@@ -239,11 +225,8 @@ class InProcess:
         clock = Clock(record.step, record.time_s, self.world.is_last)
         workload = self.operator.close_step(clock, 0)
         reports = self.operator.reports_of_closed_step
-        if self.console is not None:
-            self.world.turns.accept(self.console.close_step(clock, workload, reports, time.monotonic()))
-            if self._tables is not None:
-                self._tables.write(self.console)
-            self.console.actions.clear()
+        if self._operating is not None:
+            self.world.turns.accept(self._operating.close_step(clock, workload, reports))
         self.outcome.step_records.append(record)
         self.outcome.workloads.append(workload)
         if self._wanted.sink is not None:
@@ -275,12 +258,8 @@ class InProcess:
         outcome.world = self.world.totals(complete) | {"wall_s": wall_s}
         outcome.operator = {"complete": complete, "digest": self.operator.digest_hex, **self.operator.totals}
         outcome.told_s = self.operator.told_s
-        if self.console is not None and self.scenario.has_console:
-            self.console.probes.close()
-            if self._tables is not None:
-                self._tables.close(self.console)
-            outcome.operator |= self.console.totals
-            outcome.shown_s, outcome.read_s = (outcome.operator.get(moment.column) for moment in (SHOWN, READ))
+        if self._operating is not None and self.scenario.has_console:
+            self._operating.finish(outcome)
 
 
 @contextmanager
