@@ -48,10 +48,11 @@ class DaskEngine:
             if self._scheduler:
                 check_workers(client, self._scheduler)
             code = provenance.code_digest()
-            futures = {
-                client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(code, task)): task
-                for task in tasks
-            }
+            futures = {}
+            for task in tasks:
+                # A scheduler shares a result with all clients that submit the same key.
+                key = f"deltaswarm-{code}-{task.job.key}-{task.means}"
+                futures[client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=key)] = task
             waiting = as_completed(list(futures))
             for future in waiting:
                 task = futures.pop(future)
@@ -98,11 +99,6 @@ def check_workers(client: Client, scheduler: str) -> None:
     lacking = [address for address, has in found["workers"].items() if packages_of(has).deltaswarm == NOTHING]
     if lacking:
         raise EngineError(f"all workers of {scheduler} must have deltaswarm (not installed at {', '.join(lacking)})")
-
-
-def _key(code: str, task: Task) -> str:
-    """Return the task's key. A scheduler shares a result with all clients that submit the same key."""
-    return f"deltaswarm-{code}-{task.job.key}-{task.means}"
 
 
 def attempt_with(code: str, task: Task) -> tuple[Result | None, str, bool]:
