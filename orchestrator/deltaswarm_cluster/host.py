@@ -83,7 +83,7 @@ class HostActor:
                 start_new_session=True,  # a Ctrl-C in the worker's terminal is for the worker
             )
         self._stdin, self._stdout = _pipes(self._process)
-        self.close = weakref.finalize(self, _see_off, self._process)
+        self.close = weakref.finalize(self, _release, self._process)
         self.close.atexit = False  # this process's end closes the pipes, and no thread can be started by then
         os.set_blocking(self._stdout.fileno(), False)
         self._unread = b""
@@ -113,14 +113,14 @@ def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:
     return process.stdin, process.stdout
 
 
-def _see_off(process: subprocess.Popen[bytes]) -> None:
-    """Let a host end, without waiting for it here, and remove what a killed one leaves."""
-    for pipe in _pipes(process):  # a host that waits for a reader goes on, and ends
+def _release(process: subprocess.Popen[bytes]) -> None:
+    """Let a host end, without waiting for it here, and remove what a killed host leaves."""
+    for pipe in _pipes(process):  # a host that waits for a reader then ends, too
         pipe.close()
-    threading.Thread(target=_clear_away, args=(process,), daemon=True).start()
+    threading.Thread(target=_wait_and_remove, args=(process,), daemon=True).start()
 
 
-def _clear_away(process: subprocess.Popen[bytes]) -> None:
+def _wait_and_remove(process: subprocess.Popen[bytes]) -> None:
     try:
         process.wait(END_WITHIN_S)
     except subprocess.TimeoutExpired:
@@ -196,7 +196,7 @@ class Host:
 
 def _say(*items: object) -> None:
     with suppress(OSError):  # the actor has gone
-        print(json.dumps(items), flush=True)
+        os.write(1, json.dumps(items).encode() + b"\n")  # unbuffered: nothing is left to write at the end
 
 
 def main() -> None:
