@@ -22,10 +22,8 @@ from typing import IO, Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder, remove_left
 from deltaswarm_orchestrator.processes.entry_point import SECRETS_VARIABLE
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.processes.starter import LaunchError, Starter
 from deltaswarm_wire.files import write_secret
@@ -162,10 +160,7 @@ class Host:
             self._is_asked(None)
 
     def _start(self) -> None:
-        if problem := fork_server_problem():
-            raise LaunchError(problem)
         limits.make_room(len(self._job.agents))
-        adopt_orphans(do_so=True)
         (ca := self._folder / "ca.pem").write_text(self._job.ca)
         for agent, *contents in self._job.agents:
             options = {"--id": agent, "--ca": ca, **self._job.options}

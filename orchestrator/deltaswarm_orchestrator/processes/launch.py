@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.processes.boards import Boards
 from deltaswarm_orchestrator.processes.elsewhere import AgentsElsewhere
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import Part, RunPart, wait_for
-from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LEASE, LaunchError, Starter, room_for
+from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LEASE, Starter, room_for
 from deltaswarm_orchestrator.processes.station import STATION, StationChannel, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import write_json
@@ -75,16 +73,10 @@ class Swarm:
         (self.folder / SECRETS).mkdir(mode=0o700)
 
     def __enter__(self) -> Self:
-        if problem := fork_server_problem():
-            raise LaunchError(problem)
-        adopt_orphans(do_so=True)  # without it, the exit codes of all parts would be lost with the fork server
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            self.end(at_once=kind is KeyboardInterrupt)
-        finally:
-            adopt_orphans(do_so=False)
+        self.end(at_once=kind is KeyboardInterrupt)
 
     def start_world(self, listen: str, *, record: bool = False, time_phases: bool = False) -> None:
         """Start the world and wait until its router listens at `listen`, and for boards if there are any.

@@ -4,8 +4,6 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.processes.starter import LaunchError, Options, Starter
 from deltaswarm_orchestrator.processes.station import STATION, StationChannel
@@ -34,10 +32,7 @@ def serve_page(
         LaunchError: a process did not start, or the feed failed; the text has its last log lines.
         StoppedError: the user asked to stop before the page was there.
     """
-    if problem := fork_server_problem():
-        raise LaunchError(problem)
     logs.mkdir()
-    adopt_orphans(do_so=True)
     starter = Starter(logs, "", START_WITHIN_S, was_stopped)
     try:
         to_station: dict[str, socket.socket] = {"--channel-fd": station.stations_end}
@@ -56,4 +51,3 @@ def serve_page(
     finally:
         starter.end()
         station.close()
-        adopt_orphans(do_so=False)

@@ -17,12 +17,13 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.advice import option_words
-from deltaswarm_orchestrator.base.kernel import end_orphans
+from deltaswarm_orchestrator.base.kernel import adopt_orphans, end_orphans
 from deltaswarm_orchestrator.base.signals import spared_by_ctrl_c
 from deltaswarm_orchestrator.processes import entry_point
 from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER, Inherited
 from deltaswarm_orchestrator.processes.fork_server import (
     bare_main_module,
+    fork_server_problem,
     kill_fork_server,
     place_sockets,
     safe_path,
@@ -105,6 +106,9 @@ class Starter:
     """
 
     def __init__(self, logs: Path, mode: str, timeout_s: float, was_stopped: Callable[[], object]) -> None:
+        if problem := fork_server_problem():
+            raise LaunchError(problem)
+        adopt_orphans(do_so=True)  # without it, the exit codes of all parts would be lost with the fork server
         self.parts: list[Part] = []
         self._ended: list[Part] = []
         self._ends = select.epoll()
@@ -148,6 +152,7 @@ class Starter:
             self._ends.close()
             self._kept_end.close()
             self._lifeline.close()
+            adopt_orphans(do_so=False)
 
     def start(
         self,
