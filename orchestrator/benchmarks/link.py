@@ -13,8 +13,8 @@ from statistics import median
 from typing import Any
 
 from benchmarks.delaying_proxy import delaying_proxy
-from deltaswarm_cluster.actor import AgentsJob, SupervisorActor, Update
-from deltaswarm_cluster.agents import Credentials, DaskPlacement, RemoteAgents, Supervisor
+from deltaswarm_cluster.agents import DaskPlacement
+from deltaswarm_cluster.host import HostActor, Job
 from deltaswarm_cluster.plan import Worker
 from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_orchestrator.bench.speed import bench_scenario, speed_of
@@ -58,33 +58,14 @@ def measure(agents: int, steps: int, rounds: int, rtts: Sequence[float]) -> dict
 
 
 class _Here:
-    """This machine as a worker, and as the cluster of this one worker."""
+    """This machine as a worker with its host, and as the cluster of this one worker."""
 
     worker = Worker("here", "here")
     problem = ""
 
-    def __init__(self) -> None:
-        self._actor: SupervisorActor | None = None
-
-    def check_controller(self, mode: str) -> None:
-        pass
-
-    def start(self, job: AgentsJob) -> None:
-        self._actor = SupervisorActor(job)
-
-    def is_started(self) -> bool:
-        return self._actor is not None
-
-    def poll(self) -> Update | None:
-        return self._actor.poll() if self._actor else None
-
-    def stop(self) -> None:
-        if self._actor:
-            self._actor.stop()
-
-    def close(self) -> None:
-        if self._actor:
-            self._actor.close()
+    def start(self, job: Job) -> None:
+        actor = HostActor(job)
+        self.poll, self.stop, self.close = actor.poll, actor.stop, actor.close
 
 
 def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
@@ -92,11 +73,11 @@ def _steps_per_s(scenario: Scenario, rtt_ms: float | None) -> float:
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
         (folder / "scenario.toml").write_text(to_toml(scenario), encoding="utf-8")
-        run, supervisor, remote = f"bench-{secrets.token_hex(4)}", _Here(), None
+        run, remote = f"bench-{secrets.token_hex(4)}", None
         if rtt_ms is not None:
-            blocks: dict[Supervisor, range] = {supervisor: range(scenario.agents.count)}
-            placement = DaskPlacement(supervisor, blocks, f"tls/{LOOPBACK}:0", Credentials.create(LOOPBACK))
-            remote = RemoteAgents(scenario, placement, folder / "logs")
+            here: Any = _Here()
+            placement = DaskPlacement(here, {here: range(scenario.agents.count)}, f"tls/{LOOPBACK}:0")
+            remote = placement.agents(scenario, folder / "logs")
         with ExitStack() as stack:
             swarm = stack.enter_context(Swarm(scenario, run, folder, remote=remote))
             with starting_processes():  # the fork server

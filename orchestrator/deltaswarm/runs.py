@@ -16,7 +16,7 @@ from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
 from deltaswarm_orchestrator.base.paths import must_exist
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
-from deltaswarm_orchestrator.processes.engines import engine_of
+from deltaswarm_orchestrator.processes.elsewhere import engine_of
 from deltaswarm_orchestrator.scenarios import DEFAULT_SCENARIO
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked

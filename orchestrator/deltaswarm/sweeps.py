@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
-from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
+from deltaswarm_orchestrator.processes.elsewhere import LOCAL, engine_of
 from deltaswarm_wire.foreign import called
 from deltaswarm_wire.plugin_errors import PluginError, defined_at, distinct, note_plugin
 

@@ -1,4 +1,4 @@
-"""The workers of a Dask scheduler, on which supervisors run agents."""
+"""The workers of a Dask scheduler, and the hosts of agents there."""
 
 import asyncio
 import gc
@@ -9,7 +9,7 @@ import sys
 import time
 import warnings
 from asyncio import CancelledError
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from typing import Any
@@ -18,13 +18,13 @@ from urllib.parse import urlsplit
 from distributed import Client
 from distributed.versions import VersionMismatchWarning
 
-from deltaswarm_cluster.actor import AgentsJob, SupervisorActor, Update, WorkerLostError
+from deltaswarm_cluster.host import HostActor, Job, News
 from deltaswarm_cluster.plan import (
     NOTHING,
     ClusterError,
     Installed,
-    Remote,
     Worker,
+    WorkerLostError,
     check_installed,
     check_reached,
     in_order,
@@ -49,8 +49,8 @@ PRIVATE = ("tls://", "tcp://127.")
 """How addresses of schedulers begin whose links are encrypted or within this machine."""
 
 
-class DaskSupervisor:
-    """The supervisor on one worker: an actor, which Dask neither moves nor starts again."""
+class DaskHost:
+    """The host on one worker: an actor, which Dask neither moves nor starts again."""
 
     def __init__(self, client: Client, worker: Worker, is_there: Callable[[Worker], bool]) -> None:
         self.worker = worker
@@ -61,37 +61,22 @@ class DaskSupervisor:
         self._call: Any = None
         self._called_at = 0.0
 
-    def start(self, job: AgentsJob) -> None:
+    def start(self, job: Job) -> None:
         """Submit the actor, to this worker and no other, without retries."""
-        key = f"deltaswarm-agents-{job.run}-{min(job.agents)}"
         place = {"workers": [self.worker.address], "allow_other_workers": False, "retries": 0}
-        self._future = self._client.submit(SupervisorActor, job, key=key, pure=False, actor=True, **place)
+        self._future = self._client.submit(HostActor, job, pure=False, actor=True, **place)
 
-    def is_started(self) -> bool:
-        """Whether the actor is there.
-
-        Raises:
-            WorkerLostError: it failed, or the worker was lost.
-        """
-        try:
-            is_there = self._is_there(self.worker)
-            if is_there and not self._future.done():
-                return False
-            self._actor = self._future.result() if is_there else None
-        except (Exception, CancelledError) as error:  # the actor's own, or whatever Dask's code raises
-            raise WorkerLostError(f"{type(error).__name__}: {error}") from None
-        if not is_there:
-            raise WorkerLostError("it has left the cluster")
-        return True
-
-    def poll(self) -> Update | None:
-        """Return what the last call brought, if it has, and make the next one."""
+    def poll(self) -> News:
+        """Return what the last call of the actor brought, if it has, and make the next one."""
+        if self._actor is None:
+            self._await_actor()
+            return []
         if self._future.status != "finished":
             raise WorkerLostError
-        now, found = time.monotonic(), None
+        now, news = time.monotonic(), []
         if self._call is not None and self._call.done():
             try:
-                found = self._call.result()
+                news = self._call.result()
             except Exception as error:  # whatever its worker, the scheduler or Dask's own code raised
                 raise WorkerLostError(str(error)) from None
             self._call = None
@@ -99,10 +84,19 @@ class DaskSupervisor:
             self._call, self._called_at = self._method("poll"), now
         if self._call is not None and now - self._called_at > SILENCE_S:
             raise WorkerLostError(f"no answer for {SILENCE_S:g} s")
-        return found
+        return list(news)
+
+    def _await_actor(self) -> None:
+        try:
+            is_there = self._is_there(self.worker)
+            if is_there and self._future.done():
+                self._actor = self._future.result()
+        except (Exception, CancelledError) as error:  # the actor's own, or whatever Dask's code raises
+            raise WorkerLostError(f"{type(error).__name__}: {error}") from None
+        if not is_there:
+            raise WorkerLostError("it has left the cluster")
 
     def stop(self) -> None:
-        """Ask the actor to end its agents."""
         self._method("stop")
 
     def close(self) -> None:
@@ -117,57 +111,44 @@ class DaskSupervisor:
 
 
 class DaskCluster:
-    """The workers that a scheduler has when a run begins.
-
-    Raises:
-        ClusterError: there are none, or they do not have what this machine has.
-    """
+    """The workers that a scheduler has when a run begins."""
 
     def __init__(self, client: Client, scheduler: str) -> None:
-        self._client: Any = client  # typed for coroutines too, which there are none of outside an event loop
+        self._client: Any = client  # its methods are typed for coroutines, too
         self._scheduler = scheduler
         self._present: Container[str] = ()
         self._asked_at = -POLL_S
-        if not self._told(client.nthreads):
+        if not self._ask_dask(client.nthreads):
             raise ClusterError(
                 f"the Dask scheduler at {scheduler} must have at least one worker; start some: dask worker {scheduler}"
             )
         self._check_packages()  # first: without deltaswarm, a worker could not even tell its name
-        self.workers = in_order(Worker(str(name), address) for address, name in self._ask(_name).items())
-        found = self._ask(_installed)
-        check_installed(_installed(), {worker: found[worker.address] for worker in self.workers})
+        found = self._ask_workers(_name_and_installed)
+        self.workers = in_order(Worker(str(name), address) for address, (name, _) in found.items())
+        check_installed(_installed(), {worker: found[worker.address][1] for worker in self.workers})
 
     def _check_packages(self) -> None:
         """Check by Dask's own means that scheduler and workers have this deltaswarm and this Python."""
-        found = self._told(self._client.get_versions, packages=PACKAGES)
+        found = self._ask_dask(self._client.get_versions, packages=PACKAGES)
         machines = {Worker(address, address): packages_of(has) for address, has in found["workers"].items()}
         machines[Worker("the scheduler", self._client.scheduler.address)] = packages_of(found["scheduler"])
         check_installed(packages_of(found["client"]), machines)
 
-    def _ask(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
-        """Call a function on each worker; return its results by address.
-
-        Raises:
-            ClusterError: it failed somewhere, or a worker was lost meanwhile.
-        """
+    def _ask_workers(self, function: Callable[..., Any], *arguments: object) -> dict[str, Any]:
+        """Call a function on each worker; return its results by address."""
         hint = "; is this machine's deltaswarm, from the same sources, installed on all of them?"
-        return dict(self._told(self._client.run, function, *arguments, hint=hint))
+        return dict(self._ask_dask(self._client.run, function, *arguments, hint=hint))
 
-    def _told(self, call: Callable[..., Any], *arguments: object, hint: str = "", **more: object) -> Any:
+    def _ask_dask(self, call: Callable[..., Any], *arguments: object, hint: str = "", **more: object) -> Any:
         try:
             return call(*arguments, **more)
         except (Exception, CancelledError) as error:  # whatever a worker or Dask's own code raised
             raise ClusterError(f"the workers of {self._scheduler} could not be asked ({error}){hint}", FAILED) from None
 
     def check_controller(self, mode: str) -> None:
-        """Check that all workers have a controller's files as this machine has them.
-
-        Raises:
-            InputsChangedError: some have others; the text names them.
-            ClusterError: they cannot be asked.
-        """
+        """Check that all workers have a controller's files as this machine has them."""
         here = inputs.of_controller(mode)
-        for address, there in self._ask(inputs.of_controller, mode).items() if here else ():
+        for address, there in self._ask_workers(inputs.of_controller, mode).items() if here else ():
             if other := inputs.differences(here, there):
                 raise InputsChangedError(f"the files of {mode} must be the same here and on {address} (not: {other})")
 
@@ -181,9 +162,8 @@ class DaskCluster:
         """Whether what is sent to the workers, such as the agents' keys, is encrypted or stays on this machine."""
         return str(self._client.scheduler.address).startswith(PRIVATE)
 
-    def supervisors(self) -> Sequence[DaskSupervisor]:
-        """Return a supervisor for each worker, in order."""
-        return [DaskSupervisor(self._client, worker, self._has) for worker in self.workers]
+    def host(self, worker: Worker) -> DaskHost:
+        return DaskHost(self._client, worker, self._has)
 
     def _has(self, worker: Worker) -> bool:
         """Whether the worker is in the cluster; the scheduler is asked every `POLL_S`, for all workers at once."""
@@ -192,15 +172,11 @@ class DaskCluster:
         return worker.address in self._present
 
     def endpoint(self, listen: str) -> str:
-        """Return where the world is to listen: as asked, or at this machine's address towards the scheduler.
-
-        Raises:
-            ClusterError: that is no address of this machine, or a worker cannot connect to it.
-        """
+        """Return where the world is to listen: as asked, or at this machine's address towards the scheduler."""
         host, port = host_and_port(listen) if listen else (self._own_address(), 0)
         try:
             with socket.create_server((host, port)) as server:  # never accepts: the kernel connects
-                problems = self._ask(_problem_to_reach, host, server.getsockname()[1])
+                problems = self._ask_workers(problem_to_reach, host, server.getsockname()[1])
         except OSError as error:
             raise ClusterError(
                 "--listen must be an address of this machine with a free port "
@@ -250,21 +226,17 @@ def client_of(address: object, within_s: float = CONNECT_WITHIN_S) -> Iterator[C
 
 
 @contextmanager
-def connected(remote: Remote) -> Iterator[DaskCluster]:
-    """Connect to the scheduler of a run, whose workers are checked.
-
-    Raises:
-        ClusterError: no scheduler can be reached, it has no workers, or they do not have what this machine has.
-    """
+def connected(scheduler: str) -> Iterator[DaskCluster]:
+    """Connect to the scheduler of a run, whose workers are checked. Raises ClusterError."""
     silence_dask()
     with ExitStack() as stack:
         try:
-            client = stack.enter_context(client_of(remote.scheduler))
+            client = stack.enter_context(client_of(scheduler))
         except ConnectionError as error:
             raise ClusterError(
-                f"no Dask scheduler could be reached at {remote.scheduler}: {error}; start one: dask scheduler"
+                f"no Dask scheduler could be reached at {scheduler}: {error}; start one: dask scheduler"
             ) from None
-        yield DaskCluster(client, remote.scheduler)
+        yield DaskCluster(client, scheduler)
 
 
 def packages_of(has: Mapping[str, Any]) -> Installed:
@@ -274,17 +246,16 @@ def packages_of(has: Mapping[str, Any]) -> Installed:
 
 
 def _installed() -> Installed:
-    """Return what this machine has."""
     python = ".".join(map(str, sys.version_info[:2]))
     return Installed(__version__, python, version("eclipse-zenoh"), provenance.code_digest())
 
 
-def _name(dask_worker: Any) -> object:
-    """Return the worker's name; Dask passes the worker by this argument's name."""
-    return dask_worker.name
+def _name_and_installed(dask_worker: Any) -> tuple[object, Installed]:
+    """Return a worker's name and what it has; Dask passes the worker by this argument's name."""
+    return dask_worker.name, _installed()
 
 
-async def _problem_to_reach(host: str, port: int) -> str:
+async def problem_to_reach(host: str, port: int) -> str:
     """Say why this machine cannot connect to a port, or "" if it can."""
     try:
         _, writer = await asyncio.wait_for(asyncio.open_connection(host, port), REACH_WITHIN_S)

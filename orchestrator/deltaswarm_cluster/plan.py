@@ -2,14 +2,11 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.processes.boards import is_any, signal_problems
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_orchestrator.processes.boards import is_any
 from deltaswarm_wire.access import TLS
-from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.session import endpoint_problem, host_and_port, protocol_of
 
 MAX_NAMED = 5
@@ -29,7 +26,7 @@ class Worker(NamedTuple):
 
 
 class Installed(NamedTuple):
-    """What a machine has, of which a worker must have the same; NOTHING for what is not installed."""
+    """What is installed on a machine; a worker must have the same as this one. NOTHING: not installed."""
 
     deltaswarm: str
     python: str
@@ -49,27 +46,8 @@ class ClusterError(CommandError):
     """The cluster cannot do this run; nothing has been started or written."""
 
 
-@dataclass(frozen=True)
-class Remote:
-    """Where the agents of a run are started: on the workers of a Dask scheduler."""
-
-    scheduler: str
-    """The scheduler's address."""
-    listen: str = ""
-    """Endpoint at which the workers reach the world; empty: this machine's address towards the scheduler, any port."""
-
-    def check(self, scenario: Scenario) -> None:
-        """Check that a scenario can be run on a cluster.
-
-        Raises:
-            SettingsError: the endpoint is not one that agents on other machines can use, or a fault signals processes.
-        """
-        problems = []
-        if self.listen and (problem := listen_problem(self.listen)):
-            problems.append(Problem("--listen", repr(self.listen), problem))
-        problems += signal_problems(scenario, "which are on other machines")
-        if problems:
-            raise SettingsError(problems)
+class WorkerLostError(Exception):
+    """A worker no longer answers; the text says why, if that is known."""
 
 
 def listen_problem(endpoint: str) -> str:
@@ -120,11 +98,7 @@ def spans(agents: Sequence[int]) -> str:
 
 
 def check_installed(here: Installed, workers: Mapping[Worker, Installed]) -> None:
-    """Check that all workers, and the scheduler, have what this machine has.
-
-    Raises:
-        ClusterError: some have not; the text says which, what they have, and what to do.
-    """
+    """Check that all workers, and the scheduler, have what this machine has. Raises ClusterError."""
     if other := {worker: has for worker, has in workers.items() if has != here}:
         lines = [f"    {worker} has {has}" for worker, has in other.items()]
         raise ClusterError(
@@ -135,15 +109,7 @@ def check_installed(here: Installed, workers: Mapping[Worker, Installed]) -> Non
 
 
 def check_reached(endpoint: str, problems: Mapping[Worker, str]) -> None:
-    """Check that all workers could connect to the address at which the world will listen.
-
-    Args:
-        endpoint: where the world will listen.
-        problems: why a worker could not connect, empty if it could.
-
-    Raises:
-        ClusterError: some could not; the text says which, why, and what to do.
-    """
+    """Check that all workers can connect to where the world will listen; `problems` says why one cannot, if so."""
     if failed := {worker: problem for worker, problem in problems.items() if problem}:
         host, _ = host_and_port(endpoint)
         lines = [f"    {worker}: {problem}" for worker, problem in failed.items()]

@@ -46,12 +46,13 @@ class DaskEngine:
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack, tasks)
             if self._scheduler:
-                _check_workers(client, self._scheduler)
+                check_workers(client, self._scheduler)
             code = provenance.code_digest()
-            futures = {
-                client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(code, task)): task
-                for task in tasks
-            }
+            futures = {}
+            for task in tasks:
+                # A scheduler shares a result with all clients that submit the same key.
+                key = f"deltaswarm-{code}-{task.job.key}-{task.means}"
+                futures[client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=key)] = task
             waiting = as_completed(list(futures))
             for future in waiting:
                 task = futures.pop(future)
@@ -90,23 +91,14 @@ class DaskEngine:
         return cluster
 
 
-def _check_workers(client: Client, scheduler: str) -> None:
-    """Say that there are no workers yet, or refuse those that would crash for want of deltaswarm.
-
-    Raises:
-        EngineError: workers lack deltaswarm.
-    """
+def check_workers(client: Client, scheduler: str) -> None:
+    """Say that there are no workers yet, or refuse those that would crash for want of deltaswarm."""
     found: Any = client.get_versions(packages=PACKAGES)  # typed for coroutines too
     if not found["workers"]:
         notice(f"deltaswarm: the Dask scheduler at {scheduler} has no workers yet; waiting for them")
     lacking = [address for address, has in found["workers"].items() if packages_of(has).deltaswarm == NOTHING]
     if lacking:
         raise EngineError(f"all workers of {scheduler} must have deltaswarm (not installed at {', '.join(lacking)})")
-
-
-def _key(code: str, task: Task) -> str:
-    """Return the task's key. A scheduler shares a result with all clients that submit the same key."""
-    return f"deltaswarm-{code}-{task.job.key}-{task.means}"
 
 
 def attempt_with(code: str, task: Task) -> tuple[Result | None, str, bool]:

@@ -10,7 +10,6 @@ from tests.hostile.stage import harm, play
 
 
 def main() -> int:
-    """Print a row per run; return 0 if no attack harmed anybody else."""
     parser = argparse.ArgumentParser(prog="python -m tests.hostile", description=__doc__)
     parser.add_argument("--steps", type=int, default=1000, help="steps of each run (default: 1000)")
     parser.add_argument(

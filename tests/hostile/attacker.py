@@ -57,7 +57,6 @@ class Attacker:
         self._paper = PaperController(replace(context, mode="hybrid", settings=PaperSettings()))
 
     def step(self, percept: Percept) -> Decision:
-        """Decide, or attack."""
         if self._agent == WHO and percept.step >= AT_STEP and self._attack.attack == LATENESS:
             time.sleep(self._attack.late_by_s)
         elif self._agent == WHO and percept.step >= AT_STEP:

@@ -26,12 +26,10 @@ class Ended(NamedTuple):
 
     @property
     def world(self) -> dict[str, Any]:
-        """The world's totals."""
         return self.outcome.world
 
     @property
     def refused(self) -> dict[str, int]:
-        """The number of samples that the world refused, by agent."""
         return dict(self.world["rejected"])
 
 
@@ -60,25 +58,18 @@ def play(
     steps: int,
     attack: str = SILENCE,
     sessions: int = 1,
-    step_timeout_s: float = 6.0,
-    rest_s: float = 0.0,
     others: Sequence[str] = (),
 ) -> Ended:
-    """A whole run with this attack, and `others` among its settings."""
+    """Do a whole run with this attack, and `others` among its settings."""
     settings = [
         "control.mode=tests.hostile.attacker:Attacker",
         f"control.attack={attack}",
         f"control.sessions={sessions}",
-        f"control.rest_s={rest_s}",
         f"run.duration_s={steps}",
-        f"run.step_timeout_s={step_timeout_s}",
+        "run.step_timeout_s=6",
         "record=off",
         *others,
     ]
-    return _run(folder, scenario_name, settings)
-
-
-def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
     scenario = load_scenario(scenario_name, settings)
     folder.mkdir(parents=True)
     began = time.monotonic()

@@ -148,7 +148,6 @@ class Feeder:
 
     @property
     def blocked_s(self) -> float:
-        """Time since it could send [s]."""
         return time.monotonic() - self._sent_at
 
     def _feed(self) -> None:

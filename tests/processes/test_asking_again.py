@@ -3,6 +3,8 @@
 import csv
 import json
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +76,6 @@ class Browser:
 
     @staticmethod
     def answer(probe: dict[str, Any], condition: str) -> dict[str, Any]:
-        """What this person says."""
         if probe["kind"] == "sheet":
             return {"type": "sheet", "consent": True, "participant": "P001", "condition": condition}
         if probe["kind"] == "tlx":
@@ -83,29 +84,36 @@ class Browser:
         return {"type": "form", "form": probe["form"]["name"], "answers": answers}
 
 
+@contextmanager
+def a_session(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """The session of participant 1 of the folder's `study.toml`, under way."""
+    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
+    with subprocess.Popen(command, cwd=folder, env=headless(), stderr=subprocess.PIPE, text=True) as session:
+        try:
+            yield session
+        finally:
+            session.kill()
+
+
+def end_well(session: subprocess.Popen[str]) -> None:
+    assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
+
+
 def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
     """The person leaves before NASA-TLX; the run is kept, and the next start of the session asks what is missing."""
     (tmp_path / "study.toml").write_text(FILE)
     folder = tmp_path / "sessions" / "study" / "participant-001"
-    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
-    options: dict[str, Any] = {"cwd": tmp_path, "env": headless(), "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **options) as session:
-        try:
-            first = Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
-            second = Browser(folder / "1-A.part" / "station.json", tlx=False, condition="1 A")
-            session.terminate()  # so does the experimenter
-            assert session.wait(PATIENCE_S) == 130
-        finally:
-            session.kill()
+    with a_session(tmp_path) as session:
+        first = Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
+        second = Browser(folder / "1-A.part" / "station.json", tlx=False, condition="1 A")
+        session.terminate()  # so does the experimenter
+        assert session.wait(PATIENCE_S) == 130
     assert (first.asked, second.asked) == (["sheet"], ["sheet"])
     assert json.loads((folder / "1-A" / "summary.json").read_text())["complete"]
     assert table(tmp_path, "runs")[1]["answers_missing"] == "2"
-    with subprocess.Popen(command, **options) as session:
-        try:
-            third = Browser(folder / "1-A.again-1" / "station.json", tlx=True)
-            assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
-        finally:
-            session.kill()
+    with a_session(tmp_path) as session:
+        third = Browser(folder / "1-A.again-1" / "station.json", tlx=True)
+        end_well(session)
     assert third.asked == ["tlx", "form"]
     [_, run] = table(tmp_path, "runs")
     assert (run["run"], run["answers_missing"], run["tlx_raw"]) == ("1-A", "0", "30.0")
@@ -116,7 +124,8 @@ def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
     }
     record = json.loads((folder / "session.json").read_text())
     assert [run["attempts"][-1]["answers_missing"] for run in record["runs"]] == [0, 0]
-    assert subprocess.run(command, check=False, **options).returncode == 0  # nothing is left to ask
+    with a_session(tmp_path) as session:  # nothing is left to ask
+        end_well(session)
 
 
 TASK = f"""{TRAINING.format(30)}
@@ -129,16 +138,11 @@ def test_a_session_shows_the_score_of_the_task(tmp_path: Path) -> None:
     """After the run, on a page of its own; all tables have it."""
     (tmp_path / "study.toml").write_text(TASK)
     folder = tmp_path / "sessions" / "study" / "participant-001"
-    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
-    options: dict[str, Any] = {"cwd": tmp_path, "env": headless(), "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **options) as session:
-        try:
-            Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
-            first = Browser(folder / "1-A.part" / "station.json", tlx=True, condition="1 A", judges=True)
-            second = Browser(folder / "1-A.score" / "station.json", tlx=True)
-            assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
-        finally:
-            session.kill()
+    with a_session(tmp_path) as session:
+        Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
+        first = Browser(folder / "1-A.part" / "station.json", tlx=True, condition="1 A", judges=True)
+        second = Browser(folder / "1-A.score" / "station.json", tlx=True)
+        end_well(session)
     assert (first.asked, second.asked) == (["sheet"], ["form"])
     task = json.loads((folder / "1-A" / "summary.json").read_text())["task"]
     assert task["events"] > task["hits"] + task["false_alarms"] == 1
@@ -149,7 +153,6 @@ def test_a_session_shows_the_score_of_the_task(tmp_path: Path) -> None:
 
 
 def table(folder: Path, name: str) -> list[dict[str, str]]:
-    """The rows of a table of all participants."""
     subprocess.run([*COMMAND, "session", "study.toml", "--table", "data"], cwd=folder, check=True, capture_output=True)
     with (folder / "data" / f"{name}.tsv").open(newline="") as stream:
         return list(csv.DictReader(stream, delimiter="\t"))

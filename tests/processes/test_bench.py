@@ -31,13 +31,11 @@ def _measures(pid: int) -> bool:
 
 
 def count_is(mark: str, process: subprocess.Popen[str], count: int) -> None:
-    """Wait until so many processes carry a mark."""
     wait_until(lambda: len(marked(mark)) >= count or process.poll() is not None, f"{count} processes")
     assert process.poll() is None, process.communicate()
 
 
 def check_interrupted(process: subprocess.Popen[str], mark: str, folder: Path) -> None:
-    """The one line, the exit code, and nothing left."""
     printed, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, printed, errors) == (130, "", "deltaswarm: interrupted\n")
     all_gone(mark)

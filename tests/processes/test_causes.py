@@ -8,18 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import UNHURRIED, RunningSwarm, is_running, parent_of, running, wait_until
+from tests.support.swarms import UNHURRIED, RunningSwarm, is_running, parent_of, running, sets, wait_until
 from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
 
-LONG = (
-    "--set",
-    "run.duration_s=1000000",
-    "--set",
-    "run.step_timeout_s=1",
-    *UNHURRIED,
-)
+LONG = (*sets("run.duration_s=1000000", "run.step_timeout_s=1"), *UNHURRIED)
 
 Blow = Callable[[RunningSwarm], object]
 

@@ -57,7 +57,6 @@ def python(site: Path | None, *arguments: str) -> str:
 
 
 def run(site: Path | None, out: Path, *arguments: str) -> dict[str, Any]:
-    """A run's summary and its manifest."""
     options = ("--record", "off", "--json", "--out", str(out), *arguments)
     summary = json.loads(python(site, "-m", "deltaswarm_orchestrator", "run", "smoke", *options))
     return {**summary, **json.loads((out / "manifest.json").read_text())}

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from tests.support.swarms import is_running, running, wait_until
-from tests.support.tiers import first_of
+from tests.support.swarms import is_running, running, sets, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -125,13 +124,12 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def sets(name: str, *more: str) -> list[str]:
-    return [part for one in (f"control.mode=at_fault:{name}", *more) for part in ("--set", one)]
+def at_fault(name: str, *more: str) -> list[str]:
+    return sets(f"control.mode=at_fault:{name}", *more)
 
 
 def finished(folder: Path, name: str, *arguments: str) -> tuple[int, dict[str, Any], str]:
-    """Exit code, summary, and what was said."""
-    with running(folder / name, *sets(name), *arguments) as swarm:
+    with running(folder / name, *at_fault(name), *arguments) as swarm:
         code, _, errors = swarm.finish()
         return code, swarm.summary(), errors
 
@@ -142,22 +140,8 @@ def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
     assert (code, found["valid"], found["agents_lost"], found["transport_lost"]) == (0, True, [], 0)
     assert found["bytes_sent_per_s"]["mean"] == pytest.approx(6 * 2007, rel=0.01)
     assert found["frames_dropped"]["frame_full"] == 0
-    assert main(["run", "smoke", *sets("Well"), "--in-process", "--out", str(module / "one")]) == 0
+    assert main(["run", "smoke", *at_fault("Well"), "--in-process", "--out", str(module / "one")]) == 0
     assert json.loads((module / "one" / "summary.json").read_text())["digest"] == found["digest"]
-
-
-@pytest.mark.parametrize(
-    "overrides", first_of([["control.mode=central", "radio.range_m=150"], ["control.mode=adaptive"]])
-)
-def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tmp_path: Path) -> None:
-    """While events occur often enough that trees form and agents are sent about."""
-    given = [*overrides, "events.rate_hz=0.3", "run.duration_s=300"]
-    sets = [part for one in given for part in ("--set", one)]
-    digests = []
-    for name, *how in (("processes",), ("one", "--in-process")):
-        assert main(["run", "smoke", *sets, "--record", "off", *how, "--out", str(tmp_path / name)]) == 0
-        digests.append(json.loads((tmp_path / name / "summary.json").read_text())["digest"])
-    assert digests[0] == digests[1]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +167,7 @@ def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: 
     raises = name in ("Raises", "Quits")
     assert (errors.count("Traceback"), errors.count(", in fail")) == (raises, raises)
     assert "deltaswarm_agent" not in errors
-    assert main(["run", "smoke", *sets(name), "--in-process", "--out", str(module / "one")]) == 1
+    assert main(["run", "smoke", *at_fault(name), "--in-process", "--out", str(module / "one")]) == 1
     alone = json.loads((module / "one" / "summary.json").read_text())
     assert (alone["agents_lost"], alone["digest"]) == ([3], found["digest"])
     for summary in (found, alone):
@@ -219,7 +203,7 @@ def test_processes_of_a_controller_end_with_the_run(module: Path) -> None:
 
 def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:
     """The world goes on without its agent, which takes part again once it has answered."""
-    arguments = sets("Sleeps", "run.step_timeout_s=0.5", "run.duration_s=100000", "control.at_step=20")
+    arguments = at_fault("Sleeps", "run.step_timeout_s=0.5", "run.duration_s=100000", "control.at_step=20")
     with running(module / "run", *arguments, "--record", "off") as swarm:
         swarm.wait_for_steps(1)
         wait_until(lambda: "continues without agent 3" in swarm.log("world"), "a step without agent 3")
@@ -233,7 +217,7 @@ def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:
 
 def test_a_hanging_agent_among_sleeping_ones_stalls_nobody(module: Path) -> None:
     """A step in which nobody is asked is over at once, although an agent hangs."""
-    arguments = sets("SleepsAmongSleepers", "run.step_timeout_s=2", "run.duration_s=300", "events.rate_hz=0")
+    arguments = at_fault("SleepsAmongSleepers", "run.step_timeout_s=2", "run.duration_s=300", "events.rate_hz=0")
     code, found, _ = finished(module, "SleepsAmongSleepers", *arguments)
     assert (code, found["complete"], [row["agent"] for row in found["agents_hung"]]) == (1, True, [3])
     assert found["wall_s"] < 60  # not 2 s for each of 200 steps
@@ -241,7 +225,7 @@ def test_a_hanging_agent_among_sleeping_ones_stalls_nobody(module: Path) -> None
 
 def test_no_agent_is_told_the_command_line(module: Path) -> None:
     """It holds the run's seed and its scenario."""
-    with running(module / "run", *sets("Nosy", "run.duration_s=5"), "--seed", "4711") as swarm:
+    with running(module / "run", *at_fault("Nosy", "run.duration_s=5"), "--seed", "4711") as swarm:
         swarm.finish()
     log = (module / "run" / "logs" / "agent-3.log").read_text()
     assert "deltaswarm" in log
@@ -251,9 +235,9 @@ def test_no_agent_is_told_the_command_line(module: Path) -> None:
 
 def test_agents_that_cannot_be_made_end_the_run(module: Path) -> None:
     """Before its first step, with the reason; the same in one process."""
-    with running(module / "run", *sets("NeverThere", "run.start_timeout_s=30")) as swarm:
+    with running(module / "run", *at_fault("NeverThere", "run.start_timeout_s=30")) as swarm:
         code, _, errors = swarm.finish()
     assert code == 1
     assert re.search("at_fault:NeverThere .*OSError: no body", errors)
     assert errors.count("Traceback") == 1
-    assert main(["run", "smoke", *sets("NeverThere"), "--in-process", "--out", str(module / "one")]) == 1
+    assert main(["run", "smoke", *at_fault("NeverThere"), "--in-process", "--out", str(module / "one")]) == 1

@@ -31,20 +31,21 @@ from tests.support.swarms import (
     is_running,
     parent_of,
     running,
+    sets,
     wait_until,
 )
 from tests.support.tiers import first_of, nightly
 
 pytestmark = pytest.mark.processes
 
-STEADY = ("--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000", *UNHURRIED)
-"""For what happens to a run that is under way: it takes its time to start."""
-HASTY = ("--set", "run.start_timeout_s=5", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000")
-IMPATIENT = (*HASTY, *UNHURRIED)
+ENDLESS = sets("run.step_timeout_s=1", "run.duration_s=1000000")
+STEADY = (*ENDLESS, *UNHURRIED)
+"""A run that takes its time to start, and does not end by itself."""
+IMPATIENT = (*ENDLESS, *sets("run.start_timeout_s=12"))
+"""A run that gives up parts that do not start."""
 
 
 def pid_of(swarm: RunningSwarm, log: str) -> int | None:
-    """The process whose standard error is a part's log."""
     for folder in Path("/proc").iterdir():
         try:
             if folder.name.isdecimal() and os.readlink(folder / "fd" / "2") == str(swarm.part / "logs" / log):
@@ -64,7 +65,6 @@ def ends_by_itself(swarm: RunningSwarm) -> tuple[int, str]:
 
 
 def maps(swarm: RunningSwarm, name: str) -> Callable[[], bool]:
-    """Whether the orchestrator has a library in memory."""
     return lambda: name in Path(f"/proc/{swarm.process.pid}/maps").read_text()
 
 
@@ -80,7 +80,7 @@ EARLY: dict[str, Callable[[RunningSwarm], Callable[[], object]]] = {
 @pytest.mark.parametrize("moment", ["importing", "agents", *nightly("a folder", "a world")])
 def test_a_signal_while_it_starts_ends_it_with_a_line(moment: str, number: signal.Signals, tmp_path: Path) -> None:
     """Wherever it has come to: exit code 130, a line and no traceback, no process, no table of zeros."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
+    with running(tmp_path / "run", *STEADY) as swarm:
         wait_until(EARLY[moment](swarm), moment)
         os.kill(swarm.process.pid, number)
         code, printed, errors = swarm.finish()
@@ -115,8 +115,9 @@ def test_who_is_silent_is_given_up_and_named(stopped: list[str], tmp_path: Path)
             swarm.signal(part, signal.SIGSTOP)
         code, errors = ends_by_itself(swarm)
     assert code == 1
-    [why] = swarm.manifest()["why"]
+    why, *later = swarm.manifest()["why"]
     assert stopped[0] in why
+    assert all(line.startswith("operator lost its world ") for line in later)  # if the machine is busy
     assert why in errors
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
@@ -126,7 +127,8 @@ def test_a_part_that_starts_when_its_run_has_ended_says_nothing(tmp_path: Path) 
     source = (
         "from multiprocessing import Pipe; from pathlib import Path;"
         "from deltaswarm_orchestrator.processes import entry_point;"
-        f"entry_point.main('json', [], {{}}, Path({str(tmp_path / 'gone' / 'log')!r}), Pipe()[0], None, False, {{}})"
+        f"log = Path({str(tmp_path / 'gone' / 'log')!r});"
+        "entry_point.main('json', [], '', log, entry_point.Inherited(Pipe()[0]), in_background=False)"
     )
     ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr) == (1, "", "")
@@ -222,7 +224,7 @@ def swarm_of(line: str, folder: Path) -> Iterator[tuple[launch.Swarm, subprocess
 def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Path) -> None:
     """Held up on a file that it reads after the last step, and signalled twice, it still writes what is true."""
     length = () if stopped else ("--set", "run.duration_s=50")
-    with running(tmp_path / "run", *IMPATIENT, *length) as swarm:
+    with running(tmp_path / "run", *STEADY, *length) as swarm:
         wait_until((swarm.part / "manifest.json").exists, "the folder")
         os.mkfifo(swarm.part / ACTIONS)
         if stopped:
@@ -239,7 +241,6 @@ def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Pa
 
 
 def reached(fifo: Path) -> int | None:
-    """The writing end, once somebody reads."""
     try:
         return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
     except OSError:
@@ -302,7 +303,7 @@ def test_a_signal_too_late_for_one_thing_is_in_time_for_the_next() -> None:
 def test_a_signal_ends_a_slow_tick(tmp_path: Path) -> None:
     """A tick of five minutes: the world does not sleep through it, and what happened is in the tables."""
     slow = ("--set", "run.clock=realtime", "--set", f"run.real_time_factor={1 / 300:.6f}")
-    with running(tmp_path / "run", *IMPATIENT, *slow, "--set", "events.rate_hz=5") as swarm:
+    with running(tmp_path / "run", *STEADY, *slow, "--set", "events.rate_hz=5") as swarm:
         wait_until(lambda: len(swarm.pids) == SMOKE_PROCESSES, "all processes")
         assert swarm.process.stderr is not None
         swarm.process.stderr.readline()  # how the run goes, in its first step
@@ -336,7 +337,7 @@ def fill(small: Path, size: str) -> tuple[str, Path]:
     """A run on a disk of some size that is full early or late: what it says, and a copy of what is left."""
     kept = small.with_name("kept")
     copy = ["sh", "-c", f'"$@"; code=$?; cp -r "{small}" "{kept}"; exit $code', "sh"]
-    with running(small / "run", *HASTY, inside=[*in_little_room(size, small), *copy]) as swarm:
+    with running(small / "run", *IMPATIENT, inside=[*in_little_room(size, small), *copy]) as swarm:
         code, errors = ends_by_itself(swarm)
     assert code == 1
     assert str(small / "run") in errors
@@ -345,7 +346,6 @@ def fill(small: Path, size: str) -> tuple[str, Path]:
 
 
 def is_full(text: str) -> bool:
-    """Whether a text names the cause."""
     return os.strerror(errno.ENOSPC) in text or "bytes are free" in text
 
 

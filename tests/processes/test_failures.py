@@ -36,7 +36,6 @@ TWELVE = ("--set", "agents.count=12")
 
 
 def all_gone(pids: dict[str, int]) -> None:
-    """Every process ends."""
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes")
 
 

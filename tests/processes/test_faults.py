@@ -1,6 +1,5 @@
 """Faults on real processes: real signals at exact steps, the same digest as in one process, nothing left behind."""
 
-import os
 import re
 import signal
 from pathlib import Path
@@ -88,17 +87,6 @@ def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
         assert len(recording.step_records) == 300
 
 
-def test_no_frozen_agent_survives_the_orchestrator(tmp_path: Path) -> None:
-    """It could not see by itself that the orchestrator was killed with -9."""
-    long = ("--set", "run.duration_s=1000000", "--record", "off", *UNHURRIED)
-    with running(tmp_path / "run", *long, *timeline('kind="freeze", at_s=5, duration_s=1e6, agents=[2, 3]')) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8 and "(stop)" in swarm.log("world"), "the freeze")
-        swarm.wait_for_steps(1)
-        pids = swarm.pids
-        os.kill(swarm.process.pid, signal.SIGKILL)
-        wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes")
-
-
 def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
     """Soon, without a complaint of the frozen ones."""
     long = ("--set", "run.duration_s=1000000", "--record", "off", *UNHURRIED)
@@ -106,7 +94,7 @@ def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
         wait_until(lambda: len(swarm.pids) == 8 and "(stop)" in swarm.log("world"), "the freeze")
         swarm.wait_for_steps(1)
         pids = swarm.pids
-        os.killpg(swarm.process.pid, signal.SIGINT)
+        swarm.interrupt()
         code, _, errors = swarm.finish(BOUND_S)
         assert code == 130
         assert "agent" not in errors.partition("not valid")[0].rpartition("messages/s")[2]

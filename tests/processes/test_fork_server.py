@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes.test_endings import IMPATIENT, ends_by_itself, pid_of
+from tests.processes.test_endings import STEADY, ends_by_itself, pid_of
 from tests.support.swarms import COMMAND, UNHURRIED, heeds, is_running, parent_of, running, wait_until
 from tests.support.tiers import first_of
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.processes
 @pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGSTOP]))
 def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_path: Path) -> None:
     """Killed or stopped in mid-run: Ctrl-C still ends all that it started, and it."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
+    with running(tmp_path / "run", *STEADY) as swarm:
         pids = swarm.wait_until_under_way()
         fork_server = parent_of(pids["world"])
         os.kill(fork_server, number)
@@ -32,7 +32,6 @@ def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_pat
 
 
 def fork_servers_of(pid: int) -> Iterator[int]:
-    """The process's fork server, if it has one."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if (
@@ -53,7 +52,7 @@ def test_a_fork_server_killed_before_it_has_started_anything_is_replaced(tmp_pat
 
 def test_a_terminals_ctrl_c_spares_a_fork_server_that_starts(tmp_path: Path) -> None:
     """It reaches that process, too, which would print a traceback and make the run fail for another reason."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
+    with running(tmp_path / "run", *STEADY) as swarm:
         wait_until(lambda: any(map(heeds, fork_servers_of(swarm.process.pid))), "the fork server's Python")
         swarm.interrupt()
         code, errors = ends_by_itself(swarm)
@@ -65,8 +64,7 @@ def test_a_terminals_ctrl_c_spares_a_fork_server_that_starts(tmp_path: Path) -> 
 @pytest.mark.parametrize("number", first_of([signal.SIGKILL, signal.SIGSTOP]))
 def test_a_fork_server_lost_as_it_starts_is_replaced(number: signal.Signals, tmp_path: Path) -> None:
     """Or continued; those who are still to be started come in time, and the run goes on as if nothing had been."""
-    short = ("--set", "run.duration_s=50", "--set", "run.start_timeout_s=8")
-    with running(tmp_path / "run", *short) as swarm:
+    with running(tmp_path / "run", "--set", "run.duration_s=50") as swarm:
         world = wait_until(lambda: pid_of(swarm, "world-0.log"), "the world")
         os.kill(parent_of(world), number)
         swarm.end_well()

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +27,6 @@ STEPS = 500
 
 
 class Stage:
-    """A run under way, into which a stranger can step."""
-
     def __init__(self, swarm: Swarm, observer: Observer, folder: Path) -> None:
         self.swarm = swarm
         self.observer = observer
@@ -42,19 +39,15 @@ class Stage:
         return zenoh.open(configured(zenoh.Config, client_pairs(link), link))
 
     def is_running(self) -> bool:
-        """Whether steps are being made."""
         self.observer.work(0.01)
         return self.observer.status is not None and self.observer.status.phase == "running"
 
     def finish(self) -> dict[str, Any]:
-        """The summary, once the run has come to its end."""
         wait_for_end(self.swarm, self.observer)
         assert not wait_for(self.swarm.parts, PATIENCE_S)
-        scenario = load_scenario("smoke", SETTINGS)
-        return summarise(run_tables.read_outcome(self.folder), scenario) | {
-            "world": run_tables.read_outcome(self.folder).world,
-            "operator": run_tables.read_outcome(self.folder).operator,
-        }
+        outcome = run_tables.read_outcome(self.folder)
+        summary = summarise(outcome, load_scenario("smoke", SETTINGS))
+        return summary | {"world": outcome.world, "operator": outcome.operator}
 
 
 SETTINGS = (f"run.duration_s={STEPS}", "run.clock=realtime", "run.real_time_factor=50", "record=off")
@@ -62,14 +55,8 @@ SETTINGS = (f"run.duration_s={STEPS}", "run.clock=realtime", "run.real_time_fact
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Iterator[Stage]:
-    with _stage(tmp_path) as made:
-        yield made
-
-
-@contextmanager
-def _stage(folder: Path) -> Iterator[Stage]:
-    with started(load_scenario("smoke", SETTINGS), RUN, folder) as (swarm, observer):
-        made = Stage(swarm, observer, folder)
+    with started(load_scenario("smoke", SETTINGS), RUN, tmp_path) as (swarm, observer):
+        made = Stage(swarm, observer, tmp_path)
         wait_until(made.is_running, "the first steps")
         yield made
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes.test_asking_again import FILE, Browser, table
-from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told, wait_until
+from tests.processes.test_asking_again import FILE, Browser, a_session, end_well, table
+from tests.support.swarms import BOUND_S, COMMAND, told, wait_until
 from tests.support.sweeping import marked, marked_command, sweeping, written
 
 pytestmark = pytest.mark.processes
@@ -46,13 +46,9 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
         wait_until((out / "1-A.again-1" / "station.json").exists, "the page that asks again")
         second = told("session", str(tmp_path / "study.toml"), "--participant", "1", "--out", str(out.parent))
         assert (second.returncode, "under way" in second.stderr) == (2, True)
-    last = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
-    with subprocess.Popen(last, cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
-        try:
-            asked = Browser(out / "1-A.again-2" / "station.json", tlx=True).asked
-            assert process.wait(PATIENCE_S) == 0
-        finally:
-            process.kill()
+    with a_session(tmp_path) as last:
+        asked = Browser(out / "1-A.again-2" / "station.json", tlx=True).asked
+        end_well(last)
     assert asked == ["tlx", "form"]
     [run] = [row for row in table(tmp_path, "runs") if row["run"] == "1-A"]
     assert (run["answers_missing"], run["tlx_raw"]) == ("0", "30.0")

@@ -22,19 +22,15 @@ GONE_WITHIN_S = 5.0
 
 
 class Killed(NamedTuple):
-    """A command under way."""
-
     process: subprocess.Popen[bytes]
     mark: str
     folder: Path
     """Where it writes."""
 
     def has(self, *patterns: str) -> bool:
-        """Whether there is a file of one of these names."""
         return any(next(self.folder.glob(pattern), None) for pattern in patterns)
 
     def has_processes(self, count: int) -> bool:
-        """Whether so many processes of it are there."""
         return len(marked(self.mark)) >= count
 
 
@@ -42,12 +38,10 @@ Stage = Callable[[Killed], bool]
 
 
 def exists(*patterns: str) -> Stage:
-    """A stage at which a file is there."""
     return lambda killed: killed.has(*patterns)
 
 
 def processes(count: int) -> Stage:
-    """A stage with so many processes."""
     return lambda killed: killed.has_processes(count)
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, RunningSwarm, is_running, running, wait_until
+from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, RunningSwarm, is_running, running, sets, wait_until
 
 pytestmark = pytest.mark.processes
 
-ASKING = ("--station", "--speed", "0", "--set", "operator.probes.tlx=true", "--set", "run.duration_s=50")
+ASKING = ("--station", "--speed", "0", *sets("operator.probes.tlx=true", "run.duration_s=50"))
 
 
 @contextmanager
@@ -50,10 +50,9 @@ def test_a_station_that_is_killed_while_its_person_answers_comes_back(tmp_path: 
 
 def test_an_operator_that_stops_before_the_end_is_named(tmp_path: Path) -> None:
     """Not the world, which does all steps and then waits for the operator to take them."""
-    waiting = ("run.start_timeout_s=12", "run.step_timeout_s=1", "run.duration_s=60")
-    paced = ("run.clock=realtime", "run.real_time_factor=10")
-    sets = [word for one in (*waiting, *paced) for word in ("--set", one)]
-    with running(tmp_path / "run", *sets) as swarm:
+    waiting = sets("run.start_timeout_s=12", "run.step_timeout_s=1", "run.duration_s=60")
+    paced = sets("run.clock=realtime", "run.real_time_factor=10")
+    with running(tmp_path / "run", *waiting, *paced) as swarm:
         swarm.wait_until_under_way()
         swarm.signal("operator", signal.SIGSTOP)
         code, _, errors = swarm.finish(BOUND_S)

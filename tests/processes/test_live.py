@@ -93,23 +93,23 @@ def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, duration_s: int, op
         assert not (swarm.out / LIVE_SOCKET).exists()
 
 
-def test_a_port_that_is_taken_is_told_before_anything_begins(tmp_path: Path) -> None:
-    """With the port, and what to do; no folder is made."""
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        done = told("run", "smoke", "--out", "run", "--live", "foxglove", "--live-port", port, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "--live-port must" in done.stderr
-    assert port in done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_port_without_a_viewer_is_refused(tmp_path: Path) -> None:
-    """And one that is no port."""
-    for arguments in (("--live-port", "0"), ("--live-port", "65536")):
-        done = told("run", "smoke", "--out", "run", *arguments, cwd=tmp_path)
-        assert (done.returncode, done.stdout) == (2, "")
-        assert "--live" in done.stderr
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--live", "foxglove", "--live-port", "{taken}"], ["--live-port must", "{taken}"]),
+        (["--live-port", "0"], ["--live"]),
+        (["--live-port", "65536"], ["--live"]),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_before_anything_begins(
+    arguments: list[str], said: list[str], tmp_path: Path
+) -> None:
+    """A port that is taken, has no viewer, or is none; no folder is made."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        done = told("run", "smoke", "--out", "run", *(word.format(taken=port) for word in arguments), cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert all(words.format(taken=port) in done.stderr for words in said)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -19,12 +19,7 @@ from distributed import Client
 
 import deltaswarm_wire
 from deltaswarm_cluster import dask_cluster as dask_cluster_module
-from deltaswarm_cluster.actor import (
-    PREFIX,
-    AgentFiles,
-    AgentsJob,
-    SupervisorActor,
-)
+from deltaswarm_cluster.host import HostActor, Job
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
@@ -52,7 +47,6 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 @contextmanager
 def on(cluster: Cluster, out: Path, *arguments: str) -> Iterator[RunningSwarm]:
-    """A run on a cluster, under way."""
     with running(out, "--engine", "dask", "--scheduler", cluster.address, *arguments) as swarm:
         yield swarm
 
@@ -143,7 +137,6 @@ def test_a_busy_worker_can_be_given_up(cluster: Cluster, tmp_path: Path) -> None
 
 
 def names_of(client: Client) -> dict[str, str]:
-    """The names of workers by their addresses."""
     return {address: worker["name"] for address, worker in client.scheduler_info()["workers"].items()}
 
 
@@ -163,70 +156,73 @@ def test_without_its_scheduler_a_run_ends(cluster: Cluster, tmp_path: Path) -> N
 @pytest.mark.slow
 def test_what_a_cluster_cannot_do_is_refused_before_anything_starts(tmp_path: Path) -> None:
     """No scheduler, no workers, an address that is not this machine's: a line each, and no folder."""
-    out = tmp_path / "run"
+
+    def refused(scheduler: str, *more: str) -> str:
+        run = ("run", "smoke", "--out", str(tmp_path / "run"), "--engine", "dask", "--scheduler", scheduler, *more)
+        done = told(*run)
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        return line
+
     with dask_cluster(tmp_path / "cluster") as cluster:
-        on_dask = ("run", "smoke", "--out", str(out), "--engine", "dask", "--scheduler")
-        nobody = told(*on_dask, "tcp://127.0.0.1:9")
-        assert (nobody.returncode, "no Dask scheduler could be reached at tcp://127.0.0.1:9" in nobody.stderr) == (
-            2,
-            True,
-        )
-        unencrypted = told(*on_dask, "tls://127.0.0.1:9")
-        assert (unencrypted.returncode, len(unencrypted.stderr.splitlines())) == (2, 1), unencrypted.stderr
-        empty = told(*on_dask, cluster.address)
-        assert (empty.returncode, "must have at least one worker" in empty.stderr) == (2, True)
+        assert "no Dask scheduler could be reached at tcp://127.0.0.1:9" in refused("tcp://127.0.0.1:9")
+        assert "tls://127.0.0.1:9" in refused("tls://127.0.0.1:9")
+        assert "must have at least one worker" in refused(cluster.address)
         cluster.add_worker()
-        elsewhere = told(*on_dask, cluster.address, "--listen", "tls/192.0.2.1:0")
-        assert (elsewhere.returncode, "--listen must be an address of this machine" in elsewhere.stderr) == (2, True)
+        elsewhere = refused(cluster.address, "--listen", "tls/192.0.2.1:0")
+        assert "--listen must be an address of this machine" in elsewhere
     assert not list(tmp_path.glob("run*"))
 
 
-def test_a_killed_supervisor_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The worker notices, removes the files, and says so; the agents end with their parent."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+def job_of_mute_agents(connect: str) -> Job:
+    """Two agents that reach nobody."""
     settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    options = {"--run": "run", "--connect": connect, "--zenoh": []}
+    return Job("hybrid", 60.0, options, "", [(agent, settings, "", "SECRET") for agent in (3, 4)])
+
+
+def test_a_killed_host_leaves_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worker notices, removes the files, and says so; the agents end with their parent."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
-        files = {agent: AgentFiles(settings, b"", b"SECRET") for agent in (3, 4)}
-        actor = SupervisorActor(AgentsJob("run", endpoint, "hybrid", 60.0, b"", files))
+        actor = HostActor(job_of_mute_agents(f"tls/127.0.0.1:{mute.getsockname()[1]}"))
         wait_until(lambda: len(list(tmp_path.glob("*/logs/*.log"))) == 2, "the agents")
-        actor._process.kill()
-        update = wait_until(lambda: (found := actor.poll()).is_over and found, "the update")
-    assert update.failed == "its process ended with code -9"
+        os.kill(actor.pid, signal.SIGKILL)
+        why = wait_until(lambda: [item for item in actor.poll() if item[0] == "failed"], "the news")
+    assert why == [["failed", "its process ended with code -9"]]
     wait_until(lambda: not list(tmp_path.iterdir()), "no more files")
 
 
 ACTOR = """
-import sys, tempfile, time
-from deltaswarm_cluster.actor import (
-    PREFIX,
-    AgentFiles,
-    AgentsJob,
-    SupervisorActor,
-)
-tempfile.tempdir = sys.argv[1]
-files = {agent: AgentFiles(sys.argv[3], b"", b"SECRET") for agent in (3, 4)}
-actor = SupervisorActor(AgentsJob("run", sys.argv[2], "hybrid", 60.0, b"", files))
-print(actor._process.pid, flush=True)
+import sys, time
+from deltaswarm_cluster.host import HostActor
+from tests.processes.test_many_machines import job_of_mute_agents
+actor = HostActor(job_of_mute_agents(sys.argv[1]))
+print(actor.pid, flush=True)
 time.sleep(600)
 """
 
 
 @contextmanager
 def an_actor(folder: Path, agents: int = 2) -> Iterator[tuple["subprocess.Popen[str]", int]]:
-    """The process of a worker whose agents are up, and its supervisor's number."""
-    settings = tomli_w.dumps(plain(load_scenario("smoke").for_agent(3)))
+    """The process of a worker whose agents are up, and its host's number."""
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": str(ROOT)}
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        endpoint = f"tls/127.0.0.1:{mute.getsockname()[1]}"
-        command = [sys.executable, "-P", "-c", ACTOR, str(folder), endpoint, settings]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as worker:
+        command = [sys.executable, "-P", "-c", ACTOR, f"tls/127.0.0.1:{mute.getsockname()[1]}"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as worker:
             assert worker.stdout is not None
-            supervisor = int(worker.stdout.readline())
+            host = int(worker.stdout.readline())
             wait_until(lambda: len(list(folder.glob("*/logs/*.log"))) >= agents, "the agents")
+            wait_until(lambda: len(keys_in(folder)) == agents, "their keys")
             try:
-                yield worker, supervisor
+                yield worker, host
             finally:
                 worker.kill()
+
+
+def folders_in(folder: Path) -> set[Path]:
+    return {logs.parent for logs in folder.glob("*/logs")}
 
 
 def keys_in(folder: Path) -> list[Path]:
@@ -234,31 +230,29 @@ def keys_in(folder: Path) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_a_worker_and_its_supervisor_killed_together_leave_no_keys(tmp_path: Path) -> None:
-    """The agents remove them as they end; the next worker removes the folder, and no other's."""
-    with an_actor(tmp_path) as (worker, supervisor):
-        assert len(keys_in(tmp_path)) == 2
-        os.kill(supervisor, signal.SIGSTOP)  # so that it cannot see the worker's end
+def test_a_worker_and_its_host_killed_together_leave_no_keys(tmp_path: Path) -> None:
+    """The agents remove them as they end; the next host removes the folder, and no other's."""
+    with an_actor(tmp_path) as (worker, host):
+        os.kill(host, signal.SIGSTOP)  # so that it cannot see the worker's end
         worker.kill()
-        os.kill(supervisor, signal.SIGKILL)
+        os.kill(host, signal.SIGKILL)
         wait_until(lambda: not keys_in(tmp_path), "no more keys")
-    (left,) = tmp_path.glob(f"{PREFIX}*")
-    with an_actor(tmp_path) as (worker, _):
+    (left,) = folders_in(tmp_path)
+    with an_actor(tmp_path):
         assert not left.exists()
-        (own,) = tmp_path.glob(f"{PREFIX}*")
+        (own,) = folders_in(tmp_path)
         with an_actor(tmp_path, agents=4):
             assert own.exists()
-            assert len(keys_in(tmp_path)) == 4
 
 
 def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it refuses or says nothing; one that listens is well."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        assert asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)) == ""
-    assert "refused" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port)).lower()
+        assert asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port)) == ""
+    assert "refused" in asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port)).lower()
     monkeypatch.setattr(dask_cluster_module, "REACH_WITHIN_S", 0.0)
-    assert "no answer" in asyncio.run(dask_cluster_module._problem_to_reach("127.0.0.1", port))
+    assert "no answer" in asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port))
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload
-from tests.support.swarms import UNHURRIED, run, running, wait_until
+from tests.support.swarms import UNHURRIED, run, running, sets, wait_until
 from tests.support.tiers import first_of
 
 READER = ("operator.person.policy=none",)
@@ -46,13 +46,7 @@ ASKING = ("operator.probes.tlx=true", "operator.task.target_share=0.5", "run.dur
 
 
 def run_tables(folder: Path) -> list[Path]:
-    """The tables about a person in a run folder."""
     return [file for name in TABLES if (file := folder / f"{name}.csv").exists()]
-
-
-def flags(overrides: tuple[str, ...]) -> list[str]:
-    """The same overrides on the command line."""
-    return [word for override in overrides for word in ("--set", override)]
 
 
 def test_one_who_only_reads_does_not_touch_the_swarm() -> None:
@@ -86,7 +80,7 @@ def test_a_controller_must_accept_what_the_policy_commands() -> None:
 @pytest.mark.parametrize("overrides", first_of([SYSTEM, READER, COMMANDER]), ids=["system", "none", "threshold"])
 def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> None:
     """Digest, figures and tables of the person, byte for byte; they have a row per act."""
-    options = ("--record", "off", *flags((*overrides, *ASKING)))
+    options = ("--record", "off", *sets(*overrides, *ASKING))
     outside, alone = run(tmp_path / "run", *options), run(tmp_path / "alone", "--in-process", *options)
     tables = [{file.name: file.read_bytes() for file in run_tables(tmp_path / one)} for one in ("run", "alone")]
     assert tables[0] == tables[1]
@@ -129,7 +123,7 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
 @pytest.mark.processes
 def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) -> None:
     """What it had read, what it was doing and what it would have drawn: nothing is lost, and no digest moves."""
-    with running(tmp_path / "run", "--record", "off", *flags(COMMANDER), *UNHURRIED) as swarm:
+    with running(tmp_path / "run", "--record", "off", *sets(*COMMANDER), *UNHURRIED) as swarm:
         operator = wait_until(lambda: swarm.pids.get("operator"), "the operator")
         for steps in (30, 50):
             swarm.wait_for_steps(steps)

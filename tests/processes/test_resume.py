@@ -1,5 +1,6 @@
 """Runs that are cut off and go on from their newest checkpoint: kill -9 of everything, Ctrl-C, a world that dies."""
 
+import itertools
 import json
 import os
 import re
@@ -33,6 +34,7 @@ from tests.support.swarms import (
     is_running,
     kill,
     running,
+    sets,
     told,
     under_way,
     wait_until,
@@ -50,11 +52,10 @@ SETTINGS = (
     'fault=[{kind="kill", at_s=130, agents=[1]}, {kind="restart", at_s=110, duration_s=30, agents=[2]},'
     '{kind="sensor-noisy", at_s=150, duration_s=100, noise_m=1.0, miss=0.3, agents=[4]}]',
 )
-SETS = [part for text in SETTINGS for part in ("--set", text)]
+SETS = sets(*SETTINGS)
 
 
 def resuming(out: Path) -> AbstractContextManager[RunningSwarm]:
-    """`deltaswarm run --resume`, under way."""
     return under_way(out, *COMMAND, "run", "--resume", str(out.with_name(out.name + ".part")))
 
 
@@ -189,8 +190,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
         "            deltaswarm_agent.io.process._save = lambda *_: None\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    sets = ["control={mode='forgetful:Forgetful'}", "run.duration_s=50", "run.step_timeout_s=1"]
-    settings = [part for text in sets for part in ("--set", text)]
+    settings = sets("control={mode='forgetful:Forgetful'}", "run.duration_s=50", "run.step_timeout_s=1")
     began = time.monotonic()
     with running(tmp_path / "run", *settings, "--checkpoint", "5") as swarm:
         swarm.end_well()
@@ -250,32 +250,6 @@ def cut_off(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return swarm.part
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "manifest.json",
-        "world.csv",
-        "checkpoint/newest.json",
-        *(f"checkpoint/{{step}}/{name}" for name in ("operator.json", "agent-3.pickle", "world.pickle")),
-    ],
-)
-@pytest.mark.parametrize("is_cut", [True, False])
-def test_a_damaged_checkpoint_is_refused_in_a_line(
-    name: str, is_cut: bool, cut_off: Path, tmp_path: Path, capsys: Printed
-) -> None:
-    """It names the file that is empty or missing, and leaves all others as they are, so that the file may come back."""
-    run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
-    file = run / name.format(step=newest_in(run))
-    os.truncate(file, 0) if is_cut else file.unlink()
-    before = sorted(path.name for path in run.rglob("*"))
-    capsys.readouterr()
-    assert main(["run", "--resume", str(run)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    if is_cut or name != "checkpoint/newest.json":
-        assert str(file) in line
-    assert sorted(path.name for path in run.rglob("*")) == before
-
-
 def flip(data: bytes) -> bytes:
     middle = len(data) // 2
     return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
@@ -287,10 +261,22 @@ def another_digit(data: bytes) -> bytes:
     return b"\n".join([head, second.translate(bytes.maketrans(b"0123456789", b"1234567890")), rest])
 
 
+def empty(data: bytes) -> bytes:
+    return b""
+
+
+def gone(data: bytes) -> None:
+    return None
+
+
+CHECKPOINT = [f"checkpoint/{{step}}/{name}" for name in ("operator.json", "agent-3.pickle", "world.pickle")]
+
+
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        *((f"checkpoint/{{step}}/{name}", flip) for name in ("operator.json", "agent-3.pickle", "world.pickle")),
+        *itertools.product(["manifest.json", "world.csv", "checkpoint/newest.json", *CHECKPOINT], [empty, gone]),
+        *itertools.product(CHECKPOINT, [flip]),
         ("checkpoint/newest.json", lambda data: data.replace(b'"restarts": []', b'"restarts": [[3, 1]]')),
         ("world.csv", another_digit),
         ("operator.csv", another_digit),
@@ -299,19 +285,24 @@ def another_digit(data: bytes) -> bytes:
         ("scenario.toml", lambda data: data.replace(b"step_timeout_s = 5", b"step_timeout_s = 6")),
     ],
 )
-def test_a_run_with_a_changed_input_is_refused(
-    name: str, change: Callable[[bytes], bytes], cut_off: Path, tmp_path: Path, capsys: Printed
+def test_a_damaged_or_changed_input_is_refused_in_a_line(
+    name: str, change: Callable[[bytes], bytes | None], cut_off: Path, tmp_path: Path, capsys: Printed
 ) -> None:
-    """It could be read all the same, and the run would go on as another one, or with other figures."""
+    """It names the file, though some could be read all the same, and leaves all others: the file may come back."""
     run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
     file = run / name.format(step=newest_in(run))
     before = file.read_bytes()
-    file.write_bytes(change(before))
-    assert file.read_bytes() != before
+    if (changed := change(before)) is None:
+        file.unlink()
+    else:
+        file.write_bytes(changed)
+    assert changed != before
+    names = sorted(path.name for path in run.rglob("*"))
     capsys.readouterr()
     assert main(["run", "--resume", str(run)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert str(file) in line
+    assert str(file) in line or (change, name) == (gone, "checkpoint/newest.json")
+    assert sorted(path.name for path in run.rglob("*")) == names
 
 
 def test_an_agent_that_only_says_that_it_is_saved_completes_no_checkpoint(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, run, running, wait_until
-from tests.support.tiers import first_of
+from tests.support.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, run, running, sets, wait_until
+from tests.support.tiers import first_of, nightly
 
 pytestmark = pytest.mark.processes
 
@@ -32,14 +32,27 @@ def test_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> 
     assert {summary["waiting_time_s"]["mean"] for summary in (quiet, inside)} == {quiet["waiting_time_s"]["mean"]}
 
 
-@pytest.mark.parametrize("mode", first_of(["hierarchical", "decentralised"]))
-def test_every_mode_has_the_same_digest_with_and_without_processes(tmp_path: Path, mode: str) -> None:
-    """Also with loss on the air, which draws from the radio's own generator."""
-    options = ["--set", f"control.mode={mode}", "--set", "radio.loss=0.2", "--set", "run.duration_s=200"]
-    outside = run(tmp_path / "outside", *options)
-    inside = run(tmp_path / "inside", "--in-process", *options)
+BUSY = ("events.rate_hz=0.3", "run.duration_s=300")
+"""Trees form, and agents are sent about."""
+SAME = {
+    "hierarchical": ("control.mode=hierarchical", "radio.loss=0.2", "run.duration_s=200"),
+    "central": ("control.mode=central", "radio.range_m=150", *BUSY),
+    "collisions": ("world.dynamics=physics", "world.radius_m=0.5", "world.avoidance=none", "run.duration_s=60"),
+    "decentralised": ("control.mode=decentralised", "radio.loss=0.2", "run.duration_s=200"),
+    "adaptive": ("control.mode=adaptive", *BUSY),
+}
+
+
+@pytest.mark.parametrize("name", [*SAME][:3] + nightly(*[*SAME][3:]))
+def test_settings_have_the_same_digest_with_and_without_processes(tmp_path: Path, name: str) -> None:
+    """Each mode, also with loss on the air, and robots that feel what they bump into."""
+    options = ["--record", "off", *sets(*SAME[name])]
+    outside, inside = run(tmp_path / "outside", *options), run(tmp_path / "inside", "--in-process", *options)
+    assert outside["valid"]
     assert outside["digest"] == inside["digest"]
-    assert outside["frames_dropped"]["loss"] > 0
+    assert outside.get("bodies") == inside.get("bodies")
+    assert outside["frames_dropped"]["loss"] > 0 or "radio.loss=0.2" not in SAME[name]
+    assert name != "collisions" or outside["bodies"]["bumped_share"] > 0.0
 
 
 def test_a_run_is_valid_and_leaves_no_process(tmp_path: Path) -> None:
@@ -129,23 +142,6 @@ def test_the_users_environment_changes_nothing(
     outside = run(tmp_path / "outside", "--set", "run.duration_s=20", "--record", "off")
     assert outside["valid"]
     assert outside["digest"] == inside["digest"]
-
-
-def test_robots_that_collide_have_the_same_digest_with_and_without_processes(tmp_path: Path) -> None:
-    """And agents in processes feel what they bump into as agents in one process do."""
-    given = {"dynamics": "physics", "radius_m": "0.5", "avoidance": "none"}
-    more = [
-        "--set",
-        "run.duration_s=60",
-        *(word for key, value in given.items() for word in ("--set", f"world.{key}={value}")),
-    ]
-    inside, outside = (
-        run(tmp_path / name, *how, *more) for name, how in (("inside", ["--in-process"]), ("outside", []))
-    )
-    assert outside["valid"]
-    assert outside["digest"] == inside["digest"]
-    assert outside["bodies"] == inside["bodies"]
-    assert outside["bodies"]["bumped_share"] > 0.0
 
 
 SHELL = ["ulimit -Sn 64", "umask 077", "trap '' CHLD", "exec >&- 2>&- <&-"]

@@ -24,7 +24,16 @@ from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support import persons, swarms
 from tests.support.branching import branched, summary_of
 from tests.support.persons import CONSENT, Person
-from tests.support.swarms import BOUND_S, SMOKE_PROCESSES, UNHURRIED, RunningSwarm, is_running, running, wait_until
+from tests.support.swarms import (
+    BOUND_S,
+    SMOKE_PROCESSES,
+    UNHURRIED,
+    RunningSwarm,
+    is_running,
+    running,
+    sets,
+    wait_until,
+)
 
 pytestmark = pytest.mark.processes
 
@@ -43,13 +52,8 @@ FAULTS = 'fault=[{kind="freeze", at_s=60, duration_s=40, agents=[2]}, {kind="kil
 DOWNLINK = ("downlink.loss=0.3", "downlink.latency_s=1.5", "downlink.jitter_s=2", "radio.loss=0.2")
 
 
-def sets(*pairs: str) -> list[str]:
-    return [word for pair in pairs for word in ("--set", pair)]
-
-
 @contextmanager
 def at_the_station(out: Path, *arguments: str) -> Iterator[tuple[RunningSwarm, Person]]:
-    """A run with a person in front of it."""
     with running(out, "--station", *arguments) as swarm, Person(swarm) as person:
         yield swarm, person
 
@@ -65,31 +69,17 @@ def commands_of(run: Path) -> list[dict[str, Any]]:
 
 def a_command(rng: Random) -> dict[str, Any]:
     """One that the paper's controller accepts."""
-    x_m, y_m = rng.uniform(0, 40), rng.uniform(0, 40)
-    target: dict[str, Any] = rng.choice(
-        [
-            {"kind": "all"},
-            {"kind": "circle", "x_m": x_m, "y_m": y_m, "radius_m": rng.randint(1, 30)},
-            {"kind": "tree", "root": rng.randrange(6)},
-            {"kind": "agent", "agent": rng.randrange(6)},
-        ]
-    )
-    match rng.choice(["set delta", "hold", "resume", "recall", "attend"]):
-        case "set delta":
-            return {"name": "set delta", "arguments": {"delta": rng.randint(1, 4)}, **target}
-        case "hold":
-            return {"name": "hold", "arguments": {"for_s": rng.choice([5, 12.5, 60])}, **target}
-        case "recall":
-            return {
-                "name": "recall",
-                "kind": "tree",
-                "root": rng.randrange(6),
-                "arguments": {"pause_s": rng.uniform(0, 60)},
-            }
-        case "attend":
-            return {"name": "attend", "kind": "place", "x_m": x_m, "y_m": y_m, "arguments": {"within_m": 40}}
-        case _:
-            return {"name": "resume", **target}
+    place = {"x_m": rng.uniform(0, 40), "y_m": rng.uniform(0, 40)}
+    tree, agent = {"kind": "tree", "root": rng.randrange(6)}, {"kind": "agent", "agent": rng.randrange(6)}
+    target = rng.choice([{"kind": "all"}, {"kind": "circle", **place, "radius_m": rng.randint(1, 30)}, tree, agent])
+    commands: list[dict[str, Any]] = [
+        {"name": "set delta", "arguments": {"delta": rng.randint(1, 4)}, **target},
+        {"name": "hold", "arguments": {"for_s": rng.choice([5, 12.5, 60])}, **target},
+        {"name": "recall", "arguments": {"pause_s": rng.uniform(0, 60)}, **tree},
+        {"name": "attend", "arguments": {"within_m": 40}, "kind": "place", **place},
+        {"name": "resume", **target},
+    ]
+    return rng.choice(commands)
 
 
 def test_scripted_commands_give_one_digest(tmp_path: Path) -> None:

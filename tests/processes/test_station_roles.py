@@ -9,13 +9,9 @@ import pytest
 from deltaswarm_orchestrator.base.exits import INTERRUPTED
 from tests.support import swarms
 from tests.support.persons import CONSENT, Person
-from tests.support.swarms import PATIENCE_S, running
+from tests.support.swarms import PATIENCE_S, running, sets
 
 pytestmark = pytest.mark.processes
-
-
-def sets(*pairs: str) -> list[str]:
-    return [word for pair in pairs for word in ("--set", pair)]
 
 
 def test_the_conductor_sees_both_and_the_participant_never_sees_the_truth(tmp_path: Path) -> None:

@@ -1,14 +1,12 @@
 """Training is repeated until its criterion is reached, by real processes; a cut between two trainings loses nothing."""
 
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.processes.test_asking_again import SCALES, Browser, table
-from tests.support.persons import headless
-from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
+from tests.processes.test_asking_again import SCALES, Browser, a_session, end_well, table
+from tests.support.swarms import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -45,7 +43,6 @@ class Relaxed(Browser):
 
     @staticmethod
     def answer(probe: dict[str, Any], condition: str) -> dict[str, Any]:
-        """What this person says."""
         said = Browser.answer(probe, condition)
         return said | {"scales": dict.fromkeys(SCALES, 0)} if probe["kind"] == "tlx" else said
 
@@ -55,39 +52,25 @@ def test_training_is_repeated_until_it_is_easy(tmp_path: Path) -> None:
     """The first is not; the second is cut off before it begins, and done again when the session goes on."""
     (tmp_path / "study.toml").write_text(FILE)
     folder = tmp_path / "sessions" / "study" / "participant-001"
-    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
-    options: dict[str, Any] = {"cwd": tmp_path, "env": headless(), "stderr": subprocess.PIPE, "text": True}
 
     def page_of(run: str) -> Path:
         return folder / f"{run}.part" / "station.json"
 
-    with subprocess.Popen(command, **options) as session:
-        try:
-            first = Browser(page_of("0-training"), tlx=True, condition="0 training")
-            wait_until(page_of("0-training-2").exists, "the second training")
-            session.terminate()
-            assert session.wait(PATIENCE_S) == 130
-        finally:
-            session.kill()
+    with a_session(tmp_path) as session:
+        first = Browser(page_of("0-training"), tlx=True, condition="0 training")
+        wait_until(page_of("0-training-2").exists, "the second training")
+        session.terminate()
+        assert session.wait(PATIENCE_S) == 130
     assert sorted(first.asked) == ["form", "sheet", "tlx"]
     assert table(tmp_path, "participants")[0]["training_outcome"] == "open"
-    with subprocess.Popen(command, **options) as session:
-        try:
-            again = Relaxed(page_of("0-training-3"), tlx=True, condition="0 training")
-            last = Browser(page_of("1-A"), tlx=False, condition="1 A")
-            assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
-        finally:
-            session.kill()
+    with a_session(tmp_path) as session:
+        again = Relaxed(page_of("0-training-3"), tlx=True, condition="0 training")
+        last = Browser(page_of("1-A"), tlx=False, condition="1 A")
+        end_well(session)
     assert (again.asked, last.asked) == (["sheet", "tlx"], ["sheet"])
     [participant] = table(tmp_path, "participants")
-    assert (participant["training_runs"], participant["training_outcome"], participant["complete"]) == (
-        "2",
-        "reached",
-        "2",
-    )
-    runs = [
-        (run["run"], run["position"], run["training_value"])
-        for run in table(tmp_path, "runs")
-        if run["complete"] == "1"
-    ]
+    columns = ("training_runs", "training_outcome", "complete")
+    assert [participant[column] for column in columns] == ["2", "reached", "2"]
+    complete = [run for run in table(tmp_path, "runs") if run["complete"] == "1"]
+    runs = [(run["run"], run["position"], run["training_value"]) for run in complete]
     assert runs == [("0-training", "0", "30.0"), ("0-training-3", "0", "0.0"), ("1-A", "1", "")]

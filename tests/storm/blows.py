@@ -1,19 +1,14 @@
 """One blow per run, at a random time to a random part, and a judge that knows which cause must be told first."""
 
 import json
-import os
 import re
 import signal
-import subprocess
-import time
-from contextlib import suppress
 from pathlib import Path
 from random import Random
 
 from deltaswarm_orchestrator.base.exits import INTERRUPTED
-from tests.storm.storm import AGENTS, AT_MOST_S, FORK_SERVER, ORCHESTRATOR, Blow, Seen, left
-from tests.support.swarms import COMMAND, UNHURRIED, is_running, kill, parent_of
-from tests.support.sweeping import MARK, marked
+from tests.storm.storm import AGENTS, FORK_SERVER, ORCHESTRATOR, QUIET, Blow, Seen, strike
+from tests.support.swarms import UNHURRIED, sets
 
 ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT)
 """Signals that end a part, some of which it may heed."""
@@ -41,58 +36,10 @@ def draw(rng: Random) -> Blow:
 
 def play_and_judge(folder: Path, rng: Random) -> tuple[Seen, list[str]]:
     """Play a run below `folder` with one blow; return what does not hold, one line each."""
-    blow, seen = draw(rng), Seen("one blow", [])
-    temporary = folder / "tmp"
-    temporary.mkdir(parents=True)
-    sets = [part for one in SETS for part in ("--set", one)]
-    began = time.monotonic()
-    process = subprocess.Popen(
-        [*COMMAND, "run", "smoke", "--out", str(folder / "run"), *sets, *UNHURRIED],
-        env={**os.environ, MARK: str(folder), "TMPDIR": str(temporary)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
-    with suppress(subprocess.TimeoutExpired):
-        process.wait(blow.at_s)
-    pid = None
-    while process.poll() is None and pid is None:
-        pid = _find(folder / "run.part", process.pid, blow.target)
-        time.sleep(0.002)
-    if pid is not None and is_running(pid):
-        with suppress(ProcessLookupError):
-            os.kill(pid, blow.number)
-            seen.landed.append(blow)
-    if blow.goes_on_at_s is not None and pid is not None:
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(blow.goes_on_at_s - blow.at_s)
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGCONT)
-    with suppress(subprocess.TimeoutExpired):
-        seen.printed, seen.code = process.communicate(timeout=AT_MOST_S)[0], process.returncode
-    seen.wall_s = time.monotonic() - began
-    seen.left = left(str(folder), temporary)
-    process.kill()
-    kill(marked(str(folder), trackers=True))
+    blow = draw(rng)
+    seen = Seen("one blow", [blow])
+    strike(folder, seen, [*sets(*SETS), *UNHURRIED], QUIET, waits=True)
     return seen, _judge(folder, seen, blow)
-
-
-def _find(part: Path, orchestrator: int, target: str) -> int | None:
-    """The newest process of a part, which has its log for standard error; None if there is none yet."""
-    if target == ORCHESTRATOR:
-        return orchestrator
-    name = "world" if target == FORK_SERVER else target
-    log = str(part / "logs" / f"{name.replace(' ', '-') if ' ' in name else f'{name}-0'}.log")
-    for process in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if os.readlink(process / "fd" / "2") == log:
-                pid = int(process.name)
-                if target != FORK_SERVER:
-                    return pid
-                parent = parent_of(pid)
-                return parent if parent not in (orchestrator, 1) else None
-    return None
 
 
 def _judge(folder: Path, seen: Seen, blow: Blow) -> list[str]:

@@ -1,11 +1,10 @@
-"""`python -m tests.storm.commands --runs 100 --seed 1`: commands that work on folders, disturbed, and judged.
+"""Commands that work on folders, disturbed, and judged: `python -m tests.storm --commands`.
 
 Each storm takes one of `sweep`, `value`, `branch` and `session`, and kills it at a random moment, edits a file that
 decides its runs, leaves it no room on the disk, or gives it twice at once. Then it is given again, in peace. What must
 hold: no traceback, no process left, a result equal to that of an undisturbed command, and no lost withdrawal.
 """
 
-import argparse
 import contextlib
 import csv
 import io
@@ -14,7 +13,6 @@ import os
 import shutil
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -78,7 +76,6 @@ class Ground:
 
     @property
     def module(self) -> Path:
-        """The file of the controller."""
         return self.folder / "storm_walker.py"
 
 
@@ -112,7 +109,6 @@ def _a_run(folder: Path) -> Path:
 
 
 def value(folder: Path, random: Random) -> Ground:
-    """Prepare a run whose orders are evaluated."""
     run = _a_run(folder)
     jobs = str(random.choice([1, 2]))
 
@@ -123,7 +119,6 @@ def value(folder: Path, random: Random) -> Ground:
 
 
 def branch(folder: Path, random: Random) -> Ground:
-    """Prepare a run that is branched."""
     run, at_s = _a_run(folder), random.choice(["30", "77", "89"])
 
     def result(ground: Ground) -> Any:
@@ -156,8 +151,9 @@ def session(folder: Path, random: Random) -> Ground:
 COMMANDS = (sweep, value, branch, session)
 
 
-def storm(folder: Path, random: Random) -> tuple[str, list[str]]:
+def play_and_judge(below: Path, random: Random) -> tuple[str, list[str]]:
     """Strike a command, give it again, and judge; return what was done, and what did not hold."""
+    (folder := below / "here").mkdir()
     ground = random.choice(COMMANDS)(folder, random)
     ground.module.write_text(WALKER + RIGHT)
     blow = random.choice(BLOWS if ground.command[0] == "sweep" else (KILL, FULL, TWICE))
@@ -223,25 +219,3 @@ def _struck(ground: Ground, blow: str, at_s: float, random: Random) -> list[str]
 
 def _of_output(printed: str) -> list[str]:
     return ["a traceback"] if "Traceback (most recent call last)" in printed else []
-
-
-def main() -> int:
-    """Play and judge; print a line per storm."""
-    parser = argparse.ArgumentParser(prog="python -m tests.storm.commands", description=__doc__)
-    parser.add_argument("--runs", type=int, default=100, metavar="N", help="how many (default: 100)")
-    parser.add_argument("--seed", type=int, default=1, help="all blows come from it (default: 1)")
-    parser.add_argument("--first", type=int, default=0, metavar="N", help="begin with this one (default: 0)")
-    arguments = parser.parse_args()
-    bad = 0
-    for number in range(arguments.first, arguments.first + arguments.runs):
-        with tempfile.TemporaryDirectory(prefix="storm-") as name:
-            (folder := Path(name) / "here").mkdir()
-            told, wrong = storm(folder, Random(f"{arguments.seed}/{number}"))
-        print(f"{number:4}  {told}  {'; '.join(wrong) or 'holds'}", flush=True)
-        bad += bool(wrong)
-    print(f"{arguments.runs} storms, {bad} in which something did not hold")
-    return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from random import Random
 from typing import NamedTuple
 
 from deltaswarm_wire import checkpoint
-from tests.support.swarms import COMMAND, UNHURRIED, is_running, kill, parent_of
+from tests.support.swarms import COMMAND, UNHURRIED, is_running, kill, parent_of, sets
 from tests.support.sweeping import MARK, marked
 
 AGENTS = 6
@@ -43,8 +43,9 @@ class Surroundings(NamedTuple):
     shell: str = ":"
 
 
+QUIET = Surroundings({})
 SURROUNDINGS = {
-    "": Surroundings({}),
+    "": QUIET,
     "logs": Surroundings({"RUST_LOG": "trace"}),
     "ascii": Surroundings({"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}),
     "few files": Surroundings({}, "ulimit -Sn 64"),
@@ -78,8 +79,11 @@ class Seen:
     left: list[str] = field(default_factory=list)
     """Processes and files that are still there."""
 
+    def __str__(self) -> str:
+        struck = ", ".join(f"{blow.number.name[3:]} {blow.target} {blow.at_s:.1f}" for blow in self.landed)
+        return f"{self.wall_s:6.1f} s  {self.kind:22}  code {self.code}  [{struck}]"
+
     def landed_on(self, target: str, *numbers: signal.Signals) -> bool:
-        """Whether one of these signals reached a part."""
         return any(blow.target == target and blow.number in numbers for blow in self.landed)
 
 
@@ -99,47 +103,54 @@ def draw(rng: Random, options: Sequence[str] = ()) -> list[Blow]:
 
 
 def play(folder: Path, rng: Random) -> Seen:
-    """A whole run below `folder` in a storm."""
-    out, temporary = folder / "run", folder / "tmp"
-    temporary.mkdir(parents=True)
-    mark = str(folder)
     is_swift = rng.random() < 0.5
-    sets = [f"run.duration_s={rng.randint(300, 1500) if is_swift else rng.randint(60, 300)}"]
-    sets += [f"record={rng.choice(['off', 'views', 'wire'])}"]
-    sets += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
+    given = [f"run.duration_s={rng.randint(300, 1500) if is_swift else rng.randint(60, 300)}"]
+    given += [f"record={rng.choice(['off', 'views', 'wire'])}"]
+    given += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
     options = rng.choice(KINDS)
-    sets += PERSON if STATION not in options and rng.random() < 0.5 else ()
+    given += PERSON if STATION not in options and rng.random() < 0.5 else ()
     around = rng.choice([*SURROUNDINGS])
-    command = [*COMMAND, "run", "smoke", "--out", str(out), *options, *(() if is_swift else UNHURRIED)]
     seen = Seen(" ".join([*options[:1], around]).strip(), draw(rng, options))
+    strike(folder, seen, [*options, *(() if is_swift else UNHURRIED), *sets(*given)], SURROUNDINGS[around])
+    return seen
+
+
+def strike(folder: Path, seen: Seen, options: Sequence[str], around: Surroundings, *, waits: bool = False) -> None:
+    """Do a run below `folder`, strike it, and note what becomes of it.
+
+    With `waits`, a part that is not there yet is struck as soon as it is.
+    """
+    (temporary := folder / "tmp").mkdir(parents=True)
+    command = [*COMMAND, "run", "smoke", "--out", str(folder / "run"), *options]
     began = time.monotonic()
     process = subprocess.Popen(
-        [
-            *("bash", "-c", f'{SURROUNDINGS[around].shell}; exec "$@"', "bash"),
-            *(*command, *(text for one in sets for text in ("--set", one))),
-        ],
-        env={**os.environ, **SURROUNDINGS[around].variables, MARK: mark, "TMPDIR": str(temporary)},
+        ["bash", "-c", f'{around.shell}; exec "$@"', "bash", *command],
+        env={**os.environ, **around.variables, MARK: str(folder), "TMPDIR": str(temporary)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
     )
-    find = _finder(process.pid, out.with_name("run.part") / "logs" / "pids.json")
-    for at_s, act in sorted(_acts(seen, find), key=lambda one: one[0]):
+    acts = [(blow.at_s, blow, blow.number) for blow in seen.blows]
+    acts += [(blow.goes_on_at_s, blow, signal.SIGCONT) for blow in seen.blows if blow.goes_on_at_s is not None]
+    delay_s = 0.0
+    for at_s, blow, number in sorted(acts):
         with suppress(subprocess.TimeoutExpired):
-            process.wait(max(0.0, began + at_s - time.monotonic()))
-        if process.poll() is None:
-            act()
-    try:
-        seen.printed = process.communicate(timeout=AT_MOST_S)[0]
-        seen.code = process.returncode
-    except subprocess.TimeoutExpired:
-        pass
+            process.wait(max(0.0, began + at_s + delay_s - time.monotonic()))
+        pid = _find(folder / "run.part", process.pid, blow.target)
+        while waits and pid is None and process.poll() is None:
+            time.sleep(0.002)
+            pid, delay_s = _find(folder / "run.part", process.pid, blow.target), time.monotonic() - began - at_s
+        if process.poll() is None and pid is not None and is_running(pid):
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
+                seen.landed += [blow] if number == blow.number else []
+    with suppress(subprocess.TimeoutExpired):
+        seen.printed, seen.code = process.communicate(timeout=AT_MOST_S)[0], process.returncode
     seen.wall_s = time.monotonic() - began
-    seen.left = left(mark, temporary)
+    seen.left = left(str(folder), temporary)
     process.kill()
-    kill(marked(mark, trackers=True))
-    return seen
+    kill(marked(str(folder), trackers=True))
 
 
 def can_be_resumed(folder: Path) -> Path | None:
@@ -148,11 +159,7 @@ def can_be_resumed(folder: Path) -> Path | None:
 
 
 def resume(run: Path) -> subprocess.CompletedProcess[str]:
-    """Resume a run from its newest checkpoint, without a storm.
-
-    Raises:
-        subprocess.TimeoutExpired: the resumed run does not end in time.
-    """
+    """Resume a run from its newest checkpoint, without a storm."""
     command = [*COMMAND, "run", "--resume", str(run)]
     return subprocess.run(command, capture_output=True, text=True, timeout=AT_MOST_S, check=False)
 
@@ -170,51 +177,25 @@ def edit(run: Path, rng: Random) -> tuple[Path, bytes]:
     return file, before
 
 
-def _acts(seen: Seen, find: Callable[[str], int | None]) -> list[tuple[float, Callable[[], None]]]:
-    """What is to be done, by time after the launch [s]."""
-
-    def strike(blow: Blow) -> None:
-        pid = find(blow.target)
-        if pid is not None and is_running(pid):
-            with suppress(ProcessLookupError):
-                os.kill(pid, blow.number)
-                seen.landed.append(blow)
-
-    def relieve(blow: Blow) -> None:
-        pid = find(blow.target)
-        if pid is not None:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGCONT)
-
-    acts: list[tuple[float, Callable[[], None]]] = []
-    for blow in seen.blows:
-        acts.append((blow.at_s, lambda blow=blow: strike(blow)))  # type: ignore[misc]
-        if blow.goes_on_at_s is not None:
-            acts.append((blow.goes_on_at_s, lambda blow=blow: relieve(blow)))  # type: ignore[misc]
-    return acts
-
-
-def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
-    """The process of a part, by its name, if it is known by now."""
-
-    def find(target: str) -> int | None:
-        if target == ORCHESTRATOR:
-            return orchestrator
-        try:
-            known = json.loads(pids.read_text())
-            if target != FORK_SERVER:
-                return int(known[target])
-            parent = parent_of(known["world"])
-        except (OSError, ValueError, KeyError):
-            return None
-        # What a fork server leaves behind is adopted by the orchestrator, or by the system's first process.
-        return parent if parent not in (orchestrator, 1) else None
-
-    return find
+def _find(part: Path, orchestrator: int, target: str) -> int | None:
+    """The process of a part, which has its log for standard error; None if there is none yet."""
+    if target == ORCHESTRATOR:
+        return orchestrator
+    name = "world" if target == FORK_SERVER else target
+    log = str(part / "logs" / f"{name.replace(' ', '-') if ' ' in name else f'{name}-0'}.log")
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if os.readlink(process / "fd" / "2") == log:
+                pid = int(process.name)
+                if target != FORK_SERVER:
+                    return pid
+                # What a fork server leaves behind is adopted by the orchestrator, or by the system's first process.
+                parent = parent_of(pid)
+                return parent if parent not in (orchestrator, 1) else None
+    return None
 
 
 def left(mark: str, temporary: Path) -> list[str]:
-    """What is still there after a while."""
     deadline = time.monotonic() + GONE_WITHIN_S
     while time.monotonic() < deadline and (marked(mark, trackers=True) or any(temporary.iterdir())):
         time.sleep(0.05)

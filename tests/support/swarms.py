@@ -33,6 +33,11 @@ BOUND_S = 60.0
 """Far above what an ending may take (start_timeout_s or step_timeout_s, and ten seconds) on a machine of its own."""
 
 
+def sets(*pairs: str) -> list[str]:
+    """Options that set these keys."""
+    return [word for pair in pairs for word in ("--set", pair)]
+
+
 def wait_until(condition: Callable[[], Any], what: str, within_s: float = PATIENCE_S) -> Any:
     """The condition's first true value; fails loudly when time is up."""
     deadline = time.monotonic() + within_s

@@ -5,7 +5,7 @@ import json
 from typing import Any, Protocol
 
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.processes.engines import LOCAL
+from deltaswarm_orchestrator.processes.elsewhere import LOCAL
 from deltaswarm_wire.extras import missing
 
 A_RUN = "the folder of a run"

@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     host_and_port,
     show,
 )
-from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
+from deltaswarm_orchestrator.processes.elsewhere import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, number, override, whole

@@ -51,16 +51,7 @@ def check_installed() -> None:
 
 
 class FoxgloveServer(RateLimited):
-    """A `Viewer` to which any number of Foxglove windows can connect and disconnect.
-
-    Args:
-        name: name shown by the viewer.
-        port: port to listen on, on loopback; 0 for any free port.
-        say: takes a line for the user.
-
-    Raises:
-        LiveError: foxglove-sdk is missing, or the port is taken.
-    """
+    """A `Viewer` on loopback to which any number of Foxglove windows can connect; port 0: any free one."""
 
     def __init__(self, name: str, port: int, say: Callable[[str], None]) -> None:
         check_installed()
@@ -93,7 +84,6 @@ class FoxgloveServer(RateLimited):
 
     @property
     def url(self) -> str:
-        """The URL to open in a viewer."""
         return f"ws://{HOST}:{self._port}"
 
     def __enter__(self) -> Self:
@@ -146,8 +136,6 @@ def _cut_off(port: int) -> None:
 
 def _listener(base: Any, subscribed: Callable[[], None]) -> Any:
     class Listener(base):  # type: ignore[misc]
-        """Called by the server's thread."""
-
         def on_subscribe(self, client: object, channel: object) -> None:
             """Have the newest message of every topic sent again, however old, for a new subscriber."""
             subscribed()
@@ -164,7 +152,6 @@ class _Refusals(logging.Handler):
         self._has_reported = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take one line of the server's log."""
         if "handshake failed" in record.getMessage() and not self._has_reported:
             self._has_reported = True
             self._say(REFUSED)

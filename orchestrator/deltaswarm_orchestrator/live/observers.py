@@ -57,12 +57,7 @@ class NamedObserver(LiveObserver, AbstractContextManager["NamedObserver"], Proto
 
 
 class Guarded:
-    """Lets an observer that raises look no more: whom a run is shown to does not change the run.
-
-    Args:
-        observer: the observer, which is entered and left.
-        say: takes the error and its traceback.
-    """
+    """Drops an observer that raises, because observers must not change a run."""
 
     def __init__(self, observer: "NamedObserver", say: Callable[[str], None]) -> None:
         self._name = f"{type(observer).__module__}:{type(observer).__qualname__}"
@@ -83,7 +78,6 @@ class Guarded:
         self._try(lambda: self._observer.__exit__(*error))
 
     def look(self, seen: Seen) -> None:
-        """Look at the run."""
         self._try(lambda: self._observer.look(seen))
 
     def _try(self, call: Callable[[], object]) -> None:
@@ -125,7 +119,6 @@ class Tap(Seen):
         self.log, self.radio, self.report_bytes, self.save = sink.log, sink.radio, sink.report_bytes, sink.save
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """Take a closed step."""
         self.newest_truth = truth
         self._sink.step(truth, reports)
 

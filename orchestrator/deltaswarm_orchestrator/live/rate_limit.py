@@ -26,12 +26,7 @@ Send = Callable[[str, float, bytes], None]
 
 
 class RateLimited:
-    """A `Viewer` that sends messages at most every `SHOW_EVERY_S` of wall time.
-
-    Args:
-        send: is given each message that is shown.
-        wall: a wall clock [s].
-    """
+    """A `Viewer` that sends messages at most every `SHOW_EVERY_S` by the clock `wall` [s]."""
 
     def __init__(self, send: Send, wall: Callable[[], float] = time.monotonic) -> None:
         self.time_s = 0.0
@@ -47,7 +42,6 @@ class RateLimited:
         self._shows_all = False
 
     def put(self, topic: str, time_s: float, data: bytes) -> None:
-        """Take one message, at a simulated time [s]."""
         self.time_s = max(self.time_s, time_s)
         if topic in NEVER_DROPPED:
             self._waiting.append((topic, time_s, data))
@@ -64,7 +58,6 @@ class RateLimited:
         self._shows_all = True
 
     def tick(self) -> None:
-        """Send what is due."""
         now_s = self._wall()
         if now_s < self._due_s:
             return
@@ -86,13 +79,7 @@ class RateLimited:
 
 
 class ViewersOnly:
-    """The `Sink` of a run that is shown but not recorded; views are made only when they are due.
-
-    Args:
-        scenario: the run's scenario.
-        viewer: is given the run's messages.
-        wall: a wall clock [s].
-    """
+    """The `Sink` of a run that is shown but not recorded; views are made only when they are due."""
 
     def __init__(self, scenario: Scenario, viewer: RateLimited, wall: Callable[[], float] = time.monotonic) -> None:
         self._wall = wall
@@ -101,7 +88,6 @@ class ViewersOnly:
         self._viewer = viewer
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """Take one closed step."""
         for topic, data in self._transcriber.events(truth.events):
             self._viewer.put(topic, truth.time_s, data)
         self._viewer.later(truth.time_s, lambda: self._messages(truth, reports))
@@ -112,12 +98,10 @@ class ViewersOnly:
         yield from self._transcriber.views(truth)
 
     def workload(self, workload: Workload) -> None:
-        """Take what the operator counted in one step."""
         self._viewer.put("/operator/workload", workload.time_s, workload_message(workload))
         self._viewer.tick()
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
-        """Take a log line, at a simulated time [s]."""
         self._viewer.put("/log", time_s, log_message(level, name, text, time_s))
 
     def radio(self, step: int, agent: int, data: bytes) -> None:

@@ -116,7 +116,6 @@ class ViewStream:
         self._greeting = greeting
 
     def show(self, shown: bytes) -> None:
-        """Send a picture, or drop it."""
         if self._greeting is not None:
             if not self.send(self._greeting):
                 return
@@ -146,7 +145,6 @@ class ViewStream:
         return data or None
 
     def hang_up(self) -> None:
-        """Close the connection; the other end notices."""
         self.is_closed = True
         self._end.close()
 

@@ -32,13 +32,7 @@ class Boards:
     folder: Path
 
     def check(self, scenario: Scenario) -> None:
-        """Check that a scenario can be run with these boards.
-
-        Raises:
-            SettingsError: an agent does not exist, the address is not one that boards can connect to, or a fault
-                signals processes.
-            CommandError: the folder cannot be made or written.
-        """
+        """Check that a scenario can be run with these boards."""
         problems = []
         if self.agents[-1] >= scenario.agents.count:
             allowed = f"must be 0 to {scenario.agents.count - 1} (agents.count)"
@@ -54,11 +48,7 @@ class Boards:
         check_out(self.folder, "--boards-folder")
 
     def prepare(self, scenario: Scenario) -> None:
-        """Make the folder and, if the world is reached over TLS, missing certificates.
-
-        Raises:
-            SettingsError: as `check`, or the folder cannot be made.
-        """
+        """Make the folder and, if the world is reached over TLS, missing certificates."""
         self.check(scenario)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -87,7 +77,6 @@ class Boards:
 
     @property
     def tls(self) -> Tls | None:
-        """The world's certificate; None without TLS."""
         folder = authority_folder(self.folder)
         files = [str(folder / name) for name in ("ca.pem", f"{WORLD}.pem", f"{WORLD}.key")]
         return Tls(*files) if self._is_over_tls else None
@@ -119,7 +108,7 @@ class Boards:
 
 
 def authority_folder(boards: Path) -> Path:
-    """Return the folder of the keys that no board is given: beside the boards' folder, so that it is not copied along.
+    """Return the folder of keys that no board gets; it lies beside the boards' folder, so it is not copied with it.
 
     Raises:
         ValueError: the boards' folder is the root of the file system.
@@ -146,7 +135,6 @@ def is_any(host: str) -> bool:
 
 
 def commands(files: Sequence[Path]) -> str:
-    """Describe how to start the boards, for people."""
     lines = [f"    deltaswarm-agent board {file.name}" for file in files]
     where = files[0].parent
     if (authority := authority_folder(where)).exists():

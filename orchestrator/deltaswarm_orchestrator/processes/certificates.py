@@ -47,7 +47,6 @@ class Authority:
 
     @classmethod
     def create(cls, days: int) -> "Authority":
-        """Create an authority that is valid for this many days."""
         key = ec.generate_private_key(ec.SECP256R1())
         name = _name("deltaswarm CA")
         signing = x509.KeyUsage(**{usage: usage in ("key_cert_sign", "crl_sign") for usage in KEY_USAGES})
@@ -60,12 +59,7 @@ class Authority:
 
     @classmethod
     def load(cls, folder: Path) -> "Authority":
-        """Load the authority from a folder that `make` filled before.
-
-        Raises:
-            ValueError: the files hold no certificate with a matching key, or others may read the key.
-            OSError: the files cannot be read.
-        """
+        """Load the authority from a folder that `make` filled before."""
         certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
         if problem := secret_problem(folder / "ca.key"):
             raise ValueError(f"{folder / 'ca.key'} {problem}")
@@ -147,19 +141,16 @@ def revoke(folder: Path, users: Iterable[str]) -> Path:
 
 
 def _has_ended(path: Path) -> bool:
-    """Return whether a certificate has expired."""
     now = datetime.datetime.now(datetime.UTC)
     return x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc < now
 
 
 def _name_in(path: Path) -> str:
-    """Return the name that a certificate gives its owner."""
     subject = x509.load_pem_x509_certificate(path.read_bytes()).subject
     return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
 
 def _hosts_in(path: Path) -> tuple[str, ...]:
-    """Return the names and addresses that a certificate is for."""
     extensions = x509.load_pem_x509_certificate(path.read_bytes()).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(name.value) for name in names)
@@ -199,7 +190,6 @@ def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: float) -> x5
 
 
 def pem_of(key: Key, certificate: x509.Certificate) -> tuple[bytes, bytes]:
-    """Return a private key and a certificate as the contents of PEM files."""
     pem = serialization.Encoding.PEM
     secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     return secret, certificate.public_bytes(pem)

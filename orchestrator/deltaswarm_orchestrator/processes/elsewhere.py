@@ -1,13 +1,23 @@
-"""Agents that run on other machines: what a run asks of them, and of the engine that `--engine` names."""
+"""Where runs are done: on this machine, or by the engine of an installed package on others, which is checked here."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from deltaswarm_orchestrator.processes.process import RunPart
-from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.session import Tls
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.foreign import Foreign, name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
+from deltaswarm_wire.plugins import ENGINES, find
+
+if TYPE_CHECKING:  # the command line imports this file
+    from deltaswarm_orchestrator.processes.process import RunPart
+    from deltaswarm_scenario.scenario import Scenario
+    from deltaswarm_wire.session import Tls
+
+LOCAL = "local"
+"""This machine."""
 
 WORKER, SCHEDULER = "worker", "scheduler"
 """Roles of the parts that stand for machines and for what leads to them."""
@@ -21,14 +31,14 @@ class AgentsElsewhere(Protocol):
         """The endpoint at which the world listens for them."""
 
     @property
-    def parts(self) -> Sequence[RunPart]:
+    def parts(self) -> "Sequence[RunPart]":
         """The agents, and their machines, as of the last look."""
 
     @property
-    def agents(self) -> Sequence[RunPart]:
+    def agents(self) -> "Sequence[RunPart]":
         """The agents, as of the last look."""
 
-    def write_worlds(self, folder: Path) -> Tls:
+    def write_worlds(self, folder: Path) -> "Tls":
         """Write the world's certificate into a private folder, from which it can go once the router has read it."""
 
     def start(self, run: str, endpoint: str, zenoh: Sequence[str], was_stopped: Callable[[], object]) -> None:
@@ -60,7 +70,7 @@ class Placement(Protocol):
             CommandError: some have others.
         """
 
-    def agents(self, scenario: Scenario, logs: Path) -> AgentsElsewhere:
+    def agents(self, scenario: "Scenario", logs: Path) -> AgentsElsewhere:
         """Return the agents at their places, not started yet; their logs come into the folder `logs`."""
 
 
@@ -77,7 +87,7 @@ class RunEngine(Protocol):
 
     def __init__(self, scheduler: str | None, listen: str = "") -> None: ...
 
-    def check(self, scenario: Scenario) -> None:
+    def check(self, scenario: "Scenario") -> None:
         """Check that the agents of a scenario can run there.
 
         Raises:
@@ -93,3 +103,73 @@ class RunEngine(Protocol):
 
     def sweep_engine(self, workers: int) -> Any:
         """Return the `sweeps.engine.Engine` for the runs of a sweep, with this many workers if it starts them."""
+
+
+def _with(value: Any, *members: str) -> Any:
+    if missing := [member for member in members if not hasattr(value, member)]:
+        raise ValueError(f"must return an object with {', '.join(missing)} (got {value!r:.80})")
+    return value
+
+
+class ForeignPlacement(Foreign):
+    PASSES = (CommandError,)
+    CHECKS: ClassVar = {
+        "workers": lambda _, value: _with(value, "items"),
+        "agents": lambda _, value, *arguments: _with(
+            value, *("listen", "parts", "agents", "write_worlds", "start", "look", "end")
+        ),
+    }
+
+
+@contextmanager
+def _placed(kind: type[Any], value: Any, *arguments: Any) -> Iterator[ForeignPlacement]:
+    with value as placement:
+        if not (hasattr(placement, "workers") and hasattr(placement, "agents")):
+            must = f"{name_of(kind)}.placed must yield a Placement, with workers and agents (got {placement!r:.80})"
+            raise PluginError(f"{must} ({defined_at(kind)})")
+        yield ForeignPlacement(placement)
+
+
+def _runs(kind: type[Any], value: Any, tasks: Any) -> Iterator[Any]:
+    try:
+        for done in value:
+            if not (hasattr(done, "task") and hasattr(done, "result")):
+                raise PluginError(f"{name_of(kind)}: run must yield Done (got {done!r:.80}) ({defined_at(kind)})")
+            yield done
+    finally:
+        getattr(value, "close", lambda: None)()  # abandons the other runs
+
+
+class ForeignSweepEngine(Foreign):
+    PASSES = (CommandError,)
+    CHECKS: ClassVar = {"run": _runs}
+
+
+class ForeignEngine(Foreign):
+    """An engine from outside; its context is its class."""
+
+    PASSES = (CommandError, SettingsError)
+    CHECKS: ClassVar = {
+        "placed": lambda kind, value, *arguments: _placed(kind, _with(value, "__enter__", "__exit__")),
+        "sweep_engine": lambda kind, value, workers: ForeignSweepEngine(_with(value, "run"), kind),
+    }
+
+
+def engine_of(
+    name: str, scheduler: str | None, listen: str = "", *, path: str = "--engine", local: Collection[str] = (LOCAL,)
+) -> RunEngine | None:
+    """Return the engine of this name; None for this machine, which the names in `local` mean.
+
+    `path` says where the name was given, for messages.
+
+    Raises:
+        SettingsError: there is no such engine.
+        CommandError: something that it needs is not installed, or this machine has no use for a scheduler.
+    """
+    if name in local:
+        if scheduler:
+            raise CommandError("--scheduler is for --engine dask")
+        return None
+    kind = find(ENGINES, name, path, others=local)
+    engine: RunEngine = ForeignEngine.make(kind, scheduler, listen, context=kind)
+    return engine

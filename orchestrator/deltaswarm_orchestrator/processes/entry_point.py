@@ -14,11 +14,12 @@ from collections.abc import Mapping, Sequence
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.limits import reached
 from deltaswarm_wire.child import LIMIT_REACHED, READY_VARIABLE, exit_code_of, leave
+from deltaswarm_wire.session import PASSWORD_VARIABLE
 
 GC_THRESHOLD = 100_000
 """The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""
@@ -33,23 +34,25 @@ GRACE_S = 3.0
 """Time that a part has to write its results after its orchestrator died [s]."""
 
 
+class Inherited(NamedTuple):
+    """What a part inherits from the orchestrator, open."""
+
+    lifeline: Connection
+    """The reading end of a pipe that only the orchestrator can write to: it closes with it, even by kill -9."""
+    ready: Connection | None = None
+    """The pipe of `say_ready`, if there is one."""
+    channels: Mapping[str, socket.socket] = {}
+    """The part's ends of socket pairs between operator and pages, by the options that name their descriptors."""
+    held: Connection | None = None
+    """The file of a folder's lock, kept open until the end."""
+
+
 def main(
-    module: str,
-    argv: Sequence[str],
-    environment: Mapping[str, str],
-    log_file: Path,
-    lifeline: Connection,
-    ready: Connection | None,
-    in_background: bool,
-    channels: Mapping[str, socket.socket],
-    held: Connection | None = None,
+    module: str, argv: Sequence[str], password: str, log_file: Path, inherited: Inherited, *, in_background: bool
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
-    `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
-    ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channels` are the part's ends of socket
-    pairs between operator and pages, by the options that are appended to `argv` with their file descriptors.
-    `in_background` is for all parts but the world. `held` is the file of a folder's lock, kept open until the end.
+    `in_background` is for all parts but the world.
     """
     if in_background:
         run_in_background()
@@ -63,14 +66,15 @@ def main(
     except OSError as error:  # the run has just ended, or the disk is full
         sys.exit(exit_code_of(error))
     logging.raiseExceptions = False  # logging fails on a full disk, which the exit code reports
-    os.environ.update(environment)
-    if ready is not None:
-        os.environ[READY_VARIABLE] = str(os.dup(ready.fileno()))
-        ready.close()
-    for option, channel in channels.items():
+    if password:
+        os.environ[PASSWORD_VARIABLE] = password
+    if inherited.ready is not None:
+        os.environ[READY_VARIABLE] = str(os.dup(inherited.ready.fileno()))
+        inherited.ready.close()
+    for option, channel in inherited.channels.items():
         argv = [*argv, option, str(channel.detach())]
     try:
-        threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+        threading.Thread(target=_follow, args=(inherited.lifeline,), daemon=True).start()
         code = importlib.import_module(module).main(argv)
     except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
         if (limit := reached(error)) is None:
@@ -122,7 +126,6 @@ def _follow(lifeline: Connection) -> None:
 
 
 def remove_secrets() -> None:
-    """Remove private keys that nobody else may be left to remove."""
     if folder := os.environ.get(SECRETS_VARIABLE):
         for file in Path(folder).glob("*.key"):
             file.unlink(missing_ok=True)

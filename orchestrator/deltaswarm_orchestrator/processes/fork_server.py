@@ -36,7 +36,6 @@ def fork_server_problem() -> str:
 
 
 def wake_fork_server() -> None:
-    """Continue the fork server, if somebody has stopped it."""
     if pid := FORK_SERVER._forkserver_pid:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGCONT)

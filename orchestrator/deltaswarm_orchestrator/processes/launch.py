@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.processes.boards import Boards
 from deltaswarm_orchestrator.processes.elsewhere import AgentsElsewhere
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import Part, RunPart, wait_for
-from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LEASE, LaunchError, Starter, room_for
+from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LEASE, Starter, room_for
 from deltaswarm_orchestrator.processes.station import STATION, StationChannel, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import write_json
@@ -75,25 +73,15 @@ class Swarm:
         (self.folder / SECRETS).mkdir(mode=0o700)
 
     def __enter__(self) -> Self:
-        if problem := fork_server_problem():
-            raise LaunchError(problem)
-        adopt_orphans(do_so=True)  # without it, the exit codes of all parts would be lost with the fork server
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            self.end(at_once=kind is KeyboardInterrupt)
-        finally:
-            adopt_orphans(do_so=False)
+        self.end(at_once=kind is KeyboardInterrupt)
 
     def start_world(self, listen: str, *, record: bool = False, time_phases: bool = False) -> None:
         """Start the world and wait until its router listens at `listen`, and for boards if there are any.
 
         With `time_phases` it adds to `world.json` where the steps' wall time goes.
-
-        Raises:
-            LaunchError: the world ended (the text has its last log lines) or was not up in time.
-            StoppedError: the user asked to stop.
         """
         secrets, boards = self.folder / SECRETS, self.boards
         credentials, tls, elsewhere = secrets / "credentials", None, None
@@ -147,16 +135,7 @@ class Swarm:
         self._starter.start(OPERATOR, 0, options, password=self.password(OPERATOR), channels=channels)
 
     def start_station(self, station: StationChannel | None = None, number: int = 0) -> str:
-        """Start or restart the process of a page; return the page's URL.
-
-        Args:
-            station: the page; default: the operator's station.
-            number: number of the page's process; 0 is the operator's station.
-
-        Raises:
-            LaunchError: the process did not start; the text has its last log lines.
-            StoppedError: the user asked to stop.
-        """
+        """Start or restart the process of a page, by default the operator's station (0); return the page's URL."""
         station = station or self.station
         assert station is not None
         self._pages.add(station)
@@ -177,10 +156,6 @@ class Swarm:
         """Start all agents that do not run on boards, or only `agents`; each gets its own id, password and log.
 
         In a resumed run, "all" means the agents of the checkpoint, each in its saved state.
-
-        Raises:
-            LaunchError: they could not be started.
-            StoppedError: the user asked to stop while other machines started them.
         """
         if self.remote:
             self.remote.start(self.run, self.endpoints[-1], self._overrides, self.was_stopped)
@@ -201,11 +176,9 @@ class Swarm:
             self._starter.start(AGENT, agent, options, password=self.password(user_name(AGENT, agent)))
 
     def password(self, user: str) -> str:
-        """Return a user's password; known once the world is up."""
         return self._passwords[user]
 
     def recorder_link(self) -> RouterLink:
-        """Return the link by which the orchestrator itself connects."""
         return RouterLink(self.endpoint, RECORDER, self.password(RECORDER), overrides=tuple(self.zenoh))
 
     @property

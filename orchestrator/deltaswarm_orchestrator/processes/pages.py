@@ -4,8 +4,6 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans
-from deltaswarm_orchestrator.processes.fork_server import fork_server_problem
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.processes.starter import LaunchError, Options, Starter
 from deltaswarm_orchestrator.processes.station import STATION, StationChannel
@@ -25,25 +23,16 @@ def serve_page(
     lock: FolderLock | None = None,
     was_stopped: Callable[[], object] = lambda: None,
 ) -> None:
-    """Serve the page of a feed until the feed ends, or the user stops it.
+    """Serve the page of a feed until the feed ends, or `was_stopped` returns something true.
 
-    Args:
-        feed: the role of the process that feeds the page.
-        options: its command line.
-        logs: a folder for the logs of both, which is created.
-        station: address and token of the page; its two ends are closed.
-        say_url: is told the page's URL once browsers can connect.
-        was_stopped: returns something true once the user has asked to stop.
-        lock: a folder that the feed holds, too, until it has ended, however this process ends.
+    The feed has the role `feed` and these options. The folder `logs` is created; the station's two ends are closed.
+    `say_url` gets the page's URL once browsers can connect. `lock` is a folder that the feed holds, too, until it ends.
 
     Raises:
         LaunchError: a process did not start, or the feed failed; the text has its last log lines.
         StoppedError: the user asked to stop before the page was there.
     """
-    if problem := fork_server_problem():
-        raise LaunchError(problem)
     logs.mkdir()
-    adopt_orphans(do_so=True)
     starter = Starter(logs, "", START_WITHIN_S, was_stopped)
     try:
         to_station: dict[str, socket.socket] = {"--channel-fd": station.stations_end}
@@ -62,4 +51,3 @@ def serve_page(
     finally:
         starter.end()
         station.close()
-        adopt_orphans(do_so=False)

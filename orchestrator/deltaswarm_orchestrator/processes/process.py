@@ -57,12 +57,12 @@ class RunPart:
         self._log_begins_at = log_begins_at
         self.name = f"{role} {number}" if role == AGENT or number else role
         self.ends_as_planned = False
-        """Whether its end needs no line: it was killed by a fault of the scenario, at the end while stopped, or with
-        its machine, whose own line says so."""
+        """Whether its end needs no line: a fault of the scenario killed it, it was stopped when the run ended, or it
+        was lost with its machine, which has a line."""
         self.was_asked_to_end = False
         """Whether the orchestrator has sent it SIGTERM."""
         self.outlasted = ""
-        """What its process did when the run was over and the orchestrator ended it; empty if it had ended by then."""
+        """State of its process when the orchestrator ended it after the run; empty if it had ended by itself."""
         self.seen = ""
         """Where the run was when its end was seen; the world may know the step."""
 
@@ -97,7 +97,7 @@ class RunPart:
 
     @property
     def has_failed(self) -> bool:
-        """Whether it has ended otherwise than it should and the orchestrator asked."""
+        """Whether it has ended with an error that neither the scenario nor the orchestrator caused."""
         if self.exit_code in (None, 0, ENDED_BY_CONDUCTOR) or self.ends_as_planned:
             return False
         return not (self.was_asked_to_end and self.exit_code in (ended_by(signal.SIGTERM), -signal.SIGTERM))
@@ -182,14 +182,12 @@ class Part(RunPart):
         self.outlasted = "its process was stopped, as by SIGSTOP" if self.was_stopped else "its process ran on"
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal, unless the process has ended."""
         self.was_asked_to_end |= number == signal.SIGTERM
         if self.pidfd is not None:
             with suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self.pidfd, number)
 
     def close(self) -> None:
-        """Close the pidfd of a process that has ended."""
         if self.pidfd is not None:
             os.close(self.pidfd)
             self.pidfd = None

@@ -17,12 +17,13 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.advice import option_words
-from deltaswarm_orchestrator.base.kernel import end_orphans
+from deltaswarm_orchestrator.base.kernel import adopt_orphans, end_orphans
 from deltaswarm_orchestrator.base.signals import spared_by_ctrl_c
 from deltaswarm_orchestrator.processes import entry_point
-from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
+from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER, Inherited
 from deltaswarm_orchestrator.processes.fork_server import (
     bare_main_module,
+    fork_server_problem,
     kill_fork_server,
     place_sockets,
     safe_path,
@@ -33,7 +34,6 @@ from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 from deltaswarm_wire.plugins import CONTROLLERS
-from deltaswarm_wire.session import PASSWORD_VARIABLE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
@@ -55,8 +55,8 @@ Options = Mapping[str, object]
 """Options of a command line: True is a flag, a list repeats its option, None and False leave it out."""
 
 STARTED: set[Any] = getattr(multiprocessing.process, "_children", set())
-"""Python's own list of started processes. Each start polls all that are on it, which takes seconds of a thousand
-starts; parts are watched by `Part` and ended by `Swarm.end`, so they are taken off the list."""
+"""Python's own list of started processes. Each start polls all of them, which costs seconds in a thousand starts. Parts
+are taken off the list, since `Part` watches them and `Starter.end` ends them."""
 
 NO_CHANNELS: Mapping[str, socket.socket] = {}
 
@@ -99,16 +99,16 @@ class StoppedError(Exception):
 
 
 class Starter:
-    """Starts processes that end with this one.
+    """Starts processes that end with this one, and that log into the folder `logs`.
 
-    Args:
-        logs: the folder of their logs.
-        mode: the scenario's controller, which is loaded once for all agents if it is shipped.
-        timeout_s: time to become ready, besides importing [s].
-        was_stopped: returns something true once the user has asked to stop.
+    The controller `mode` is loaded once for all agents if it is shipped. Parts have `timeout_s` to become ready,
+    besides importing [s]. `was_stopped` returns something true once the user has asked to stop.
     """
 
     def __init__(self, logs: Path, mode: str, timeout_s: float, was_stopped: Callable[[], object]) -> None:
+        if problem := fork_server_problem():
+            raise LaunchError(problem)
+        adopt_orphans(do_so=True)  # without it, the exit codes of all parts would be lost with the fork server
         self.parts: list[Part] = []
         self._ended: list[Part] = []
         self._ends = select.epoll()
@@ -122,17 +122,12 @@ class Starter:
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
 
     def ended(self) -> list[Part]:
-        """Return the parts that have ended, in the order in which they did."""
         by_handle = {part.pidfd: part for part in self.parts}
         self._ended += [by_handle[handle] for handle, _ in self._ends.poll(0, len(by_handle) + 1)]
         return [part for part in self._ended if part.exit_code is not None]
 
     def end(self, *, at_once: bool = False) -> None:
-        """End all parts that still run, by SIGTERM and then by SIGKILL, and what they started; leave nothing behind.
-
-        Args:
-            at_once: by SIGKILL alone.
-        """
+        """End all parts that still run, and what they started; with `at_once` by SIGKILL alone, not SIGTERM first."""
         for part in wait_for(self.parts, 0):
             part.note_state()
             if part.is_stopped:
@@ -157,6 +152,7 @@ class Starter:
             self._ends.close()
             self._kept_end.close()
             self._lifeline.close()
+            adopt_orphans(do_so=False)
 
     def start(
         self,
@@ -171,22 +167,17 @@ class Starter:
     ) -> Part:
         """Start a part with its password, if it has one, and its ends of channels between operator and pages.
 
-        Its output goes to the log; `ready` is the pipe on which it says that it is ready, if that is awaited. `lock`: a
-        folder that it holds, too, until it ends.
-
-        A fork server that ends meanwhile is replaced.
-
-        Raises:
-            LaunchError: no fork server stayed.
-            StoppedError: the user asked to stop before a new one was there.
+        It says on `ready` that it is ready, and holds the folder `lock`, too, until it ends. A fork server that ends
+        meanwhile is replaced.
         """
         log_file = self._logs / f"{role}-{number}.log"
         log_begins_at = log_file.stat().st_size if log_file.exists() else 0
         held = None if lock is None else lock.shared()
-        environment, argv = {PASSWORD_VARIABLE: password} if password else {}, option_words(options)
+        inherited = Inherited(self._lifeline, ready, channels, held)
         process = self._context.Process(
             target=entry_point.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channels, held),
+            args=(MODULES[role], option_words(options), password, log_file, inherited),
+            kwargs={"in_background": role != WORLD},
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
@@ -206,7 +197,6 @@ class Starter:
         return part
 
     def _start(self, process: ForkServerProcess) -> None:
-        """Start a process. Raises LaunchError, StoppedError."""
         for tries_left in reversed(range(FORK_SERVERS)):
             try:
                 with self._start_deadline():
@@ -232,12 +222,7 @@ class Starter:
         password: str = "",
         channels: Mapping[str, socket.socket] = NO_CHANNELS,
     ) -> str:
-        """Start a part that says where it listens once it is ready; return that line.
-
-        Raises:
-            LaunchError: the part ended (the text has its last log lines) or was not ready in time.
-            StoppedError: the user asked to stop.
-        """
+        """Start a part that says where it listens once it is ready; return that line."""
         reader, writer = multiprocessing.Pipe(duplex=False)
         part = self.start(role, number, options, password=password, ready=writer, channels=channels)
         writer.close()

@@ -49,7 +49,6 @@ class StationChannel:
         self.operators_end, self.stations_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
 
     def close(self) -> None:
-        """Close both ends."""
         self.operators_end.close()
         self.stations_end.close()
 

@@ -1,6 +1,7 @@
 """One run from scenario to summary, in real processes or in one process."""
 
 import shutil
+import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,7 +13,7 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError, Reporter, complain
 from deltaswarm_orchestrator.base.inputs import InputsChangedError
-from deltaswarm_orchestrator.base.signals import decide, stoppable
+from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.live.observers import Guarded, LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
@@ -25,11 +26,10 @@ from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import score_answers, write_scored
 from deltaswarm_orchestrator.results.summary import summarise
-from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses, told
-from deltaswarm_orchestrator.run.debugger import Debugger
+from deltaswarm_orchestrator.run.by_processes import run_by_processes
+from deltaswarm_orchestrator.run.ending import Reason
 from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
 from deltaswarm_scenario.scenario import Scenario
@@ -37,7 +37,7 @@ from deltaswarm_scenario.truth import NOBODY_LEFT
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.foreign import called, name_of
-from deltaswarm_wire.plugin_errors import blamed, described, is_interrupt
+from deltaswarm_wire.plugin_errors import PluginError, blamed, described, is_interrupt, own_traceback
 from deltaswarm_wire.plugins import OBSERVERS, find
 
 AT_ONCE = "a second signal ended the run at once"
@@ -58,65 +58,64 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     """
     check(scenario, options)
     with stoppable() as stop:
-        context = RunContext(scenario, options, reporter, stop)
         try:
             with disk.room_in(options.out), ExitStack() as stack:
-                if options.engine:
-                    context.placement = stack.enter_context(options.engine.placed(scenario.agents.count, reporter.say))
-                if options.live_port is not None:
-                    context.viewer = stack.enter_context(FoxgloveServer(scenario.name, options.live_port, reporter.say))
-                    url = context.viewer.url
-                    reporter.say(f"live: open {url} in Foxglove; it shows the truth, which the operator does not know")
-                if options.observer:
-                    kind = find(OBSERVERS, options.observer, "--live")
-                    named = called(name_of(kind), kind, options.live_connect, scenario, passes=(CommandError,))
-                    shows = called(f"{name_of(kind)}.shows", getattr, named, "shows", at=kind)
-                    context.named = stack.enter_context(Guarded(named, complain))
-                    reporter.say(f"live: {shows}")
-                return _run(context)
+                return _Run(_prepare(scenario, options, reporter, stop, stack)).execute()
         except KeyboardInterrupt as error:
             if not is_interrupt(error):
                 raise
             raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
 
 
-def _run(context: RunContext) -> RunResult:
-    scenario, options = context.scenario, context.options
-    context.inputs = options.inputs or inputs.identify(scenario)
-    inputs.check(scenario, context.inputs, starts_python=not options.in_process)
-    if context.placement:
-        context.placement.check_controller(scenario.control.mode)
+def _prepare(scenario: Scenario, options: RunOptions, reporter: Reporter, stop: Stop, stack: ExitStack) -> RunContext:
+    """Take all that a run needs; the stack releases it."""
+    placement, viewer, observers = None, None, list[LiveObserver]()
+    if options.engine:
+        placement = stack.enter_context(options.engine.placed(scenario.agents.count, reporter.say))
+    if options.live_port is not None:
+        viewer = stack.enter_context(FoxgloveServer(scenario.name, options.live_port, reporter.say))
+        observers.append(viewer)
+        reporter.say(f"live: open {viewer.url} in Foxglove; it shows the truth, which the operator does not know")
+    if options.observer:
+        kind = find(OBSERVERS, options.observer, "--live")
+        named = called(name_of(kind), kind, options.live_connect, scenario, passes=(CommandError,))
+        shows = called(f"{name_of(kind)}.shows", getattr, named, "shows", at=kind)
+        observers.append(stack.enter_context(Guarded(named, complain)))
+        reporter.say(f"live: {shows}")
+    decisive = options.inputs or inputs.identify(scenario)
+    inputs.check(scenario, decisive, starts_python=not options.in_process)
+    if placement:
+        placement.check_controller(scenario.control.mode)
     if options.boards:
         options.boards.prepare(scenario)
+    resumed = None
     if options.resume:
         resume.check_inputs(options.out, scenario)  # before the folder is touched
-        with ResumedFolder(options.out, force=options.force) as folder:
-            resume.wait_for_leftovers(folder.path)
-            return _Run(context, folder, resume.newest(folder.path)).execute()
-    with RunFolder(options.out, force=options.force) as folder:
-        return _Run(context, folder).execute()
+        folder: RunFolder = stack.enter_context(ResumedFolder(options.out, force=options.force))
+        resume.wait_for_leftovers(folder.path)
+        resumed = resume.newest(folder.path)
+    else:
+        folder = stack.enter_context(RunFolder(options.out, force=options.force))
+    return RunContext(scenario, options, reporter, stop, folder, decisive, placement, viewer, observers, resumed)
 
 
 class _Run:
-    """One run and its outcome."""
-
-    def __init__(self, context: RunContext, folder: RunFolder, resumed: Resumed | None = None) -> None:
-        self.context, self.folder, self.resumed = context, folder, resumed
+    def __init__(self, context: RunContext) -> None:
+        self.context, self.ending, self.folder = context, context.ending, context.folder
         self.scenario, self.options, self.stop = context.scenario, context.options, context.stop
         self.outcome: Outcome | None = None
-        self.ending = Ending()
-        self.live_observers: list[LiveObserver] = [shown for shown in (context.viewer, context.named) if shown]
-        if resumed:
-            self.manifest = seal.read_sealed(folder.path / seal.MANIFEST)
+        if context.resumed:
+            step = context.resumed.step
+            self.manifest = seal.read_sealed(self.folder.path / seal.MANIFEST)
             self.manifest |= {"exit_reason": run_tables.RUNNING}
-            if resumed.step != self.manifest.get(resume.BRANCH, {}).get(resume.AFTER_STEP):
-                self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
+            if step != self.manifest.get(resume.BRANCH, {}).get(resume.AFTER_STEP):
+                self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": step}]
         else:
             engine = "in-process" if self.options.in_process else "dask" if context.placement else "processes"
             self.manifest = run_tables.new_manifest(self.scenario, engine, self.scenario.record, context.inputs)
             self.manifest |= {"workers": context.placement.workers} if context.placement else {}
             self.manifest |= {"checkpoint_steps": self.options.checkpoint_steps, "resumed": []}
-        self.checkpoint_steps: int = self.manifest["checkpoint_steps"]
+        context.checkpoint_steps = self.manifest["checkpoint_steps"]
 
     def execute(self) -> RunResult:
         """Do all steps, then write tables, summary and manifest.
@@ -156,18 +155,13 @@ class _Run:
         path = self._finish(summary)
         resume = command_line("run", "--resume", path, *self.options.kept)
         hint = [f"to go on from the last checkpoint: {resume}"] if self._can_go_on(path) else []
-        messages = (*summary["why"], *self.ending.logs, *hint)
+        messages = (*summary["why"], *self.ending.messages, *hint)
         result = RunResult(path, summary, str(self.manifest["exit_reason"]), messages)
         decide(result.code, self.stop if result.code == OK else None)
         return result
 
     def _finish(self, summary: dict[str, Any]) -> Path:
-        """Write manifest and summary, and give the folder its final name; return its path.
-
-        Raises:
-            FolderTakenError: the name was taken during the run.
-            RoomError: the folder is gone or cannot be written; the text says why the run had ended, too.
-        """
+        """Write manifest and summary, and give the folder its final name; return its path."""
         folder = self.folder.path
         try:
             disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
@@ -178,23 +172,21 @@ class _Run:
         return self.folder.finish()
 
     def _note_error(self, error: BaseException, what: str) -> str:
-        """Keep the traceback of an error for the user; return the line for `why`."""
         if plugin := blamed(error):
-            self.ending.logs += filter(None, [plugin.trace])
+            self.ending.texts += filter(None, [plugin.trace])
             return str(plugin)
-        self.ending.logs.append("".join(traceback.format_exception(error)).rstrip())
+        self.ending.texts.append("".join(traceback.format_exception(error)).rstrip())
         return f"{what}: {described(error)}"
 
     def _prepare_folder(self) -> None:
-        """Prepare the folder for the first step."""
         folder = self.folder.path
         if warning := disk.shortage(folder, self.scenario):
             self.context.reporter.say(f"warning: {warning}")
-        if self.resumed:
+        if self.context.resumed:
             self.folder.prepare_to_resume(self.manifest)
         else:
             self.folder.prepare(self.scenario, self.manifest)
-        if self.checkpoint_steps:
+        if self.context.checkpoint_steps:
             (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
             sync_folder(folder)
 
@@ -218,16 +210,16 @@ class _Run:
 
         In a resumed run the recorder continues from the checkpoint.
         """
-        folder, scenario = self.folder.path, self.scenario
-        before = resume.make_ready(folder, self.resumed) if self.resumed else {}
+        folder, scenario, viewer, resumed = self.folder.path, self.scenario, self.context.viewer, self.context.resumed
+        before = resume.make_ready(folder, resumed) if resumed else {}
         if scenario.record == "off":
-            if self.context.viewer:
+            if viewer:
                 (folder / LAYOUT).write_bytes(layout_json(scenario.arena.width_m, scenario.arena.height_m))
-            yield ViewersOnly(scenario, self.context.viewer) if self.context.viewer else None
+            yield ViewersOnly(scenario, viewer) if viewer else None
             return
-        with Recorder(folder, scenario, wire=scenario.record == "wire", viewer=self.context.viewer) as recorder:
-            if self.resumed:
-                self.ending.why += recorder.continue_from(before, self.resumed.step)
+        with Recorder(folder, scenario, wire=scenario.record == "wire", viewer=viewer) as recorder:
+            if resumed:
+                self.ending.why += recorder.continue_from(before, resumed.step)
                 for file in before.values():
                     file.unlink()
             yield recorder
@@ -254,26 +246,19 @@ class _Run:
         if self.options.in_process and recorder is None:
             self._run_in_process(None)
             return
+        observers = self.context.observers
         with LiveSocket(self.folder.path, self.folder.target.name, self.scenario) as live:
-            self.live_observers.append(live)
+            observers.append(live)
             if self.options.in_process and recorder is not None:
-                self._run_in_process(Tap(recorder, self.live_observers))
-                return
-            RunByProcesses(
-                self.context,
-                self.folder.path,
-                self.folder.is_there,
-                self.checkpoint_steps,
-                self.resumed,
-                self.live_observers,
-                self.ending,
-            ).execute(recorder)
+                self._run_in_process(Tap(recorder, observers))
+            else:
+                run_by_processes(self.context, recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
         from deltaswarm_orchestrator.run.state import RunState
 
-        debugger = Debugger()
+        debugger = _Debugger()
         wanted = Wanted(
             sink,
             self.folder.path,
@@ -281,12 +266,12 @@ class _Run:
             lambda: self.stop.by or debugger.was_left,
             debugger if self.options.debug else lambda error: None,
         )
-        state = RunState.read(self.folder.path, self.resumed) if self.resumed else None
+        state = RunState.read(self.folder.path, self.context.resumed) if self.context.resumed else None
         self.outcome = run_in_process(self.scenario, wanted, state)
         self.ending.why += self.outcome.messages
         if not self.stop.by:
             self.ending.cause = next(iter(self.outcome.messages), None)
-        self.ending.logs += told({}, self.outcome.traces)
+        self.ending.traces |= self.outcome.traces
 
     def _conclude(self) -> dict[str, Any]:
         """Return the summary, and update the manifest to agree with it."""
@@ -341,12 +326,31 @@ class _Run:
         ]
         return [self._line(entry, outcome) for entry in [*self.ending.why, *quiet]]
 
-    def _line(self, entry: str | RunPart, outcome: Outcome) -> str:
+    def _line(self, entry: Reason, outcome: Outcome) -> str:
         """Return an entry of `why` as a line; an agent's has the step in which the world lost it."""
         if isinstance(entry, str):
             return entry
         step = _steps_lost(outcome).get(entry.number)
         return entry.how_it_ended(entry.seen if step is None else f"in step {step}")
+
+
+class _Debugger:
+    """Stops in Python's debugger where a plug-in first raised; the run ends when the user leaves it (`--debug`)."""
+
+    def __init__(self) -> None:
+        self.was_left = False
+
+    def __call__(self, error: PluginError) -> None:
+        raised = error.__cause__
+        if self.was_left or raised is None:
+            return
+        print(f"{error.report}\nThe run ends when you leave the debugger (q).", file=sys.stderr)
+        import pdb  # slow, and needed only here
+
+        try:
+            pdb.post_mortem(own_traceback(raised))
+        finally:
+            self.was_left = True
 
 
 def _steps_lost(outcome: Outcome) -> dict[int, int]:

@@ -112,7 +112,6 @@ class Observer(Seen):
         self.close()
 
     def close(self) -> None:
-        """Leave the world."""
         self._session.close()
 
     def work(self, timeout_s: float) -> bool:
@@ -139,7 +138,6 @@ class Observer(Seen):
         return self._last_step is not None and self.newest_step >= self._last_step
 
     def confirm(self, order: ProcessOrder) -> None:
-        """Tell the world that an order has been carried out."""
         self._done.put(encode_done(order.number))
 
     def leave_when_done(self) -> None:
@@ -148,7 +146,6 @@ class Observer(Seen):
             self.leave()
 
     def leave(self) -> None:
-        """Tell the world that no more is taken."""
         if self._token is not None:
             self._token.undeclare()
             self._token = None

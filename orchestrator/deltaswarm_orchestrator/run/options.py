@@ -15,7 +15,9 @@ from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.boards import Boards
 from deltaswarm_orchestrator.processes.elsewhere import Placement, RunEngine
 from deltaswarm_orchestrator.processes.station import StationChannel
-from deltaswarm_orchestrator.results.folder import check_target
+from deltaswarm_orchestrator.results.folder import RunFolder, check_target
+from deltaswarm_orchestrator.results.resume import Resumed
+from deltaswarm_orchestrator.run.ending import Ending
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.extras import missing
@@ -63,20 +65,25 @@ class RunOptions:
 
 @dataclass(eq=False)
 class RunContext:
-    """What surrounds a run before it has a folder."""
+    """What a run in progress works with, and how it ends."""
 
     scenario: Scenario
     options: RunOptions
     reporter: Reporter
     stop: Stop
-    inputs: Inputs = field(default_factory=dict)
+    folder: RunFolder
+    inputs: Inputs
     """The files that decide the run, as they were identified."""
     placement: Placement | None = None
     """The places of agents on other machines; None if they run here."""
     viewer: FoxgloveServer | None = None
     """The server for live viewers, if the run has them."""
-    named: LiveObserver | None = None
-    """The observer that `--live` names, if it names one."""
+    observers: list[LiveObserver] = field(default_factory=list)
+    """All that look at the run, the viewer among them."""
+    resumed: Resumed | None = None
+    """Where the run is resumed; None if it begins with the first step."""
+    checkpoint_steps: int = 0
+    ending: Ending = field(default_factory=Ending)
 
 
 @dataclass(frozen=True)
@@ -98,7 +105,6 @@ class RunResult:
 
 
 def _endpoints(options: RunOptions) -> dict[str, str]:
-    """Return the endpoints at which a run listens, by the options that name them."""
     found = {} if options.live_port is None else {"--live-port": f"tcp/{LIVE_HOST}:{options.live_port}"}
     if options.station:
         found["--station-listen"] = f"tcp/{options.station.listen}"
@@ -126,15 +132,7 @@ def check_packages(scenario: Scenario) -> None:
 
 
 def check(scenario: Scenario, options: RunOptions) -> None:
-    """Check what can be checked of a run before anything is started or written.
-
-    Raises:
-        FolderError: the folder exists.
-        SettingsError: the scenario cannot be run with these boards or on a cluster, has a bound that
-            processes cannot compute, or needs a package that is not installed.
-        LiveError: the run cannot be shown live.
-        CommandError: an address at which the run would listen is taken.
-    """
+    """Check what can be checked of a run before anything is started or written."""
     if scenario.run.bound != "none" and not options.in_process:
         allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])

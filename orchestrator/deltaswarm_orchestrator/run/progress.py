@@ -67,8 +67,6 @@ def _in_notebook(text: str, completed: float | None = None, total: float | None 
 
 
 class Display(Bar, Reporter):
-    """Shows the progress of a run."""
-
     def __init__(self, step_s: float, agents: int) -> None:
         columns = BarColumn(bar_width=None), TimeRemainingColumn()
         super().__init__("waiting for all processes", *columns, expand=True)
@@ -79,11 +77,9 @@ class Display(Bar, Reporter):
         self._shown: Status | None = None
 
     def say(self, text: str) -> None:
-        """Print a text at once."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def update(self, status: Status, messages_per_s: float | None) -> None:
-        """Show the newest state."""
         if status.phase == "waiting":
             if self._bar is not None:
                 self._bar.update(self._task, description=f"{status.agents_alive} of {self._agents} agents are up")
@@ -121,7 +117,6 @@ def fitting(parts: Sequence[str], room: int) -> str:
 
 
 def result_table(summary: dict[str, Any]) -> Table:
-    """Make a table of the summary's main metrics."""
     table = Table(title=f"{summary['name']}, {summary['mode']}, seed {summary['seed']}", show_header=False)
     table.add_column(style="dim")
     table.add_column(justify="right")

@@ -1,23 +1,21 @@
 """Watch a running swarm: take messages, carry out the world's orders, notice parts that end or hang."""
 
 import time
-from collections.abc import Callable, Sequence
 
-from deltaswarm_orchestrator.base.exits import Reporter
-from deltaswarm_orchestrator.base.signals import Stop
-from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.elsewhere import SCHEDULER
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import RunPart, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
+from deltaswarm_orchestrator.run.ending import Reason
 from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.options import RunContext
 from deltaswarm_wire.child import ENDED_BY_CONDUCTOR, GAVE_UP, LIMIT_REACHED, NO_ROOM, PLUGIN_FAILED, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 
 POLL_S = 0.1
 CONDUCTOR = "the conductor"
-"""Who has stopped a run that was ended on the conductor's page."""
+"""What stopped a run that was ended on the conductor's page, for `exit_reason`."""
 SILENCE_S = 8.0
 """The world sends its status twice a second; it counts as hung after `step_timeout_s` plus this time without one."""
 
@@ -33,36 +31,12 @@ RESTARTS_WITHOUT_A_STEP = 3
 
 
 class Watch:
-    """Watches a swarm to its end."""
+    """Watches a swarm to its end, and notes in the context's `ending` what happens."""
 
-    def __init__(
-        self,
-        swarm: Swarm,
-        observer: Observer,
-        reporter: Reporter,
-        stop: Stop,
-        patience_s: float,
-        live_observers: Sequence[LiveObserver] = (),
-        is_folder_there: Callable[[], bool] = lambda: True,
-    ) -> None:
-        self.why: list[str | RunPart] = []
-        """Reasons why a part or the run ended too early; an agent stands for its line: the world knows the step."""
-        self.logs: dict[str, str] = {}
-        """The last log lines of failed parts that were not restarted, by part name."""
-        self.traces: dict[str, str] = {}
-        """The tracebacks with which such logs end, by part name."""
-        self.operator_restarts = 0
-        self.disk_is_full = False
-        """Whether `why` has the line of a part that found the disk full. More lines would say the same."""
-        self.cause: str | RunPart | None = None
-        """That of `why` for which the run ends; None while it has no need to end."""
-        self._swarm = swarm
-        self._observer = observer
-        self._reporter = reporter
-        self._stop = stop
-        self._live_observers = live_observers
-        self._is_folder_there = is_folder_there
-        self._patience_s = patience_s + SILENCE_S
+    def __init__(self, context: RunContext, swarm: Swarm, observer: Observer) -> None:
+        self._context, self._stop, self._ending = context, context.stop, context.ending
+        self._swarm, self._observer = swarm, observer
+        self._patience_s = context.scenario.run.step_timeout_s + SILENCE_S
         self._noted: set[RunPart] = set()
         self._deadline = float("inf")
         """When the orchestrator stops waiting for the world to end (monotonic wall time [s])."""
@@ -75,7 +49,6 @@ class Watch:
         self._vain_restarts = 0
 
     def watch_to_the_end(self) -> None:
-        """Watch until the world has ended or is given up."""
         swarm, observer = self._swarm, self._observer
         is_stopping = False
         while True:
@@ -95,10 +68,10 @@ class Watch:
                 break
             if silent_s := self._silent_too_long_s():
                 state = "is stopped by a signal" if WORLD in self._stopped() else "hangs"
-                self._give_up(f"the world said nothing for {silent_s:g} s {self.when}: it {state}")
+                self._ending.fail(f"the world said nothing for {silent_s:g} s {self.when}: it {state}")
                 break
-            if not self._is_folder_there():
-                self._give_up(f"the run's folder was removed or moved {self.when}")
+            if not self._context.folder.is_there():
+                self._ending.fail(f"the run's folder was removed or moved {self.when}")
                 break
             self._look_after_parts(is_stopping)
         while observer.work(POLL_S) and swarm.part(WORLD).exit_code is not None:
@@ -108,14 +81,10 @@ class Watch:
         if not is_stopping:
             self._note_ends(self._failed())
 
-    def _give_up(self, reason: str) -> None:
-        self.why.append(reason)
-        self.cause = self.cause or reason
-
     def _silent_too_long_s(self) -> float:
-        """Return for how long the world has been silent, if that is too long; else 0.
+        """Return how long the world may be silent, once it has been silent for longer; else 0.
 
-        It is not while the orchestrator itself did not watch, and is sooner if another part has lost the world, too.
+        Silence while the orchestrator itself was stopped does not count. The limit is lower once a part lost the world.
         """
         now = time.monotonic()
         if now - self._looked_at > STOOD_STILL_S:
@@ -137,8 +106,8 @@ class Watch:
         observer = self._observer
         if observer.status is not None:
             workload = observer.newest_workload
-            self._reporter.update(observer.status, workload.rate_60s_hz if workload else None)
-        for live in self._live_observers:
+            self._context.reporter.update(observer.status, workload.rate_60s_hz if workload else None)
+        for live in self._context.observers:
             live.look(observer)
 
     def _end_soon(self) -> None:
@@ -159,7 +128,7 @@ class Watch:
         for part in failed:
             if part.role == OPERATOR:
                 if self._restart_operator(part):
-                    self._forget_log(part)
+                    self._ending.forget_log(part)
                 else:
                     self._blame(part)
                     self._end_soon()
@@ -170,10 +139,7 @@ class Watch:
                 self._end_soon()  # its workers end, too
 
     def _must_await_status(self) -> bool:
-        """Whether a part has ended and only the world's next status can tell if the run had begun by then.
-
-        The newest status may be older than the first step.
-        """
+        """Whether a part has ended and the newest status may be too old to tell if the first step had begun by then."""
         if self._has_begun or not self._newly_ended():
             return False
         status = self._observer.status
@@ -183,7 +149,7 @@ class Watch:
         return self._awaits_status
 
     def _must_await_world(self) -> bool:
-        """Whether a part has lost its world, and nothing was heard of it since: its end or silence is told first."""
+        """Whether a part has lost the world, whose end or silence must be reported first, and no status came since."""
         if not any(part.exit_code == WORLD_LOST for part in self._newly_ended()):
             self._world_lost_at = None
             return False
@@ -198,10 +164,10 @@ class Watch:
                 raise LaunchError(f"the station is not started again after {STATION_RESTARTS} times")
             self._swarm.start_station()
         except LaunchError as error:
-            self.why.append(str(error))
+            self._ending.why.append(str(error))
             self._swarm.give_up_station()
         else:
-            self._forget_log(station)
+            self._ending.forget_log(station)
             self._swarm.write_pids()
 
     def _restart_operator(self, operator: RunPart) -> bool:
@@ -218,15 +184,14 @@ class Watch:
         try:
             self._swarm.start_operator(publish_all=self._observer.records, is_restart=True)
         except LaunchError as error:
-            self.why.append(str(error))
+            self._ending.why.append(str(error))
             return False
         self._swarm.write_pids()
-        self.operator_restarts += 1
+        self._ending.operator_restarts += 1
         return True
 
     @property
     def _has_begun(self) -> bool:
-        """Whether the first step is under way."""
         status = self._observer.status
         return status is not None and status.phase != "waiting"
 
@@ -245,22 +210,22 @@ class Watch:
         return [part for part in self._swarm.ended() if part not in self._noted]
 
     def _note_ends(self, failed: list[RunPart]) -> None:
+        ending = self._ending
         for part in failed:
-            if part.exit_code == NO_ROOM and self.disk_is_full:
+            if part.exit_code == NO_ROOM and ending.disk_is_full:
                 continue
-            self.disk_is_full |= part.exit_code == NO_ROOM
+            ending.disk_is_full |= part.exit_code == NO_ROOM
             if part.exit_code not in (NO_ROOM, LIMIT_REACHED, WORLD_LOST):  # whose cause the line tells
-                self.logs[part.name] = part.log_tail()
-                self.traces[part.name] = part.trace
+                ending.keep_log(part)
             part.seen = self.when
-            self.why.append(self._line(part))
+            ending.why.append(self._line(part))
             if part.role == WORLD:
                 self._blame(part)
 
     def _blame(self, part: RunPart) -> None:
-        self.cause = self.cause or self._line(part)
+        self._ending.cause = self._ending.cause or self._line(part)
 
-    def _line(self, part: RunPart) -> str | RunPart:
+    def _line(self, part: RunPart) -> Reason:
         if part.role == AGENT and self._has_begun:
             return part
         stopped = self._stopped() if part.exit_code == GAVE_UP else []
@@ -275,12 +240,6 @@ class Watch:
         """Where the run is, to follow what happened in a sentence."""
         return f"after step {self._step}" if self._has_begun else "before the first step"
 
-    def _forget_log(self, part: RunPart) -> None:
-        """Forget the log of a part that was started again."""
-        self.logs.pop(part.name, None)
-        self.traces.pop(part.name, None)
-
     @property
     def _step(self) -> int:
-        """The newest step known from the operator's workload or the world's status."""
         return max(self._observer.newest_step, self._observer.status.step if self._observer.status else -1)

@@ -47,7 +47,6 @@ class Top(App[None]):
         self._rates_hz: deque[float] = deque(maxlen=RATES_KEPT)
 
     def compose(self) -> ComposeResult:
-        """Yield the widgets."""
         yield Static(BANNER, id="banner", markup=False)
         with Horizontal():
             yield Static("waiting for the run", id="map", markup=False)
@@ -63,7 +62,6 @@ class Top(App[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        """Start drawing."""
         self.set_interval(DRAW_EVERY_S, self.draw)
         self.draw()
 
@@ -72,7 +70,6 @@ class Top(App[None]):
         self.call_after_refresh(self._draw_picture)
 
     def action_show(self, tab: str) -> None:
-        """Switch to a tab."""
         self.query_one(TabbedContent).active = tab
 
     def draw(self) -> None:

@@ -73,7 +73,6 @@ def draw_map(
 
 
 def glyph(role: str, root: int, letters: Mapping[int, str]) -> Glyph:
-    """Return an agent's character and style."""
     colour = role_colour(role)
     letter = letters.get(root)
     if role == DEAD:
@@ -86,7 +85,6 @@ def glyph(role: str, root: int, letters: Mapping[int, str]) -> Glyph:
 
 
 def agents_table(truth: Mapping[str, Any], letters: Mapping[int, str]) -> Text:
-    """Make a table with a line for each agent."""
     text = Text("agent role       tree parent      x      y", style="bold", no_wrap=True)
     for agent, x_m, y_m, role, parent, root, *_ in truth["agents"]:
         tree = letters.get(root, "-") if role != DEAD else "-"
@@ -106,7 +104,6 @@ def events_table(truth: Mapping[str, Any], time_s: float) -> Text:
 
 
 def summary(hello: Mapping[str, Any], picture: Mapping[str, Any]) -> str:
-    """Summarize the run in a few lines."""
     workload, truth, status = picture["workload"], picture["truth"], picture.get("status")
     lines = [f"time       {picture['time_s']:.0f} of {hello['duration_s']:.0f} s, step {picture['step']}"]
     if truth:

@@ -73,7 +73,6 @@ class Link:
         return bool(self.picture)
 
     def as_json(self) -> str:
-        """Return the run's constants and its newest picture as JSON."""
         return orjson.dumps({"hello": self.hello, "picture": self.picture}).decode()
 
 

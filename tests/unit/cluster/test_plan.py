@@ -2,19 +2,21 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_cluster import agents as remote_agents
-from deltaswarm_cluster.actor import AgentFiles, AgentsJob, Update, WorkerLostError
-from deltaswarm_cluster.agents import Credentials, DaskPlacement, RemoteAgents
+from deltaswarm_cluster.agents import DaskPlacement, RemoteAgents
+from deltaswarm_cluster.engine import Dask
+from deltaswarm_cluster.host import ENDED, FAILED, LOG, OVER, UP, Job, News
 from deltaswarm_cluster.plan import (
     ClusterError,
     Installed,
-    Remote,
     Worker,
+    WorkerLostError,
     check_installed,
     check_reached,
     divide,
@@ -97,7 +99,7 @@ def test_the_world_listens_where_agents_with_certificates_can_connect(endpoint: 
     assert (listen_problem(endpoint) == "") == is_well
     if not is_well:
         with pytest.raises(SettingsError, match="--listen"):
-            Remote("tcp://there:8786", endpoint).check(load_scenario("smoke"))
+            Dask("tcp://there:8786", endpoint).check(load_scenario("smoke"))
 
 
 @pytest.mark.parametrize("kind", ["kill", "freeze", "restart"])
@@ -108,78 +110,63 @@ def test_faults_that_signal_processes_are_refused(kind: str, tmp_path: Path) -> 
     start = 'schema = 1\nname = "faulty"\n\n[[fault]]\nat_s = 3.0\nagents = [1]\n'
     file.write_text(f'{start}kind = "{kind}"\n{lasts}')
     with pytest.raises(SettingsError, match="must not signal processes"):
-        Remote("tcp://there:8786").check(load_scenario(str(file)))
+        Dask("tcp://there:8786").check(load_scenario(str(file)))
     file.write_text(f'{start}kind = "radio-dead"\n')
-    Remote("tcp://there:8786").check(load_scenario(str(file)))
+    Dask("tcp://there:8786").check(load_scenario(str(file)))
 
 
 def test_no_key_is_in_a_representation() -> None:
     """Dask logs the arguments of a task that fails."""
-    files = AgentFiles("", b"SECRET certificate", b"SECRET key")
-    assert "SECRET" not in repr(AgentsJob("run", "tls/there:1", "hybrid", 5.0, b"SECRET", {3: files})) + repr(files)
+    assert "SECRET" not in repr(Job("hybrid", 5.0, {}, "SECRET", [(3, "", "SECRET certificate", "SECRET key")]))
 
 
 class Said:
-    """A supervisor that says what a test lets it say."""
+    """A host that says what a test lets it say."""
 
     def __init__(self, worker: Worker) -> None:
         self.worker = worker
-        self.pending: list[Update | Exception] = []
+        self.pending: list[News | Exception] = [[[UP]]]
         self.calls: list[str] = []
-        self.job: AgentsJob | None = None
-        self.is_busy = False
-        self.failure: WorkerLostError | None = None
 
-    def start(self, job: AgentsJob) -> None:
-        """Keep the job."""
+    def start(self, job: Job) -> None:
         self.job = job
 
-    def is_started(self) -> bool:
-        """At once, unless a test has it otherwise."""
-        if self.failure:
-            raise self.failure
-        return not self.is_busy
-
-    def poll(self) -> Update | None:
-        """The next of what is pending."""
-        if not self.pending:
-            return None
-        if isinstance(said := self.pending.pop(0), Exception):
+    def poll(self) -> News:
+        said = self.pending.pop(0) if self.pending else []
+        if isinstance(said, Exception):
             raise said
         return said
 
     def stop(self) -> None:
-        """End at once."""
         self.calls.append("stop")
-        self.pending.append(Update(is_over=True))
+        self.pending.append([[OVER]])
 
     def close(self) -> None:
-        """Note it."""
         self.calls.append("close")
 
 
-class Well:
-    """A cluster whose problem a test sets."""
-
-    problem = ""
-
-
 @pytest.fixture
-def supervisors() -> list[Said]:
+def hosts() -> list[Said]:
     return [Said(W0), Said(W1)]
 
 
 @pytest.fixture
-def to_start(supervisors: list[Said], tmp_path: Path) -> RemoteAgents:
-    """Six agents on two supervisors."""
-    blocks = {supervisors[0]: (0, 1, 2), supervisors[1]: (3, 4, 5)}
-    placement = DaskPlacement(Well(), blocks, "tls/127.0.0.1:0", Credentials.create("127.0.0.1"))
-    return RemoteAgents(load_scenario("smoke", ["run.start_timeout_s=1"]), placement, tmp_path)
+def cluster() -> SimpleNamespace:
+    """A cluster whose problem a test sets."""
+    return SimpleNamespace(problem="")
+
+
+@pytest.fixture
+def to_start(hosts: list[Said], cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RemoteAgents:
+    """Six agents on two hosts, which are lost as soon as they seem so."""
+    monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
+    blocks: Any = {hosts[0]: (0, 1, 2), hosts[1]: (3, 4, 5)}
+    placement = DaskPlacement(cluster, blocks, "tls/127.0.0.1:0")
+    return placement.agents(load_scenario("smoke", ["run.start_timeout_s=1"]), tmp_path)
 
 
 @pytest.fixture
 def agents(to_start: RemoteAgents) -> RemoteAgents:
-    """Started."""
     to_start.start("run-1", "tls/127.0.0.1:7447", ["a=1"], lambda: None)
     return to_start
 
@@ -188,92 +175,96 @@ def ended(agents: RemoteAgents) -> dict[str, int]:
     return {part.name: part.exit_code for part in agents.parts if part.exit_code is not None}
 
 
-def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, supervisors: list[Said]) -> None:
+def test_each_host_gets_the_files_of_its_agents_alone(agents: RemoteAgents, hosts: list[Said]) -> None:
     """Each agent with its own key and settings."""
-    jobs = [supervisor.job for supervisor in supervisors if supervisor.job]
-    assert [[*job.agents] for job in jobs] == [[0, 1, 2], [3, 4, 5]]
-    assert len({files.key for job in jobs for files in job.agents.values()}) == 6
-    assert len({files.settings for job in jobs for files in job.agents.values()}) == 6, "seeds differ"
-    assert all(b"PRIVATE KEY" in files.key for job in jobs for files in job.agents.values())
+    files = [file for host in hosts for file in host.job.agents]
+    assert [[agent for agent, *_ in host.job.agents] for host in hosts] == [[0, 1, 2], [3, 4, 5]]
+    assert len({key for *_, key in files}) == 6
+    assert len({settings for _, settings, *_ in files}) == 6, "seeds differ"
+    assert all("PRIVATE KEY" in key and "CERTIFICATE" in certificate for *_, certificate, key in files)
 
 
 @pytest.mark.parametrize("is_impatient", [True, False])
 def test_only_hosts_that_have_started_are_asked_to_stop(
-    is_impatient: bool, to_start: RemoteAgents, supervisors: list[Said]
+    is_impatient: bool, to_start: RemoteAgents, hosts: list[Said]
 ) -> None:
-    """If the start is given up, by the user or after its time: a busy supervisor is let go."""
-    supervisors[0].is_busy = True
+    """If the start is given up, by the user or after its time: a busy host is let go."""
+    hosts[0].pending.clear()
     with pytest.raises(StoppedError if is_impatient else LaunchError, match=None if is_impatient else "busy"):
         to_start.start("run-1", "tls/127.0.0.1:7447", [], iter([False, is_impatient, *[False] * 999]).__next__)
     to_start.end()
-    assert [supervisor.calls for supervisor in supervisors] == [["close"], ["stop", "close"]]
+    assert [host.calls for host in hosts] == [["close"], ["stop", "close"]]
 
 
-@pytest.mark.parametrize(("problem", "named"), [("", f"worker {W1}"), ("no connection", "scheduler was lost")])
+LOST = WorkerLostError("it has left the cluster")
+
+
+@pytest.mark.parametrize(
+    ("problem", "said", "line"),
+    [
+        ("", LOST, f"the Dask worker {W1} was lost before it was ready with agents 3-5: it has left the cluster"),
+        ("", [[FAILED, "no room"]], f"the Dask worker {W1} was lost before it was ready with agents 3-5: no room"),
+        ("no link", LOST, "the Dask scheduler was lost before it was ready with all agents: no link"),
+    ],
+)
 def test_what_is_lost_while_agents_start_is_named(
-    problem: str, named: str, to_start: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
+    problem: str, said: Any, line: str, to_start: RemoteAgents, hosts: list[Said], cluster: SimpleNamespace
 ) -> None:
     """One worker, or the scheduler; the agents that have started end."""
-    monkeypatch.setattr(to_start.placement.cluster, "problem", problem)
-    supervisors[1].failure = WorkerLostError("it has left the cluster")
-    with pytest.raises(LaunchError, match=named):
+    cluster.problem = problem
+    hosts[1].pending = [said, said]
+    with pytest.raises(LaunchError, match=line):
         to_start.start("run-1", "tls/127.0.0.1:7447", [], lambda: None)
-    to_start.end(at_once=True)
-    assert [supervisor.calls for supervisor in supervisors] == [["close"], ["close"]]
+    to_start.end(at_once=True)  # waits for nobody
+    assert [host.calls for host in hosts] == [["close"], ["close"]]
 
 
-def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, supervisors: list[Said], tmp_path: Path) -> None:
+def test_logs_and_ends_arrive_in_pieces(agents: RemoteAgents, hosts: list[Said], tmp_path: Path) -> None:
     """A log is what has come of it so far; an exit code is its agent's."""
-    supervisors[0].pending += [Update(logs={1: b"one\n"}), Update(logs={1: b"two\n"}, ended={1: (-9, ""), 0: (0, "")})]
+    hosts[0].pending += [[[LOG, 1, "one\n"]], [[LOG, 1, "two\udc99"], [ENDED, 1, -9, ""], [ENDED, 0, 0, ""]]]
     agents.look()
     agents.look()
-    assert (tmp_path / "agent-1.log").read_bytes() == b"one\ntwo\n"
+    assert (tmp_path / "agent-1.log").read_bytes() == b"one\ntwo\x99"
     assert ended(agents) == {"agent 0": 0, "agent 1": -9}
 
 
-def test_a_lost_host_has_one_line_for_all_that_ran_there(
-    agents: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Agents that had ended before have their own; nobody asks a lost supervisor to stop."""
-    monkeypatch.setattr(remote_agents, "DOUBT_S", 0.0)
-    supervisors[0].pending += [Update(ended={1: (1, "")}), WorkerLostError("no answer for 30 s")]
-    agents.look()
-    agents.look()
+def test_a_lost_host_has_one_line_for_all_that_ran_there(agents: RemoteAgents, hosts: list[Said]) -> None:
+    """Agents that had ended before have their own; nobody asks a lost host to stop."""
+    late = WorkerLostError("no answer for 30 s")
+    hosts[0].pending += [[[ENDED, 1, 1, ""]], late, late]
+    for _ in range(3):
+        agents.look()
     lost = {part.name: part for part in agents.parts if part.exit_code is not None}
     assert {name for name, part in lost.items() if not part.ends_as_planned} == {f"the Dask worker {W0}", "agent 1"}
     line = lost[f"the Dask worker {W0}"].how_it_ended("after step 7")
     assert line == f"the Dask worker {W0} was lost after step 7 with agents 0, 2: no answer for 30 s"
+    assert lost["agent 2"].how_it_ended("in step 8") == f"agent 2 was lost in step 8 with the Dask worker {W0}"
     agents.end(at_once=False)
-    assert (supervisors[0].calls, supervisors[1].calls) == (["close"], ["stop", "close"])
+    assert (hosts[0].calls, hosts[1].calls) == (["close"], ["stop", "close"])
 
 
 def test_a_host_that_seemed_lost_and_answers_is_well(
-    agents: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
+    agents: RemoteAgents, hosts: list[Said], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The next time it seems lost, its time begins anew."""
-    for now_s, said in ((0.0, WorkerLostError("late")), (60.0, Update()), (120.0, WorkerLostError("late"))):
+    monkeypatch.setattr(remote_agents, "DOUBT_S", 1.0)
+    for now_s, said in ((0.0, WorkerLostError("late")), (60.0, News()), (120.0, WorkerLostError("late"))):
         monkeypatch.setattr(remote_agents, "time", SimpleNamespace(monotonic=lambda now_s=now_s: now_s))
-        supervisors[0].pending.append(said)
+        hosts[0].pending.append(said)
         agents.look()
     assert not ended(agents)
 
 
-@pytest.mark.parametrize("shown", [[], [WorkerLostError("cancelled")]])
 def test_a_lost_scheduler_takes_all_with_it(
-    shown: list[Update | Exception], agents: RemoteAgents, supervisors: list[Said], monkeypatch: pytest.MonkeyPatch
+    agents: RemoteAgents, hosts: list[Said], cluster: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In one line, not one for each worker, also if it shows at a worker first."""
-    supervisors[0].pending += shown
+    monkeypatch.setattr(remote_agents, "DOUBT_S", 60.0)
+    hosts[0].pending.append(WorkerLostError("cancelled"))
     agents.look()
     assert not ended(agents)
-    monkeypatch.setattr(agents.placement.cluster, "problem", "no connection")
+    cluster.problem = "no connection"
     agents.look()
     [line] = [part.how_it_ended() for part in agents.parts if part.exit_code is not None and not part.ends_as_planned]
     assert line == "the Dask scheduler was lost with all agents: no connection"
     assert len(ended(agents)) == 7
-
-
-def test_an_end_at_once_waits_for_nobody(agents: RemoteAgents, supervisors: list[Said]) -> None:
-    """The loss of the supervisors ends the agents."""
-    agents.end(at_once=True)
-    assert [supervisor.calls for supervisor in supervisors] == [["close"], ["close"]]

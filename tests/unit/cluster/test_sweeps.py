@@ -1,14 +1,13 @@
 """A sweep on a real Dask cluster: a scheduler and two workers, each a process of its own."""
 
 import gc
-import os
 import re
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -21,7 +20,7 @@ from tests.support.tiers import first_of
 
 distributed = pytest.importorskip("distributed")
 
-from deltaswarm_cluster.sweep_engine import DaskEngine, attempt_with  # noqa: E402
+from deltaswarm_cluster.sweep_engine import DaskEngine, attempt_with, check_workers  # noqa: E402
 from deltaswarm_orchestrator.base import provenance  # noqa: E402  # nothing of it without Dask
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
 
@@ -34,7 +33,6 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 @contextmanager
 def on(cluster: Cluster, file: Path, out: Path) -> Iterator[RunningSweep]:
-    """A sweep on a cluster, under way."""
     with sweeping(file, out, "--engine", "dask", "--scheduler", cluster.address) as running:
         yield running
 
@@ -85,24 +83,6 @@ def test_a_cluster_without_workers_is_waited_for(cluster: Cluster, tmp_path: Pat
         assert code == 130
         assert "0 of 6 runs" in errors
         assert "Traceback" not in errors
-
-
-@pytest.mark.processes
-def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -> None:
-    """Its results would be another version's: each run is reported with the two codes."""
-    shadow = tmp_path / "shadow" / "deltaswarm_wire"
-    origin = Path(sys.modules["deltaswarm_wire"].__path__[0])
-    shadow.mkdir(parents=True)
-    for source in origin.glob("*.py"):
-        (shadow / source.name).write_text(source.read_text() + "# changed\n")
-    cluster.add_worker(PYTHONPATH=f"{shadow.parent}:{os.environ.get('PYTHONPATH', '')}")
-    with on(cluster, written(tmp_path, repeats=1), tmp_path / "out") as running:
-        code, _, errors = running.finish()
-    assert code == 1
-    assert errors.count("failed: ") == 3
-    assert errors.count("another version of deltaswarm") == 4  # the last line has an example
-    assert provenance.code_digest() in errors
-    assert running.finished() == 0
 
 
 def test_only_the_same_code_does_a_run() -> None:
@@ -206,62 +186,39 @@ class Having:
         self._versions = versions
 
     def get_versions(self, packages: object) -> dict[str, Any]:
-        """What Dask tells of them."""
-        python = {"python": "3.11.7.final.0"}
-        return {
-            "workers": {
-                f"tcp://there:{port}": {"host": python, "packages": {"deltaswarm": found}}
-                for port, found in enumerate(self._versions)
-            }
-        }
+        host = {"python": "3.11.7.final.0"}
+        found = [{"host": host, "packages": {"deltaswarm": version}} for version in self._versions]
+        return {"workers": {f"tcp://there:{port}": has for port, has in enumerate(found)}}
 
 
-def test_workers_without_deltaswarm_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def check(*versions: str | None) -> None:
+    check_workers(cast(Any, Having([*versions])), "tcp://there:8786")
+
+
+def test_workers_without_deltaswarm_are_refused() -> None:
     """They would end at the first run, with nobody told."""
-    engine = DaskEngine("tcp://there:8786", 1)
-    monkeypatch.setattr(engine, "_client", lambda *_: Having(["0.1", None]))
     with pytest.raises(EngineError, match=r"must have deltaswarm .*tcp://there:1"):
-        list(engine.run([]))
+        check("0.1", None)
+
+
+def test_a_scheduler_without_workers_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """So that nobody waits for what nobody does."""
+    check("0.1")
+    assert capsys.readouterr().err == ""
+    check()
+    assert "tcp://there:8786 has no workers yet" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("workers", "started"), [(1, 1), (2, 2), (1000, 2)])
-def test_a_local_cluster_has_no_more_workers_than_runs(
+def test_a_local_cluster_has_no_spare_workers_and_says_if_one_dies(
     workers: int, started: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However many are asked for."""
+    """However many are asked for; one that dies at the start is told in a line."""
 
-    def looked_at(**options: Any) -> None:
+    def killed(**options: Any) -> None:
         assert options["n_workers"] == started
-        raise RuntimeError("seen")
-
-    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.LocalCluster", looked_at)
-    with pytest.raises(EngineError, match="seen"):
-        list(DaskEngine(None, workers).run(tasks_of(made({"axes": {"control.delta": [2, 3]}, "repeats": 1}))))
-
-
-@pytest.mark.parametrize(
-    ("scheduler", "workers", "is_told"),
-    [("tcp://there:8786", [], True), ("tcp://there:8786", ["0.1"], False), (None, [], False)],
-)
-def test_a_scheduler_without_workers_is_told(
-    scheduler: str | None, workers: list[str | None], is_told: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """So that nobody waits for what nobody does; a local cluster starts its own."""
-    told = list[str]()
-    engine = DaskEngine(scheduler, 1)
-    monkeypatch.setattr(engine, "_client", lambda *_: Having(workers))
-    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.notice", told.append)
-    monkeypatch.setattr("deltaswarm_cluster.sweep_engine.as_completed", iter)
-    assert list(engine.run([])) == []
-    assert bool(told) == is_told
-
-
-def test_a_worker_that_dies_at_the_start_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Of a cluster on this machine, which is not there then."""
-
-    def killed(**options: object) -> None:
         raise RuntimeError("Nanny failed to start.")
 
     monkeypatch.setattr("deltaswarm_cluster.sweep_engine.LocalCluster", killed)
     with pytest.raises(EngineError, match="on this machine: Nanny failed to start"):
-        list(DaskEngine(None, 1).run(tasks_of(made({"axes": {"control.delta": [2]}}))))
+        list(DaskEngine(None, workers).run(tasks_of(made({"axes": {"control.delta": [2, 3]}, "repeats": 1}))))

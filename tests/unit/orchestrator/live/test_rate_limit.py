@@ -1,7 +1,6 @@
 """What a live viewer is shown: the newest of each topic ten times per second, and every line of log."""
 
 import itertools
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,6 +8,7 @@ import pytest
 from deltaswarm_orchestrator.live.rate_limit import MAX_WAITING, RateLimited, ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.schemas import TOPICS
+from deltaswarm_orchestrator.recording.transcriber import Transcriber
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from tests.support.truths import messages, steps
@@ -25,7 +25,6 @@ class Screen:
         self.viewer = RateLimited(lambda *one: self.sent.append(one), lambda: self.now_s)
 
     def taken(self) -> list[tuple[str, float, bytes]]:
-        """What came since the last call."""
         sent, self.sent = self.sent, []
         return sent
 
@@ -108,9 +107,8 @@ def test_without_a_recording_views_are_made_when_they_are_due(monkeypatch: pytes
     """All topics are shown, and a step that nobody is shown costs little."""
     screen = Screen()
     sink = ViewersOnly(SCENARIO, screen.viewer, lambda: 0.0)
-    views = sink._transcriber.views
-    made: list[int] = []
-    monkeypatch.setattr(sink._transcriber, "views", _counting(views, made))
+    views, made = Transcriber.views, list[int]()
+    monkeypatch.setattr(Transcriber, "views", lambda self, truth: made.append(1) or views(self, truth))
     for truth, reports, workload in steps(SCENARIO, 100):
         screen.now_s = truth.step / 100
         sink.step(truth, reports)
@@ -125,11 +123,3 @@ def test_without_a_recording_views_are_made_when_they_are_due(monkeypatch: pytes
     screen.viewer.tick()
     last = {topic: time_s for topic, time_s, _ in screen.taken()}
     assert last["/tf"] == 99.0, "the last step is shown, though it was not due"
-
-
-def _counting(make: Callable[..., object], made: list[int]) -> Callable[..., object]:
-    def counted(truth: object) -> object:
-        made.append(1)
-        return make(truth)
-
-    return counted

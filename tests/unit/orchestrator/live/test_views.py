@@ -214,7 +214,6 @@ class Heard:
         return lambda *arguments: self.calls.append(name)
 
     def look(self, seen: Seen) -> None:
-        """Note the step and the messages so far."""
         assert seen.newest_truth is not None
         self.seen.append((seen.newest_truth.step, seen.messages))
 

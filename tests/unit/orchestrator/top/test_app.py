@@ -37,7 +37,6 @@ def on_screen(folder: Path, seen: Seen, use: Callable[[Top, LiveSocket, Pilot[No
 
 
 def text(app: Top, name: str) -> str:
-    """What a widget shows."""
     return str(app.query_one(f"#{name}", Static).render())
 
 
