@@ -130,6 +130,15 @@ def boolean(value: Any, field: str) -> bool:
     return value
 
 
+def octets(value: Any, limit: int, field: str) -> bytes:
+    """Return `value` if it is bytes, at most `limit` of them."""
+    if type(value) is not bytes or len(value) > limit:
+        raise WireError(
+            field, f"be at most {limit} bytes", len(value) if type(value) is bytes else type(value).__name__
+        )
+    return value
+
+
 def text(value: Any, field: str, limit: int = 200, allowed: Collection[str] | None = None) -> str:
     """Return `value` if it is a string of at most `limit` characters and, where given, one of `allowed`."""
     if type(value) is not str:

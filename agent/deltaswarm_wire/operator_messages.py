@@ -13,6 +13,7 @@ from deltaswarm_wire.codec import (
     MAX_ABS_M,
     MAX_AGENT_ID,
     MAX_ID,
+    MAX_SAMPLE_BYTES,
     MAX_STEP,
     PROTOCOL_VERSION,
     WireError,
@@ -22,6 +23,7 @@ from deltaswarm_wire.codec import (
     integer,
     keep,
     number,
+    octets,
     pack,
     text,
     tuple_of,
@@ -197,10 +199,10 @@ def decode_forwarded(data: bytes) -> Forwarded:
     """Check and decode all but the report inside. Raises WireError."""
     known, sequence, step, report = array(unpack(data), 4, "forwarded")
     version(known)
-    if type(report) is not bytes:
-        raise WireError("forwarded.report", "be bytes", type(report).__name__)
     return Forwarded(
-        integer(sequence, 0, MAX_ID, "forwarded.sequence"), integer(step, 0, MAX_STEP, "forwarded.step"), report
+        integer(sequence, 0, MAX_ID, "forwarded.sequence"),
+        integer(step, 0, MAX_STEP, "forwarded.step"),
+        octets(report, MAX_SAMPLE_BYTES, "forwarded.report"),
     )
 
 
