@@ -21,11 +21,7 @@ MAX_FAILURES = 10
 
 
 def checked_sensed(sensed: Any) -> Sensed:
-    """Convert a body's result to plain numbers; a body may be third-party code.
-
-    Raises:
-        TypeError, ValueError, AttributeError: the result breaks the body's contract.
-    """
+    """Convert a body's result to plain numbers; a body may be third-party code."""
     if not isinstance(sensed, Sensed):
         raise TypeError(f"sense must return a Sensed (got {type(sensed).__name__})")
     if sensed.fault:
@@ -66,8 +62,6 @@ class SetPoint:
 
 
 class Driver:
-    """Body, controller and set point of one agent."""
-
     def __init__(self, core: AgentCore, body: Body, *, step_s: float, arrive_m: float, max_std_m: float) -> None:
         self.role = FREE
         """The agent's role by its own account."""
@@ -93,10 +87,6 @@ class Driver:
         """Sense, decide, move. With a fault of the body, stand, send nothing, and return None.
 
         `hear` returns the frames received at a position [m].
-
-        Raises:
-            ControllerError: the controller failed.
-            Exception: from the body, after failures in `MAX_FAILURES` consecutive steps.
         """
         before, self.fault = self._failures, ""
         output = self._step(step, time_s, hear)
@@ -138,7 +128,6 @@ class Driver:
         return True
 
     def _fails(self, error: Exception) -> None:
-        """Count a failed call of the body: an exception or an invalid result."""
         if not self.fault:
             self._failures += 1
             if self._failures >= MAX_FAILURES:
@@ -206,5 +195,4 @@ class Follower:
             log.info("the robot is %s", what)
 
     def close(self) -> None:
-        """Stop and release the robot."""
         self._body.close()

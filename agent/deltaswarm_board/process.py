@@ -88,11 +88,7 @@ class BoardRun:
     steps: int = MAX_STEP
 
     def check(self) -> OpenAir:
-        """Check the body, its options and the recorder; return the air, ready to open.
-
-        Raises:
-            SettingsError, ValueError: they have mistakes.
-        """
+        """Check the body, its options and the recorder; return the air, ready to open."""
         body = find_body(self.settings.body.kind)
         options_of(body, self.settings.body.options)
         if body.REAL_TIME and self.accelerate != 1.0:
@@ -109,10 +105,6 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     """Run an agent on a board until SIGTERM, SIGINT or SIGHUP; return the exit code.
 
     Call it in the main thread, with the air from `BoardRun.check`.
-
-    Raises:
-        ControllerError: the controller failed.
-        Exception: from the body, at its creation or later.
     """
     settings = run.settings
     log_to(settings.log, settings.id)
@@ -149,8 +141,6 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
 
 
 class _Loop:
-    """The step loop."""
-
     def __init__(
         self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: SampleRecorder | None
     ) -> None:
@@ -163,7 +153,6 @@ class _Loop:
         self._fault = ""
 
     def go(self, stop: Stop) -> None:
-        """Run until a signal or the last step."""
         settings = self._run.settings
         pace = StepTimer(self._step_s, self._air.now_s())
         line = StepTimer(settings.log.every_s, self._air.now_s() + settings.log.every_s)
@@ -234,7 +223,6 @@ class _Loop:
 
 
 def _has_come(stop: Stop, wait_s: float) -> bool:
-    """Wait for a signal; return whether there is one."""
     try:
         number = stop.get(timeout=wait_s) if wait_s > 0 else stop.get_nowait()
     except queue.Empty:

@@ -46,11 +46,9 @@ class TlsSettings:
 
     @property
     def files(self) -> Tls | None:
-        """The three files, if given."""
         return Tls(self.ca_file, self.cert_file, self.key_file) if self.ca_file else None
 
     def pairs(self) -> Pairs:
-        """Return Zenoh's settings for TLS."""
         pairs = tls_pairs(self.files, "connect", "listen")
         return [*pairs, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if pairs else []
 
@@ -82,7 +80,6 @@ class AirSettings:
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
 
     def problems(self) -> list[Problem]:
-        """Check the rules that involve several keys."""
         problems = []
         if self.mode == "client" and not self.connect:
             problems.append(Problem("connect", "none", "must name the router of a client"))
@@ -139,7 +136,6 @@ class AirSettings:
         return RouterLink(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
-        """Return Zenoh's settings for open air."""
         link = self.link(user)
         listen = self.listen
         if self.mode == "peer" and self.multicast and not listen:
@@ -200,7 +196,6 @@ class BoardSettings:
     log: LogSettings = key(LogSettings, "its logs and recordings")
 
     def problems(self) -> list[Problem]:
-        """Check the rules that involve several tables."""
         problems = []
         try:
             Keys(self.run)
@@ -253,7 +248,6 @@ class BoardSettings:
 
     @property
     def user(self) -> str:
-        """The agent's user name."""
         return user_name(AGENT, self.id)
 
     @property

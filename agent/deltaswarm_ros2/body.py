@@ -29,11 +29,7 @@ NO_CLOCK = "no /clock, from which the robot's time is taken (use_sim_time)"
 
 
 class Ros2Body(GuardedBody):
-    """One robot, which may appear later and disappear; meanwhile the body has a fault.
-
-    Raises:
-        ValueError: Zenoh refuses the settings, or the arena has too many cells for detections.
-    """
+    """One robot, which may appear later and disappear; meanwhile the body has a fault."""
 
     Settings: ClassVar[type[Any]] = Ros2Settings
     REAL_TIME: ClassVar[bool] = True
@@ -74,7 +70,6 @@ class Ros2Body(GuardedBody):
     # The agent's thread
 
     def sense(self, time_s: float) -> Sensed:
-        """Return the robot's newest position, the events near it, and what it detects."""
         now_s = time.monotonic()
         sensed = super().sense(time_s)
         with self._lock:
@@ -87,7 +82,6 @@ class Ros2Body(GuardedBody):
         return sensed._replace(fault="; ".join([reason or sensed.fault, *self._link.mismatches(self._topic)]))
 
     def close(self) -> None:
-        """Stop the robot and leave the ROS graph."""
         with self._lock:
             self._guard.command(0.0, 0.0, time.monotonic())
         self._closing.set()

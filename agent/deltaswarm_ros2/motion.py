@@ -28,7 +28,6 @@ class PlanarFrame(NamedTuple):
     turn_deg: float = 0.0
 
     def to_arena(self, pose: Pose) -> Pose:
-        """Convert a pose in the odometry frame to one in the arena."""
         turn_rad = math.radians(self.turn_deg)
         sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
         x_m, y_m = pose.x_m - self.origin_x_m, pose.y_m - self.origin_y_m
@@ -77,7 +76,6 @@ class Streams:
         self._signs: deque[bool] = deque(maxlen=TWIN_MESSAGES)
 
     def take(self, stamp_s: float, x_m: float, y_m: float) -> None:
-        """Take a message in the order of arrival."""
         if self._places and self._places[-1] == (stamp_s, x_m, y_m):
             return  # the same message by two ways
         far = [
@@ -93,8 +91,6 @@ class Streams:
 
 @dataclass(frozen=True)
 class ExpectedOdometry:
-    """What the odometry of a robot must be like."""
-
     topic: str
     frame_id: str
     """The frame of its poses; "" for any."""

@@ -46,9 +46,6 @@ class Ros2Publisher:
         scenario: the run's scenario.
         wall_ns: the wall clock [Unix ns], of stamps.
         paced: says when to publish.
-
-    Raises:
-        LiveError: there is no router.
     """
 
     shows = f"{' and '.join(TOPICS.values())} in ROS 2; they show the truth"

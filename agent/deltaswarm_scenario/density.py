@@ -159,7 +159,6 @@ def share_problems(share: float, when: str = "") -> list[Problem]:
 
 
 def _means(density: DensitySettings) -> Iterator[tuple[str, tuple[float, ...]]]:
-    """Yield the key and the value of each mean and waypoint."""
     for index, part in enumerate(density.parts):
         where = f"components[{index}]." if density.kind == "mixture" else ""
         if part.path_m:
@@ -229,7 +228,6 @@ def share_inside(
 
 
 def is_free(place: Sequence[float], obstacles: Sequence[ObstacleSettings]) -> bool:
-    """Whether a position is outside all obstacles."""
     return not any(is_inside(place, obstacle.corners_m) for obstacle in obstacles)
 
 

@@ -15,12 +15,7 @@ ARRAY = ".npy"
 
 
 def read_grid(file: str) -> Floats:
-    """Return the weights of a grid, rows from y = 0 upwards, columns from x = 0.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no table of finite weights >= 0 with a positive sum; a wrong cell is named by its place.
-    """
+    """Return the weights of a grid, rows from y = 0 upwards, columns from x = 0."""
     is_array = file.endswith(ARRAY)  # read as such only: np.load would take zips for arrays too
     try:
         raw = np.lib.format.open_memmap(file, mode="r") if is_array else _parsed(read_text(Path(file)))

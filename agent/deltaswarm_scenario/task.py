@@ -136,5 +136,4 @@ class JudgementTask(Technique):
 
     @classmethod
     def of(cls, settings: Any) -> Iterable[Technique]:
-        """Return nothing."""
         return []

@@ -236,8 +236,6 @@ def _link(row: Any, field: str) -> tuple[int, int]:
 
 
 class Truth(NamedTuple):
-    """One step of the world."""
-
     step: _Step
     time_s: _Seconds
     bodies: Annotated[tuple[AgentState, ...], Limits("all agents", most=MAX_BODIES)]

@@ -25,16 +25,11 @@ CERTIFIED = re.compile(rf"({AGENT}-[0-9]+|{WORLD}|{OPERATOR}|{RECORDER})(\.[0-9]
 
 
 def user_name(role: str, number: int = 0) -> str:
-    """The user name of a process at the router."""
     return f"agent-{number}" if role == AGENT else role
 
 
 def revoked_beside(ca: str) -> frozenset[str]:
-    """The names of certificates that count no more: a line each, in `revoked.txt` beside the authority's certificate.
-
-    Raises:
-        ValueError: the file cannot be read, or a line is no such name.
-    """
+    """Read the names of revoked certificates: one per line in `revoked.txt`, beside the authority's certificate."""
     file = Path(ca).with_name(REVOKED)
     try:
         lines = read_text(file).splitlines()
@@ -116,8 +111,6 @@ def air_rules(keys: Keys, agents: Iterable[int], revoked: Collection[str]) -> di
 
 
 class _RuleBook:
-    """Collects rules, subjects and policies."""
-
     def __init__(self, named_over: Sequence[str] | None, revoked: Collection[str]) -> None:
         self._named_over = named_over
         self._revoked = revoked

@@ -35,11 +35,9 @@ class TableWriter:
         self._rows = csv.writer(stream, delimiter=delimiter, lineterminator=lineterminator)
 
     def writerow(self, cells: Iterable[Any]) -> None:
-        """Write a row."""
         self._rows.writerow([guarded(cell) for cell in cells])
 
     def writerows(self, rows: Iterable[Iterable[Any]]) -> None:
-        """Write rows."""
         for row in rows:
             self.writerow(row)
 

@@ -54,7 +54,6 @@ def ended_by(number: int) -> int:
 
 
 def exit_code_of(error: Exception) -> int:
-    """The exit code of a part that ends with an error."""
     return NO_ROOM if isinstance(error, OSError) and error.errno in _DISK else FAILED
 
 

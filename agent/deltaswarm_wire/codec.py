@@ -49,11 +49,7 @@ as using it. The pure-Python packer is not thread-safe, so each sample gets a ne
 
 
 def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
-    """Encode `value`; refuse a sample above `limit_bytes` before it can harm a link.
-
-    Raises:
-        WireError: the encoded sample is too large.
-    """
+    """Encode `value`; raise WireError for more than `limit_bytes`, which would harm a link."""
     data = _pack(value)
     if len(data) > limit_bytes:
         raise WireError("sample", f"be at most {limit_bytes} bytes", f"{len(data)} to send")
@@ -61,11 +57,7 @@ def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
 
 
 def unpack(data: bytes, limit_bytes: int = MAX_SAMPLE_BYTES) -> Any:
-    """Decode a sample that is exactly one MessagePack value.
-
-    Raises:
-        WireError: too large, not MessagePack, or followed by further bytes.
-    """
+    """Decode a sample that is exactly one MessagePack value. Raises WireError."""
     if len(data) > limit_bytes:
         raise WireError("sample", f"be at most {limit_bytes} bytes", len(data))
     try:
@@ -124,7 +116,6 @@ def number(value: Any, low: float, high: float, field: str) -> float:
 
 
 def boolean(value: Any, field: str) -> bool:
-    """Return `value` if it is a bool."""
     if type(value) is not bool:
         raise WireError(field, "be true or false", type(value).__name__)
     return value
@@ -151,7 +142,6 @@ def text(value: Any, field: str, limit: int = 200, allowed: Collection[str] | No
 
 
 def version(value: Any) -> None:
-    """Check that the protocol version is ours."""
     if type(value) is not int or value != PROTOCOL_VERSION:
         raise WireError("version", f"be {PROTOCOL_VERSION}", shown(value))
 

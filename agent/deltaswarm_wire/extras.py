@@ -42,12 +42,10 @@ def needed(extra: str = "") -> dict[str, str]:
 
 
 def extras() -> list[str]:
-    """Return the names of the extras for users."""
     return list(dict.fromkeys(extra for extra, _, _ in _requirements()[1] if extra and extra not in FOR_DEVELOPERS))
 
 
 def install(extra: str) -> str:
-    """Return the command that installs an extra."""
     return f"pip install '{_requirements()[0]}[{extra}]'"
 
 

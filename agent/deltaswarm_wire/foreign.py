@@ -35,9 +35,6 @@ def called(
         arguments: its arguments.
         at: whose definition is shown if no frame of the plug-in raised, as for a wrong signature; default: `function`.
         passes: types of errors that are not its failure.
-
-    Raises:
-        PluginError: the function raised.
     """
     try:
         return function(*arguments)
@@ -66,11 +63,7 @@ class Foreign:
 
     @classmethod
     def make(cls, kind: Any, *arguments: Any, context: Any = None) -> Any:
-        """Make an object of a class, and wrap it unless the class comes with deltaswarm.
-
-        Raises:
-            PluginError: the constructor of a class from outside raised.
-        """
+        """Make an object of a class, and wrap it unless the class comes with deltaswarm."""
         if not is_foreign(kind):
             return kind(*arguments)
         return cls(called(name_of(kind), kind, *arguments, passes=cls.PASSES), context)

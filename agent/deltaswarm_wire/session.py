@@ -39,11 +39,7 @@ def free_port(host: str = "127.0.0.1") -> int:
 
 
 def host_and_port(endpoint: str) -> tuple[str, int]:
-    """Parse host and port: `("::1", 7447)` from `tcp/[::1]:7447#iface=lo`.
-
-    Raises:
-        ValueError: host and port are missing, or the IPv4 address is malformed.
-    """
+    """Parse host and port: `("::1", 7447)` from `tcp/[::1]:7447#iface=lo`."""
     address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
     match = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
     if not match or int(match[2]) > 0xFFFF:
@@ -174,9 +170,6 @@ def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
     """Build a Zenoh configuration: the user's file (if the environment names one), `pairs`, overrides, in this order.
 
     It always includes `NO_SHARED_MEMORY`.
-
-    Raises:
-        ValueError: Zenoh refuses the file or an override.
     """
     path = os.environ.get(CONFIG_VARIABLE)
     session_config = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()

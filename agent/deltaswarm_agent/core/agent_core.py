@@ -126,11 +126,7 @@ class AgentCore(Saved):
             return f"counts of the controller failed: {described(error)}"
 
     def step(self, frame: Frame) -> StepOutput:
-        """Decide. Frames come in order of their steps; steps may be missing between them.
-
-        Raises:
-            ControllerError: the controller raised, or returned an invalid decision.
-        """
+        """Decide. Frames come in order of their steps; steps may be missing between them."""
         return self.decide(self.perceive(frame))
 
     def perceive(self, frame: Frame) -> Percept:

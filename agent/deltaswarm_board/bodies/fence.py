@@ -11,11 +11,7 @@ TOUCH_M = 0.001
 
 
 class Fence:
-    """A simple polygon, its corners in order.
-
-    Raises:
-        ValueError: fewer than three corners, a repeated corner, or edges that cross or touch.
-    """
+    """A simple polygon, its corners in order."""
 
     def __init__(self, corners: Sequence[Place]) -> None:
         if len(corners) < 3:
@@ -32,7 +28,6 @@ class Fence:
                 raise ValueError(f"must have edges that meet only at corners, unlike {edges}")
 
     def holds(self, at: Place) -> bool:
-        """Whether a position is inside."""
         x_m, y_m = at
         within = False
         for (ax, ay), (bx, by) in self._edges:
@@ -51,7 +46,6 @@ class Fence:
         return (vx_mps, vy_mps) == (0.0, 0.0) or self.holds(to) or self._distance_m2(to) < self._distance_m2(at)
 
     def _distance_m2(self, at: Place) -> float:
-        """Squared distance to the nearest edge [m2]."""
         return min(_to_edge_m2(at, a, b) for a, b in self._edges)
 
 

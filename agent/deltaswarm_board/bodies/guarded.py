@@ -16,8 +16,6 @@ log = logging.getLogger("deltaswarm.body")
 
 @dataclass(frozen=True)
 class GuardedSettings:
-    """The limits of a robot."""
-
     max_speed_mps: float = key(1.0, "speed limit of set-points [m/s]", above=0, high=30)
     fence_m: tuple[tuple[float, ...], ...] = key(
         (), "corners of the geofence [m; arena frame]; none: the arena plus fence_margin_m"
@@ -33,7 +31,6 @@ class GuardedSettings:
     events: str = key("", "a CSV file of simulated events; empty: no events")
 
     def problems(self) -> list[Problem]:
-        """Check what involves several keys."""
         problems = file_problems(self.events)
         if self.fence_m:
             try:
@@ -48,7 +45,6 @@ class GuardedSettings:
         return [(corner[0], corner[1]) for corner in self.fence_m]
 
     def fence(self, width_m: float, height_m: float) -> Fence:
-        """Make the geofence for an arena of this size."""
         low, right, top = -self.fence_margin_m, width_m + self.fence_margin_m, height_m + self.fence_margin_m
         return Fence(self._corners() or [(low, low), (right, low), (right, top), (low, top)])
 
@@ -80,7 +76,6 @@ class GuardedBody:
         self._told_stalls = 0
 
     def sense(self, time_s: float) -> Sensed:
-        """Return the robot's newest position and the events near it."""
         with self._lock:
             sensed = self._guard.sensed(time.monotonic())
         if self._no_link:

@@ -74,11 +74,7 @@ RETRY_S = 1.0
 
 
 class MavlinkBody(GuardedBody):
-    """One vehicle, which may appear later and disappear; meanwhile the body has a fault.
-
-    Raises:
-        ImportError: pymavlink is not installed, or pyserial for a serial device.
-    """
+    """One vehicle, which may appear later and disappear; meanwhile the body has a fault."""
 
     Settings: ClassVar[type[Any]] = MavlinkSettings
     REAL_TIME: ClassVar[bool] = True
@@ -108,7 +104,6 @@ class MavlinkBody(GuardedBody):
     # The agent's thread
 
     def close(self) -> None:
-        """Stop the vehicle and close the link."""
         with self._lock:
             self._guard.command(0.0, 0.0, time.monotonic())
         self._closing.set()

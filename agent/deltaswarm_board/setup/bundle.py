@@ -58,10 +58,6 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
     """Make the folder `out`; return the names of its wheels.
 
     If given, the operator's public key is put into the example of a board's file.
-
-    Raises:
-        SettingsError: the folder exists.
-        BundleError: a wheel cannot be obtained or does not fit; nothing is left behind.
     """
     if out.exists():
         raise SettingsError([Problem("--out", str(out), "must be a new folder; nothing is overwritten")])
@@ -98,11 +94,7 @@ def wheel_platforms(platform: str) -> list[str]:
 
 
 def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[str, str] | None = None) -> None:
-    """Build a wheel that fits any board.
-
-    Raises:
-        BundleError: the wheel is not pure Python, or cannot be built.
-    """
+    """Build a wheel that fits any board."""
     before = set(wheels.iterdir())
     _pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
     for wheel in set(wheels.iterdir()) - before:
@@ -132,11 +124,7 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
 
 
 def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
-    """Run pip.
-
-    Raises:
-        BundleError: pip failed; the text has its last errors or output.
-    """
+    """Run pip."""
     argv = bound_to_this("pip", command, "--quiet", "--disable-pip-version-check", *arguments)
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
     if done.returncode:

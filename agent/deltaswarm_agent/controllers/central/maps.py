@@ -82,7 +82,6 @@ class LearntMap:
         """Time [s] and position [m] of each event."""
 
     def learn(self, time_s: float, x_m: float, y_m: float) -> None:
-        """Take the place of an event that becomes known [m]."""
         self._latest.append((time_s, x_m, y_m))
         squares = ((self._centres_m - (x_m, y_m)) ** 2).sum(axis=1)
         near = np.exp(-(squares - squares.min()) / (2.0 * SPREAD_M**2))
@@ -133,12 +132,10 @@ class KnownMap:
         """Learn nothing: the density is known."""
 
     def places_m(self, time_s: float) -> Floats:
-        """Return places drawn from the density."""
         self._draw(time_s)
         return self._places_m
 
     def rate_near_hz(self, time_s: float, posts_m: Floats, range_m: float) -> Floats:
-        """Return the rate of events within a range of each post [1/s]."""
         near = np.hypot(*(self.places_m(time_s)[:, None] - posts_m).transpose(2, 0, 1)) <= range_m
         rates: Floats = near.mean(axis=0) * self._rate_hz
         return rates

@@ -72,7 +72,6 @@ class Finds(Saved):
             self._walked_s[self._leg] += FADING_S * (1.0 - kept)
 
     def begin(self, leg: int | None, works: bool, now: int) -> None:
-        """Say what the agent does from this step on."""
         if leg != self._leg or works != self._works:
             self.update(now)
             self._leg, self._works = leg, works
@@ -97,7 +96,6 @@ class Finds(Saved):
         self.busy = kept * self.busy + means[4] / 1000
 
     def told(self, now: int) -> Averages:
-        """The averages for a frame."""
         self.update(now)
         finds = [min(MAX_ID, round(1000 * finds)) for finds in self._finds]
         walked_ds = [round(10 * walked_s) for walked_s in self._walked_s]

@@ -179,11 +179,7 @@ def encode(frame: PaperFrame) -> bytes:
 
 
 def decode(sender: int, payload: bytes) -> PaperFrame:
-    """Check and decode one frame of a sender.
-
-    Raises:
-        WireError: anything that breaks the protocol, naming the field.
-    """
+    """Check and decode one frame of a sender. Raises WireError."""
     kept = _encoded.get(sender)
     if kept is not None and payload in kept:
         return kept[payload]
@@ -232,7 +228,6 @@ def _decode_member(sender: int, raw: list[Any], averages: Averages | None) -> Me
 
 
 def _rows(raw: Any, row: Callable[[Any], Any], codes: str, limit: int, field: str) -> tuple[Any, ...]:
-    """Decode rows of integers from a flat array."""
     flat = arrays(raw, limit * len(codes), field)
     if not flat:
         return ()

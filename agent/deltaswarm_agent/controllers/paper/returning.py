@@ -47,7 +47,6 @@ class FoundPlaces(Saved):
         """Where the present leg leads back to, as long as nothing has been found on it."""
 
     def add(self, x_m: float, y_m: float, now: int) -> None:
-        """Remember a place."""
         self._places.append((x_m, y_m, now))
         self._goal = None
 

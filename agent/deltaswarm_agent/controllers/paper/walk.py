@@ -61,7 +61,6 @@ class Walk(Saved):
         """The kind of the present leg."""
 
     def turn(self, now: int, x_m: float, y_m: float) -> None:
-        """Begin a new leg."""
         goal = self._found.next_goal(now) if self._found is not None else None
         if goal is not None and not self._obstacles.first_crossing(x_m, y_m, goal[0] - x_m, goal[1] - y_m):
             self.leg = RETURNING
@@ -76,7 +75,6 @@ class Walk(Saved):
         self._ends = now + max(1, math.ceil(time_s / self._step_s))
 
     def velocity(self, now: int, x_m: float, y_m: float) -> Velocity:
-        """The velocity of this step, from where the agent is."""
         if now >= self._ends:
             self.turn(now, x_m, y_m)
         vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0], self._radius_m)
