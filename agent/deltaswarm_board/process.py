@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controller import make_controller
@@ -64,16 +64,6 @@ log = logging.getLogger("deltaswarm.board")
 
 ENDS_WITHIN_S = 3.0
 """Time after a signal at which a hanging body is abandoned [s]; systemd kills after 5 s."""
-
-
-class SampleRecorder(Protocol):
-    """Records frames."""
-
-    def write(self, topic: str, data: bytes) -> None:
-        """Record one sample."""
-
-    def close(self) -> None:
-        """Finish the file."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +132,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
 
 class _Loop:
     def __init__(
-        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: SampleRecorder | None
+        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: "FrameRecorder | None"
     ) -> None:
         self._run = run
         self._driver = driver
@@ -270,7 +260,7 @@ def _recorder_class() -> "type[FrameRecorder]":
     return FrameRecorder
 
 
-def _recorder(settings: BoardSettings) -> SampleRecorder | None:
+def _recorder(settings: BoardSettings) -> "FrameRecorder | None":
     log_settings = settings.log
     if log_settings.record == "off":
         return None

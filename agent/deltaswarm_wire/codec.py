@@ -4,7 +4,9 @@ A decoder takes bytes from an untrusted sender. Every mistake in them is one `Wi
 must hold, and what was got.
 """
 
+import struct
 from collections.abc import Callable, Collection
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import msgpack
@@ -113,6 +115,25 @@ def number(value: Any, low: float, high: float, field: str) -> float:
     if not low <= value <= high:
         raise WireError(field, f"be from {low:.15g} to {high:.15g}", value)
     return float(value)
+
+
+_ONLY_INT = {int}
+
+
+def all_fit(values: list[Any], codes: str) -> bool:
+    """Whether all are integers of their C types (see `struct`): packing them is the quickest check of many at once."""
+    if set(map(type, values)) != _ONLY_INT:
+        return False
+    try:
+        _layout(codes).pack(*values)
+    except struct.error:
+        return False
+    return True
+
+
+@lru_cache(512)
+def _layout(codes: str) -> struct.Struct:
+    return struct.Struct("<" + codes)
 
 
 def boolean(value: Any, field: str) -> bool:

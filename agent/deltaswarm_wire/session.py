@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, TypeVar
 
 from deltaswarm_wire.access import TLS, revoked_beside, world_rules
 from deltaswarm_wire.checked import one_line
@@ -132,36 +132,19 @@ def use_one_worker_thread() -> None:
     os.environ.setdefault(_RUNTIME_VARIABLE, _ONE_WORKER)
 
 
-class ZenohConfig(Protocol):
-    """The part of `zenoh.Config` that this package uses without importing zenoh."""
-
-    @classmethod
-    def from_file(cls, path: str) -> Self:
-        """A configuration from a JSON5 file."""
-
-    def insert_json5(self, key: str, value: str) -> None:
-        """Set one key."""
-
-
-class Session(Protocol):
-    """The part of `zenoh.Session` that this package uses."""
-
-    def close(self) -> None:
-        """Leave the network."""
-
-
-C = TypeVar("C", bound=ZenohConfig)
-S = TypeVar("S", bound=Session)
+C = TypeVar("C")
+S = TypeVar("S")
 
 
 @contextmanager
 def closing(session: S, note: Callable[[str], object]) -> Iterator[S]:
     """Close a session at the end. If this fails, as with a peer that is stopped, `note` is told: the work is done."""
+    closed: Any = session  # without importing zenoh
     try:
         yield session
     finally:
         try:
-            session.close()
+            closed.close()
         except Exception as error:
             note(f"the session could not be closed in order: {one_line(without_sources(str(error)))}")
 
@@ -172,12 +155,14 @@ def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
     It always includes `NO_SHARED_MEMORY`.
     """
     path = os.environ.get(CONFIG_VARIABLE)
-    session_config = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
+    kind: Any = config
+    session_config = _accepted(f"{CONFIG_VARIABLE}={path}", kind.from_file, path) if path else kind()
     for key, value in [*NO_SHARED_MEMORY, *pairs]:
         session_config.insert_json5(key, json.dumps(value))
     for key, text in link.overrides:
         _accepted(f"--zenoh {key}={text}", session_config.insert_json5, key, text)
-    return session_config
+    made: C = session_config
+    return made
 
 
 def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:

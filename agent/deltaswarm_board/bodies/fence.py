@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from itertools import combinations
 
+from deltaswarm_wire.obstacles import is_inside
+
 Place = tuple[float, float]
 Edge = tuple[Place, Place]
 
@@ -16,6 +18,7 @@ class Fence:
     def __init__(self, corners: Sequence[Place]) -> None:
         if len(corners) < 3:
             raise ValueError(f"must have at least 3 corners, not {len(corners)}")
+        self._corners = corners
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
         for index, corner in enumerate(corners):
             if corner in corners[:index]:
@@ -28,12 +31,7 @@ class Fence:
                 raise ValueError(f"must have edges that meet only at corners, unlike {edges}")
 
     def holds(self, at: Place) -> bool:
-        x_m, y_m = at
-        within = False
-        for (ax, ay), (bx, by) in self._edges:
-            if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) * (bx - ax) / (by - ay):
-                within = not within
-        return within
+        return is_inside(at, self._corners)
 
     def permits(self, at: Place, vx_mps: float, vy_mps: float, ahead_s: float) -> bool:
         """Whether a vehicle at this position may take this velocity, looking `ahead_s` [s] ahead.

@@ -7,7 +7,6 @@ patrols.
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,22 +29,6 @@ PRIOR_EVENTS = 2.0
 
 MAX_CELLS = 2500
 """Cells are at least as wide as the sensing range, and wider in an arena that would have more of them than this."""
-
-
-class Expected(Protocol):
-    """What a planner needs to know of the events to come."""
-
-    def learn(self, time_s: float, x_m: float, y_m: float) -> None:
-        """Take the place of an event that becomes known [m]."""
-
-    def places_m(self, time_s: float) -> Floats:
-        """Return places (n, 2) at which events occur [m]."""
-
-    def rate_near_hz(self, time_s: float, posts_m: Floats, range_m: float) -> Floats:
-        """Return the rate of events within a range of each post [1/s]."""
-
-    def weights(self, time_s: float) -> Floats:
-        """Return the rate of events in each cell, in any unit."""
 
 
 class Cells:
@@ -82,6 +65,7 @@ class LearntMap:
         """Time [s] and position [m] of each event."""
 
     def learn(self, time_s: float, x_m: float, y_m: float) -> None:
+        """Take the place of an event that becomes known [m]."""
         self._latest.append((time_s, x_m, y_m))
         squares = ((self._centres_m - (x_m, y_m)) ** 2).sum(axis=1)
         near = np.exp(-(squares - squares.min()) / (2.0 * SPREAD_M**2))
@@ -152,3 +136,7 @@ class KnownMap:
         cells = ((self._places_m[:, None] - self._centres_m) ** 2).sum(axis=2).argmin(axis=1)
         counts = np.bincount(cells, minlength=len(self._centres_m)) + 1.0 / len(self._centres_m)
         self._weights = counts * self._rate_hz / len(cells)
+
+
+Expected = LearntMap | KnownMap
+"""What a planner knows of the events to come."""

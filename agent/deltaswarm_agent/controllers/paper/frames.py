@@ -5,9 +5,8 @@ frame. An agent without information sends nothing. The key of the frame identifi
 payload.
 """
 
-import struct
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from itertools import chain, cycle
 from typing import Any, NamedTuple
 
@@ -17,6 +16,7 @@ from deltaswarm_wire.codec import (
     MAX_ID,
     MAX_RADIO_BYTES,
     WireError,
+    all_fit,
     array,
     arrays,
     boolean,
@@ -147,7 +147,6 @@ _WITH_AVERAGES = {ATTENDING: 7, MEMBER: 12}
 """Items of a payload that ends with averages."""
 _BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 """The C types that the integers fit, and their bounds."""
-_ONLY_INT = {int}
 
 _flat = chain.from_iterable
 _descendant: Callable[[tuple[int, ...]], Descendant] = partial(tuple_of, Descendant)
@@ -247,18 +246,7 @@ def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
     """Raise for the first value that is no integer of its C type; `fields` names each, or all of them."""
     if len(values) != len(codes):
         raise WireError("frame", f"have {len(codes)} integers", len(values))
-    if values and set(map(type, values)) == _ONLY_INT:
-        try:
-            _layout(codes).pack(*values)
-        except struct.error:
-            pass
-        else:
-            return
+    if all_fit(values, codes):
+        return
     for value, code, field in zip(values, codes, cycle(fields)):
         integer(value, *_BOUNDS[code], field)
-
-
-@lru_cache(512)
-def _layout(codes: str) -> struct.Struct:
-    """Packing is the fastest check of many integers."""
-    return struct.Struct("<" + codes)
