@@ -36,7 +36,6 @@ FAST = ("--accelerate", str(PER_S))
 
 @contextmanager
 def flooding(to: str, keys: Sequence[str], samples: Sequence[tuple[bytes, bytes]]) -> Iterator[None]:
-    """A process that floods these keys meanwhile."""
     command = [sys.executable, "-m", "tests.support.flooder", to, *keys]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2])
     try:
@@ -52,7 +51,6 @@ def flooding(to: str, keys: Sequence[str], samples: Sequence[tuple[bytes, bytes]
 
 
 def tls_air(folder: Path, name: str, **air: Any) -> dict[str, Any]:
-    """Of a board that has these files."""
     return {**air, "tls": tls_table(folder, name, verify_name=False)}
 
 

@@ -50,7 +50,6 @@ def test_a_certificate_carries_its_parts_name_and_the_authoritys_signature(folde
 
 
 def test_the_worlds_certificate_is_for_its_hosts(folder: Path) -> None:
-    """Those given, and loopback; nobody else's is."""
     names = certificate(folder / "world.pem").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert set(names.get_values_for_type(x509.DNSName)) == {"localhost", "world.local"}
     addresses = {"127.0.0.1", "::1", "192.168.1.10"}
@@ -60,7 +59,6 @@ def test_the_worlds_certificate_is_for_its_hosts(folder: Path) -> None:
 
 
 def test_more_agents_are_added_and_nothing_is_made_anew(folder: Path, tmp_path: Path, capsys: Printed) -> None:
-    """By the same authority."""
     for path in folder.iterdir():
         shutil.copy2(path, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
@@ -71,7 +69,6 @@ def test_more_agents_are_added_and_nothing_is_made_anew(folder: Path, tmp_path: 
 
 
 def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: Printed) -> None:
-    """Rather than to sign what nobody believes."""
     certificates.make(tmp_path, [], [], 1)
     (tmp_path / "ca.key").write_bytes((tmp_path / "world.key").read_bytes())
     assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
@@ -79,7 +76,6 @@ def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: 
 
 
 def test_an_authority_whose_key_others_may_read_signs_nothing(folder: Path, tmp_path: Path, capsys: Printed) -> None:
-    """With its mode, and what to do."""
     certificates.make(tmp_path, [], [], 1)
     (tmp_path / "ca.key").chmod(0o644)
     assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
@@ -87,7 +83,6 @@ def test_an_authority_whose_key_others_may_read_signs_nothing(folder: Path, tmp_
 
 
 def test_the_command_says_what_stays_on_this_machine(folder: Path, capsys: Printed) -> None:
-    """Beside the list of files, which a script may read."""
     assert main(["certificates", "--out", str(folder), "--agents", "7"]) == 0
     printed = capsys.readouterr()
     assert str(folder / "ca.key") in printed.err
@@ -120,7 +115,6 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
     ],
 )
 def test_a_wrong_argument_is_refused(tmp_path: Path, arguments: list[str], message: str, capsys: Printed) -> None:
-    """With what is allowed; nothing is written."""
     with pytest.raises(SystemExit, match="2"):
         main(["certificates", "--out", str(tmp_path / "out"), *arguments])
     assert message in capsys.readouterr().err
@@ -132,7 +126,6 @@ def test_a_wrong_argument_is_refused(tmp_path: Path, arguments: list[str], messa
     ["", "a b", "tcp/10.0.0.1", "10.0.0.1:7447", "wörld", "192.168.1.300", "10.0.1", "-x", "x-", "a..b", "x" * 64],
 )
 def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: Printed) -> None:
-    """A name or an address is expected; nothing is written."""
     assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", f"--host={host}"]) == 2
     assert f"(got {host!r})" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

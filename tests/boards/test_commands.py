@@ -40,7 +40,6 @@ KEYS = Keys(RUN)
 
 
 def peer(*ports: int) -> zenoh.Session:
-    """A process with a Zenoh session that connects to boards."""
     return zenoh.open(plain_peer(*map(endpoint, ports)))
 
 
@@ -69,7 +68,6 @@ def table(agent: int, folder: Path, key: str, listens: int, *connects: int) -> d
 
 
 def forged(number: int, sign: Callable[[bytes], bytes]) -> bytes:
-    """A command as somebody without the operator's key signs it."""
     body = encode_command(HOLD._replace(number=number))
     return encode_relayed(Relayed(500, Signed(body, sign(body))))
 
@@ -92,7 +90,6 @@ def test_a_board_refuses_what_is_not_of_now(
 
 
 def script(folder: Path, commands: Sequence[dict[str, Any]] = SCRIPT) -> list[str]:
-    """The operator's options for a file of commands, with its key."""
     file = folder / "commands.toml"
     file.write_text(tomli_w.dumps({"command": commands}))
     key = str(folder / "operator.key")
@@ -182,14 +179,12 @@ def test_a_person_commands_from_the_page_and_again_after_a_restart(tmp_path: Pat
 
 
 def _picture(page: Any) -> dict[str, Any]:
-    """The next picture that a page gets."""
     while (message := json.loads(page.recv(PATIENCE_S)))["type"] != "picture":
         pass
     return dict(message)
 
 
 def children(pid: int) -> list[int]:
-    """Processes that a process started."""
     done = subprocess.run(["pgrep", "-P", str(pid)], capture_output=True, text=True, check=False)
     return [int(line) for line in done.stdout.split()]
 
@@ -236,7 +231,6 @@ def test_a_base_that_starts_again_is_heard_at_once() -> None:
     ],
 )
 def test_an_operator_refuses(arguments: Sequence[str], message: str, tmp_path: Path, capsys: Printed) -> None:
-    """With exit code 2, the reason, and how to make a key that is missing."""
     make_key(tmp_path / "operator.key")
     script(tmp_path, [{"name": "hold"}])
     files = {"KEY": str(tmp_path / "operator.key"), "SCRIPT": str(tmp_path / "commands.toml")}

@@ -81,7 +81,6 @@ def start(
     environment: Mapping[str, str] | None = None,
     **tables: Any,
 ) -> None:
-    """A board with each of these bodies, numbered from the first."""
     (running.folder / "bodies_of_a_test.py").write_text(BODIES)
     for agent, kind in enumerate(kinds, first):
         table = board_table(agent, EVENT_AT, {"listen": [endpoint(free_port())]}, running.folder)
@@ -131,7 +130,6 @@ def test_systemd_hears_no_more_of_a_body_that_hangs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", first_of([signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))
 def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) -> None:
-    """Also that of a terminal that is closed."""
     with boards(tmp_path) as running:
         start(running, ["Well"])
         wait_until(lambda: "made" in running.said(0), "a body")

@@ -213,13 +213,11 @@ def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) 
 
 
 def busy_s(pid: int) -> float:
-    """Processor time of a process [s]."""
     fields = stat(pid)
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def test_the_helper_keeps_no_board(tmp_path: Path) -> None:
-    """Whatever a test does, its boards end with it."""
     with boards(tmp_path) as running:
         process = running.start(board_table(0, EVENT_AT, {"listen": [endpoint(free_port())]}, tmp_path))
     assert isinstance(running, Boards)

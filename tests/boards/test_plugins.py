@@ -84,14 +84,12 @@ class Erratic:
         self.move_fails = False
 
     def sense(self, time_s: float) -> Any:
-        """The next one."""
         found = next(self._gives)
         if isinstance(found, Exception):
             raise found
         return found
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Count."""
         self.moves += 1
         if self.move_fails:
             raise OSError("the wheel is off")
@@ -162,7 +160,6 @@ def test_a_body_that_cannot_be_moved_is_not_well() -> None:
     ],
 )
 def test_what_no_body_may_give_is_a_fault(gives: Any, word: str) -> None:
-    """And no business of the core."""
     _, _, faults = steps(gives, WELL)
     assert faults[1] == ""
     assert re.search(word, faults[0]), faults
@@ -176,7 +173,6 @@ class Odd(Erratic):
 
 
 def test_its_class_and_file_are_named() -> None:
-    """In the fault that the operator is told, and whether it raises, or returns what no body may."""
     body = make_body(cast(Any, Odd), iter([None, OSError("gone")]), cast(Any, None))
     driver = Driver(Core(1, agent_settings()).core, body, step_s=1.0, arrive_m=0.2, max_std_m=1.0)
     for step, said in enumerate(("TypeError: sense must return a Sensed", "OSError: gone")):
@@ -186,7 +182,6 @@ def test_its_class_and_file_are_named() -> None:
 
 
 def test_any_numbers_do() -> None:
-    """Those of numpy too, which no message could carry."""
     numpy = pytest.importorskip("numpy")
     place = numpy.float32(5.5)
     driver, _, faults = steps(Sensed(place, place, place / 100, (Event(numpy.int64(3), place, place),)))

@@ -38,7 +38,6 @@ def tables(folder: Path, router: int) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def start_all(running: Boards, robots: Fleet, listener: Listener, made: list[dict[str, Any]]) -> None:
-    """The root first, then the others, each robot where its place is."""
     for table, at in zip(made, PLACES, strict=True):
         robot = robots.add(f"/robot{table['id']}")
         robot.x_m, robot.y_m = at

@@ -41,11 +41,9 @@ class Router:
     heard: list[tuple[str, bytes]] = field(default_factory=list)
 
     def link(self, name: str) -> RouterLink:
-        """Of who has this certificate."""
         return RouterLink(self.tls, tls=tls_files(self.folder, name))
 
     def sign(self, name: str, subject: str, days: float) -> RouterLink:
-        """A certificate on the same name that lives for so long."""
         certificates._write(self.folder / name, *Authority.load(self.folder).sign(subject, days))
         return self.link(name)
 
@@ -180,7 +178,6 @@ def test_agent_3s_certificate_hears_agent_3s_frames_alone(router: Router, way: s
 
 
 def test_agent_4s_certificate_speaks_as_agent_4(router: Router) -> None:
-    """The keys that agent 3 cannot use are used."""
     with opened(router.link("agent-4")) as session:
         mark = session.declare_publisher(KEYS.agent(4, ACT))
         wait_until(lambda: mark.matching_status.matching, "a way to the world")
@@ -230,14 +227,12 @@ def test_an_agent_over_tls_takes_part_in_a_run(tmp_path: Path) -> None:
 def test_certificates_are_asked_for_where_they_are_needed(
     made: Router, endpoints: list[str], change: dict[str, str | None], message: str
 ) -> None:
-    """All three for a TLS endpoint, each to be read, and none for another."""
     files: dict[str, str | None] = {**vars(tls_files(made.folder, "agent-3")), **change}
     with pytest.raises(ValueError, match=message):
         tls_of(endpoints, **files)
 
 
 def test_a_key_that_others_may_read_is_refused(made: Router, tmp_path: Path) -> None:
-    """With its mode, and what to do."""
     key = tmp_path / "open.key"
     key.write_bytes((made.folder / "agent-3.key").read_bytes())
     key.chmod(0o640)
@@ -249,7 +244,6 @@ def test_a_key_that_others_may_read_is_refused(made: Router, tmp_path: Path) -> 
 
 
 def test_the_world_listens_on_the_network_over_tls_alone(made: Router, tmp_path: Path, capsys: Printed) -> None:
-    """Beside a TLS endpoint, passwords are for loopback."""
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(to_toml(load_scenario("smoke", [])))
     arguments = ["--scenario", str(scenario), "--run", "x", "--credentials", str(tmp_path / "credentials")]
@@ -348,7 +342,6 @@ def test_certificates_are_revoked_one_after_the_other(tmp_path: Path, capsys: Pr
 
 @pytest.mark.parametrize("count", [1, 5, 25])
 def test_rules_name_the_certificates_that_count(count: int) -> None:
-    """Of every agent one, in open air as at the world's router."""
     revoked = {"agent-0", "agent-0.2", OPERATOR}
     rules = (air_rules(KEYS, range(count), revoked), world_rules(KEYS, range(count), (), revoked))
     for rule in rules:

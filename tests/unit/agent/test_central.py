@@ -190,7 +190,6 @@ def test_patrols_keep_their_goals_for_20_s_and_apart() -> None:
 
 @given(st.lists(places, min_size=1, max_size=40), st.integers(0, 12))
 def test_posts_are_among_their_places(around: list[Pose], count: int) -> None:
-    """As many as asked for, within the places' extent."""
     at_m = np.array(around)
     found_m = posts(at_m, count, RANGE_M, Random(1))
     assert found_m.shape == (count, 2)
@@ -266,7 +265,6 @@ sensed_frames = st.builds(
 
 @given(sensed_frames, st.dictionaries(st.integers(0, 0xFFFF), st.just((12.34, 0.0)), max_size=20))
 def test_frames_return_as_they_were(sensed: SensedFrame, goals: dict[int, Pose]) -> None:
-    """Both kinds, and neither is taken for the other."""
     assert frames.decode_sensed(frames.encode_sensed(sensed)) == sensed
     assert frames.decode_plan(frames.encode_plan(goals)) == goals
     with pytest.raises(WireError):
@@ -364,7 +362,6 @@ def test_the_planner_alone_reports() -> None:
     ],
 )
 def test_what_central_control_and_bounds_need(overrides: list[str], said: str) -> None:
-    """One line, before anything starts."""
     with pytest.raises(SettingsError, match=said):
         load_scenario("paper-25", overrides)
 

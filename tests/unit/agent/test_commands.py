@@ -50,7 +50,6 @@ class Deaf:
         self.decision = Decision(**decision)
 
     def step(self, percept: Percept) -> Decision:
-        """Always the same."""
         self.percepts.append(percept)
         return self.decision
 
@@ -61,7 +60,6 @@ class Obedient(Deaf):
     Commands: ClassVar[tuple[CommandForm, ...]] = (GO,)
 
     def step(self, percept: Percept) -> Decision:
-        """What it was told is done."""
         return super().step(percept)._replace(done=tuple(command.number for command in percept.commands))
 
 
@@ -78,7 +76,6 @@ def told(sender: int, counter: int, *items: bytes, payload: bytes | None = None)
 
 
 def relayed(out: StepOutput) -> list[tuple[int, int]]:
-    """Number and steps left of the commands in a frame."""
     found = [decode_relayed(data) for data in (decode_sample(out.radio).commands if out.radio else ())]
     return [(one.signed.body[3] if one.signed.body[2] == 0xCC else one.signed.body[2], one.left_steps) for one in found]
 

@@ -53,7 +53,6 @@ class Guide:
         self.context = context
 
     def step(self, percept: Percept) -> Decision:
-        """Walk along x."""
         return Decision((self.context.settings.pace_mps, 0.0))
 
 
@@ -61,7 +60,6 @@ class WithoutSettings:
     """No controller."""
 
     def step(self, percept: Percept) -> Decision:
-        """Stand."""
         return Decision()
 
 

@@ -37,8 +37,6 @@ class NoSettings:
 
 
 class Scripted:
-    """Gives the decisions that it was made with, one after the other, and keeps what it was told."""
-
     Settings: ClassVar[type[NoSettings]] = NoSettings
 
     def __init__(self, *decisions: Any) -> None:
@@ -46,7 +44,6 @@ class Scripted:
         self.percepts: list[Percept] = []
 
     def step(self, percept: Percept) -> Decision:
-        """The next decision; an exception is raised."""
         self.percepts.append(percept)
         found = self._decisions.pop(0)
         if isinstance(found, BaseException):

@@ -44,7 +44,6 @@ def test_a_neighbour_pushes_straight_away(direction: float, distance_m: float) -
 
 
 def test_a_neighbour_unheard_is_forgotten() -> None:
-    """After its time nobody pushes any more."""
     agent = an_agent(memory_s=3.0)
     assert agent.step(percept(0, (50.0, 50.0), [(2, beacon_of((52.0, 50.0)))])).velocity != (0.0, 0.0)
     assert agent.step(percept(4, (50.0, 50.0), [])).velocity == (0.0, 0.0)
@@ -58,7 +57,6 @@ def test_rubbish_on_the_air_moves_nobody(data: bytes) -> None:
 
 
 def test_an_agent_that_senses_an_event_stands_and_reports_it() -> None:
-    """The nearest, which it observes."""
     near, far = Event(7, 51.0, 50.0), Event(8, 54.0, 50.0)
     decision = an_agent().step(percept(0, (50.0, 50.0), [(2, beacon_of((52.0, 50.0)))], (far, near)))
     assert (decision.velocity, decision.observed, decision.role) == ((0.0, 0.0), (7,), "attending")

@@ -57,7 +57,6 @@ class Flight:
             self.track.append(json.loads(line))
 
     def tell(self, word: str) -> None:
-        """A word to the vehicle."""
         assert self.process.stdin is not None
         self.process.stdin.write(word + "\n")
         self.process.stdin.flush()
@@ -69,7 +68,6 @@ class Flight:
 
     @property
     def speed_mps(self) -> float:
-        """How fast it is."""
         return math.hypot(*self.track[-1][3:5]) if self.track else math.nan
 
     def hears_what_was_sent(self) -> None:
@@ -113,8 +111,6 @@ def a_body(kind: str = "copter", **options: Any) -> Iterator[tuple[MavlinkBody, 
 
 
 def go(body: MavlinkBody, vx_mps: float, vy_mps: float, until: Any, what: str) -> None:
-    """Command each time that is waited, as an agent does each step."""
-
     def commanded() -> bool:
         body.move(vx_mps, vy_mps, ())
         return bool(until())
@@ -133,7 +129,6 @@ def test_x_is_east_and_y_is_north_and_no_faster_than_allowed() -> None:
 
 
 def test_a_turned_arena_turns_both_ways() -> None:
-    """With +y to the east, +x points south."""
     with a_body(heading_deg=90.0, origin_north_m=8.0, origin_east_m=-8.0) as (body, flight):
         go(body, 1.0, 0.0, lambda: flight.at[1] < -0.5, "half a metre to the south")
         wait_until(lambda: body.sense(0.0).x_m > 8.4, "the same along x")

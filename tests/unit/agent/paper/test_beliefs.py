@@ -60,7 +60,6 @@ def test_the_freshest_word_wins(told: Words) -> None:
 
 @given(words, st.randoms(use_true_random=False))
 def test_words_may_come_in_any_order_and_twice(told: Words, order: random.Random) -> None:
-    """Merging is commutative and idempotent."""
     one, other = some(), some()
     hear(one, told.items())
     hear(other, order.sample([*told.items()] * 2, 2 * len(told)))

@@ -91,7 +91,6 @@ bad_payloads = (
 
 @given(lives(bad_samples | bad_payloads | near_frames(), steps=6), beginnings)
 def test_malformed_frames_are_counted_and_harmless(life: list[Any], begin: str) -> None:
-    """An agent that hears them among others decides as one that does not: neither envelopes nor payloads matter."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
     samples, senders = 0, set()
     for heard, sensed in life:
@@ -116,7 +115,6 @@ def assert_sound(decision: StepAnswer, sensed: list[Event]) -> None:
 
 @given(lives(paper_frames | near_frames(far_cm)), beginnings, in_arena, in_arena)
 def test_no_valid_frame_of_a_stranger_upsets_an_agent(life: list[Any], begin: str, x_m: float, y_m: float) -> None:
-    """Whatever places, paths, ages and orders it claims, and wherever the agent is."""
     lone = BEGINNINGS[begin]()
     home = lone.at
     for number, (heard, sensed) in enumerate(life):

@@ -148,7 +148,6 @@ def test_an_orphaned_parent_is_still_the_parent() -> None:
 
 
 def test_who_is_in_its_parents_path_is_an_orphan() -> None:
-    """A cycle ends where it is first seen."""
     lone = a_member()
     lone.step(member((ROOT, ME, PARENT), PARENT_AT, pulse=101))
     assert lone.core.state is State.ORPHAN

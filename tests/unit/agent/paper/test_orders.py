@@ -46,7 +46,6 @@ def test_an_order_is_relayed_only_towards_its_leaf(leaf: int, ttl: int, relayed:
 
 
 def test_an_order_from_elsewhere_is_neither_obeyed_nor_relayed() -> None:
-    """Only the own parent's frame counts."""
     lone = a_member()
     stranger = member((ROOT, 5), (59, 42), pulse=101, order=order_to(ME))
     lone.step(stranger, parent_says(101, None))

@@ -69,11 +69,9 @@ class Swarm:
             self.start(agent)
 
     def anywhere(self) -> Place:
-        """A place in the arena."""
         return self.rng.uniform(0, SIZE_M), self.rng.uniform(0, SIZE_M)
 
     def start(self, agent: int) -> None:
-        """A process begins, knowing nothing."""
         self.cores[agent] = Core(agent, self.settings, self.starts[agent])
         self.starts[agent] += 1
         self.frozen.discard(agent)
@@ -85,18 +83,15 @@ class Swarm:
 
     @property
     def awake(self) -> list[tuple[int, Core]]:
-        """Those that take part in a step."""
         return [(agent, core) for agent, core in sorted(self.cores.items()) if agent not in self.frozen]
 
     def add_events(self, count: int, x_m: float, y_m: float) -> None:
-        """Near a place."""
         for _ in range(count):
             self._events_made += 1
             place = (min(max(c + self.rng.uniform(-3, 3), 0.0), SIZE_M) for c in (x_m, y_m))
             self.events[self._events_made] = [*place, WORK_AGENT_STEPS]
 
     def advance(self) -> None:
-        """One step of all."""
         self.step += 1
         flying = self._flying.pop(self.step, [])
         for agent, core in self.awake:
@@ -165,7 +160,6 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(loss=shares, duplication=shares)
     def change_the_air(self, loss: float, duplication: float) -> None:
-        """From now on."""
         self.swarm.loss, self.swarm.duplication = loss, duplication
 
     @rule(agent=agents)
@@ -187,7 +181,6 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(agent=agents)
     def thaw(self, agent: int) -> None:
-        """It goes on."""
         self.swarm.frozen.discard(agent)
 
     @rule(agent=agents)
@@ -207,17 +200,14 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(count=st.integers(1, 4), x_m=st.integers(0, int(SIZE_M)), y_m=st.integers(0, int(SIZE_M)))
     def add_events(self, count: int, x_m: float, y_m: float) -> None:
-        """Work, somewhere."""
         self.swarm.add_events(count, x_m, y_m)
 
     @rule(count=st.integers(1, 4), agent=agents)
     def add_events_near(self, count: int, agent: int) -> None:
-        """Work that an agent senses."""
         self.swarm.add_events(count, *self.swarm.at[agent])
 
     @rule(steps=st.integers(1, 25))
     def run(self, steps: int) -> None:
-        """Time goes by."""
         for _ in range(steps):
             self.swarm.advance()
             self.check(self.swarm.latency_steps)

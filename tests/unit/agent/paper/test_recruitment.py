@@ -146,14 +146,12 @@ def test_the_order_names_the_weakest_leaf_and_a_legal_place() -> None:
 
 
 def test_a_root_without_followers_or_events_gives_no_order() -> None:
-    """There is nobody to send, or nowhere to go."""
     assert not any(orders(a_root().steps(130, events=[event(1, 50, 50)])))
     alone = a_root(recruitment_places="with-events")
     assert not any(orders(alone.steps(130, child(LEAF, (ME,), (58, 50)))))
 
 
 def test_recruitment_can_be_switched_off() -> None:
-    """The paper's ablation: no orders at all."""
     assert not any(with_a_leaf(130, recruitment=False)[1])
 
 

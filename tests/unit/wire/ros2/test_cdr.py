@@ -166,14 +166,12 @@ def test_the_other_byte_order_and_padding_are_read() -> None:
     ],
 )
 def test_what_is_no_message_is_an_error(message_type: str, data: bytes, message: str) -> None:
-    """Whoever sends it, and however long it says that it is."""
     with pytest.raises(CdrError, match=message):
         decode(message_type, data)
 
 
 @given(st.sampled_from((ODOMETRY, POSE_ARRAY)), st.binary(max_size=200))
 def test_any_bytes_are_a_message_or_an_error(message_type: str, data: bytes) -> None:
-    """Nothing else is raised."""
     try:
         decode(message_type, b"\0\1\0\0" + data)
     except CdrError:
@@ -189,12 +187,10 @@ def test_any_bytes_are_a_message_or_an_error(message_type: str, data: bytes) -> 
     ],
 )
 def test_what_does_not_fit_is_an_error(message: dict[str, Any], error: str) -> None:
-    """It names the field, or says what is wrong with the value."""
     with pytest.raises(CdrError, match=error):
         encode(TWIST, message)
 
 
 def test_an_array_has_its_length() -> None:
-    """Neither more nor less than the definition says."""
     with pytest.raises(CdrError, match="covariance must have 36 values"):
         encode("geometry_msgs/msg/PoseWithCovariance", {"covariance": (1.0, 2.0)})
