@@ -15,7 +15,7 @@ from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.reading import decoded, parsed_toml
-from deltaswarm_wire.session import QUIC, Pairs, RouterLink, Tls, air_pairs, endpoint_problem, protocol_of, tls_pairs
+from deltaswarm_wire.session import QUIC, Pairs, RouterLink, Tls, air_pairs, link_problems, protocol_of, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
 
@@ -87,10 +87,9 @@ class AirSettings:
             problems.append(Problem("listen", ", ".join(self.listen), "must be left out for a client"))
         if self.mode == "peer" and not (self.connect or self.listen or self.multicast):
             problems.append(Problem("connect", "none", "must be given for a peer, or else listen or multicast"))
+        problems += link_problems(self.connect, self.listen, self.zenoh)
         for name in ("connect", "listen"):
             for endpoint in getattr(self, name):
-                if mistake := endpoint_problem(endpoint, connects=name == "connect"):
-                    problems.append(Problem(name, repr(endpoint), mistake))
                 if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
                     problems.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
         problems += self._unknown_agents()
@@ -99,11 +98,6 @@ class AirSettings:
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
             problems += [problem] if problem else []
-        problems += [
-            Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
-            for name, value in self.zenoh.items()
-            if type(value) is not str
-        ]
         return problems
 
     def _unknown_agents(self) -> list[Problem]:

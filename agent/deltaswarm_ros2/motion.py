@@ -56,7 +56,7 @@ TWIN_M, TWIN_SPEED = 0.3, 1.5
 """A robot is farther from its last position only by this [m] and by this many times what its speed limit allows."""
 
 TWIN_SIGNS, TWIN_MESSAGES, TWIN_BACK = 5, 20, 4
-"""So many signs in so many messages show two robots; a position is compared with this many before it."""
+"""Signs that show two robots, within this many messages; each position is compared with this many before it."""
 
 
 class Streams:

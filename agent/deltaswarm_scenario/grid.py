@@ -41,7 +41,7 @@ def _parsed(text: str) -> Floats:
 
 
 def _wrong_place(text: str) -> str:
-    """Say where the first cell is that is no number, or the first row of another length; empty if there is none."""
+    """Name the first cell that is not a number, or the first row of another length; "" if every row is well."""
     width = 0
     for number, line in enumerate(text.splitlines(), 1):
         if not (content := line.partition("#")[0].strip()):

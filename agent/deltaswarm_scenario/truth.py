@@ -175,11 +175,12 @@ class StepRecord(NamedTuple):
     @classmethod
     def of(cls, columns: Mapping[str, Any]) -> Self:
         """Make a row from the values of its columns; other columns are ignored."""
-        drops = {
-            name: {column.removeprefix(prefix): n for column, n in columns.items() if column.startswith(prefix)}
-            for name, prefix in _DROPS.items()
-        }
-        return cls._make(drops[name] if name in drops else columns[name] for name in cls._fields)
+        fields = {**columns, **{name: {} for name in _DROPS}}
+        for column, count in columns.items():
+            for name, prefix in _DROPS.items():
+                if column.startswith(prefix):
+                    fields[name][column.removeprefix(prefix)] = count
+        return cls._make(fields[name] for name in cls._fields)
 
 
 _DROPS = {"frames_dropped": "dropped_", "reports_dropped": "reports_dropped_", "metrics": PREFIX}

@@ -249,7 +249,7 @@ encode_turn, decode_turn = _TURN.encode, _TURN.decode
 class Pace(NamedTuple):
     """How fast the operator wants the steps: simulated seconds per wall second (0: as fast as the machine goes).
 
-    The world does not begin step `hold_step` or a later one; -1 is none.
+    The world does not begin step `hold_step` or a later one; -1: no limit.
     """
 
     speed: Annotated[float, Limits("simulated seconds per wall second", 0.0, 1e4)]

@@ -8,13 +8,13 @@ import ipaddress
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from deltaswarm_wire.access import TLS, revoked_beside, world_rules
-from deltaswarm_wire.checked import one_line
+from deltaswarm_wire.checked import Problem, one_line
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import OPERATOR, RECORDER, Keys
 
@@ -66,6 +66,21 @@ def endpoint_problem(endpoint: str, *, connects: bool = False) -> str:
     if connects and protocol in (TLS, QUIC) and ":" in host:
         return "must be a name or an IPv4 address over TLS: Zenoh accepts no IPv6 address as a server's name"
     return ""
+
+
+def link_problems(connect: Sequence[str], listen: Sequence[str], zenoh: Mapping[str, Any]) -> list[Problem]:
+    """Check a link's endpoints and its further Zenoh settings."""
+    endpoints = [("connect", endpoint) for endpoint in connect] + [("listen", endpoint) for endpoint in listen]
+    problems = [
+        Problem(name, repr(endpoint), mistake)
+        for name, endpoint in endpoints
+        if (mistake := endpoint_problem(endpoint, connects=name == "connect"))
+    ]
+    return problems + [
+        Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
+        for name, value in zenoh.items()
+        if type(value) is not str
+    ]
 
 
 CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"

@@ -143,10 +143,10 @@ def test_whoever_has_the_wrong_certificate_is_told_and_heard_by_nobody(
     own, other = tmp_path / "own", tmp_path / "other"
     certificates.make(own, range(6), [], 1)
     certificates.make(other, [3], [], 1)
-    certificates._write(own / "agent-1", *Authority.load(own).sign("agent-1", days=-0.5))
+    certificates.write_pair(own / "agent-1", *Authority.load(own).sign("agent-1", days=-0.5))
     with monkeypatch.context() as patch:
         patch.setattr(certificates, "CLOCK_SLACK", datetime.timedelta(hours=-6))
-        certificates._write(own / "agent-2", *Authority.load(own).sign("agent-2", days=1))
+        certificates.write_pair(own / "agent-2", *Authority.load(own).sign("agent-2", days=1))
     for ending in ("pem", "key"):
         (own / f"agent-3.{ending}").write_bytes((other / f"agent-3.{ending}").read_bytes())
         (own / f"agent-4.{ending}").write_bytes((own / f"agent-5.{ending}").read_bytes())

@@ -37,7 +37,7 @@ BUNDLED = sorted({PYTHONS[0], f"3.{sys.version_info[1]}", PYTHONS[-1]})
 
 def building_once(built: Path) -> Callable[..., None]:
     """A stand-in for pip that builds the agent's wheel, which is the same in all bundles, once and copies it."""
-    lock, pip = Lock(), bundles._pip
+    lock, pip = Lock(), bundles.run_pip
 
     def run(command: str, *arguments: str, **options: Any) -> None:
         if command != "wheel" or options:
@@ -60,7 +60,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if done.returncode:
         pytest.skip(f"no package index: {done.stderr[-200:]}")
     with ThreadPoolExecutor() as pool, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bundles, "_pip", building_once(folder / "built"))
+        patch.setattr(bundles, "run_pip", building_once(folder / "built"))
         pythons = [word for python in BUNDLED for word in ("--python", python)]
         commands = [["bundle", "--platform", one, "--out", str(folder / one), *pythons] for one in PLATFORMS]
         assert list(pool.map(main, commands)) == [0] * len(PLATFORMS)
@@ -130,10 +130,10 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
     [wheel] = tmp_path.glob("deltaswarm-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
-    code = "from pathlib import Path\nfrom deltaswarm_board.setup import bundle\nbundle._source(Path('found'))"
+    code = "from pathlib import Path\nfrom deltaswarm_board.setup import bundle\nbundle.copy_source(Path('found'))"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
     subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, env=environment, check=True)
-    bundles._source(tmp_path / "wanted")
+    bundles.copy_source(tmp_path / "wanted")
     found, wanted = (
         {path.relative_to(top): path.read_bytes() for path in top.rglob("*") if path.is_file()}
         for top in (tmp_path / "found", tmp_path / "wanted")
@@ -164,7 +164,7 @@ def test_a_wheel_that_does_not_fit_stops_the_bundle(tmp_path: Path, monkeypatch:
         folder = arguments[arguments.index("--wheel-dir" if command == "wheel" else "--dest") + 1]
         Path(folder, "msgpack-1.0-cp311-cp311-linux_x86_64.whl").touch()
 
-    monkeypatch.setattr(bundles, "_pip", bring)
+    monkeypatch.setattr(bundles, "run_pip", bring)
     with pytest.raises(BundleError, match="msgpack"):
         bundles.bundle(tmp_path / "out", ARM64)
     assert list(tmp_path.iterdir()) == []

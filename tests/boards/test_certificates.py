@@ -94,12 +94,12 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
 ) -> None:
     """Else a year later all of them are there, and nobody comes in."""
     certificates.make(tmp_path, [3, 4], [], 30)
-    certificates._write(tmp_path / "agent-3", *certificates.Authority.load(tmp_path).sign("agent-3", -0.5))
+    certificates.write_pair(tmp_path / "agent-3", *certificates.Authority.load(tmp_path).sign("agent-3", -0.5))
     assert [path.name for path in certificates.make(tmp_path, [3, 4], [], 30)] == ["agent-3.pem", "agent-3.key"]
     ended = tmp_path / "ended"
     ended.mkdir()
     authority = certificates.Authority.create(0)
-    certificates._write(ended / "ca", authority.key, authority.certificate)
+    certificates.write_pair(ended / "ca", authority.key, authority.certificate)
     assert main(["certificates", "--out", str(ended), "--agents", "1"]) == 2
     assert "its authority has expired" in capsys.readouterr().err
 
@@ -139,6 +139,6 @@ def test_a_host_that_comes_later_is_added_to_the_worlds_certificate(tmp_path: Pa
     assert {path.name for path in new} == {f"{name}.{end}" for name in ("world", "operator") for end in ("pem", "key")}
     for name in ("world", "operator"):
         hosts = {"localhost", "127.0.0.1", "::1", "10.0.0.1", "world.local", "fe80::1"}
-        assert set(certificates._hosts_in(tmp_path / f"{name}.pem")) == hosts
+        assert set(certificates.hosts_in(tmp_path / f"{name}.pem")) == hosts
     assert (tmp_path / "agent-3.pem").read_bytes() == before
     assert certificates.make(tmp_path, [3], ["fe80::1", "10.0.0.1"], 30) == []

@@ -16,7 +16,6 @@ from deltaswarm_board.settings import read_settings
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from tests.support.swarms import PATIENCE_S, wait_until
-from tests.support.tiers import in_one_test
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "agent" / "systemd"
@@ -44,27 +43,6 @@ def unit() -> dict[str, Settings]:
 def commands() -> list[str]:
     blocks = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
     return [line.strip() for block in blocks for line in block.splitlines()]
-
-
-@in_one_test(
-    ("section", "name", "value"),
-    [
-        ("Service", "Type", "notify"),
-        ("Service", "ExecStart", f"{PROGRAM} board /etc/deltaswarm/%i.toml"),
-        ("Service", "Restart", "always"),
-        ("Service", "RestartPreventExitStatus", "2"),
-        ("Service", "User", "deltaswarm"),
-        ("Service", "NoNewPrivileges", "yes"),
-        ("Service", "ProtectSystem", "strict"),
-        ("Service", "CapabilityBoundingSet", ""),
-        ("Service", "StateDirectory", "deltaswarm"),
-        ("Service", "LogsDirectory", "deltaswarm"),
-        ("Unit", "StartLimitIntervalSec", "0"),
-        ("Install", "WantedBy", "multi-user.target"),
-    ],
-)
-def test_the_unit_says(section: str, name: str, value: str) -> None:
-    assert unit()[section][name] == [value]
 
 
 def test_the_unit_sets_limits_as_the_page_says() -> None:
@@ -116,15 +94,6 @@ def test_the_example_is_a_boards_file(tmp_path: Path) -> None:
     [listens] = [line for line in commands() if line.startswith("deltaswarm operator")]
     assert [endpoint.rpartition(":")[2] for endpoint in settings.air.connect] == re.findall(r":(\d+) --ca", listens)
     assert settings.log.folder == "", "the page says that what it says is in the journal"
-
-
-def test_a_board_needs_five_commands() -> None:
-    text = README[README.index("Then five commands") :]
-    found = re.search(r"```sh\n(.*?)```", text, flags=re.DOTALL)
-    assert found is not None
-    lines = found[1].splitlines()
-    assert len(lines) == 5
-    assert lines[-1] == "sudo systemctl enable --now deltaswarm-agent@3"
 
 
 def test_the_links_lead_somewhere() -> None:

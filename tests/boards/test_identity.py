@@ -162,7 +162,7 @@ def test_only_the_operator_sends_what_leaves_its_base(folder: Path, tmp_path: Pa
 def test_a_link_between_boards_ends_with_the_certificate_of_either(tmp_path: Path) -> None:
     """Whoever of the two listens; over `quic/` as over `tls/`."""
     certificates.make(tmp_path, [0], [], 1)
-    certificates._write(tmp_path / "agent-3", *Authority.load(tmp_path).sign("agent-3", days=15 / 86400))
+    certificates.write_pair(tmp_path / "agent-3", *Authority.load(tmp_path).sign("agent-3", days=15 / 86400))
     with ExitStack() as stack:
         sessions = []
         for protocol, listens, connects in (("tls", 0, 3), ("tls", 3, 0), ("quic", 0, 3)):

@@ -79,12 +79,12 @@ class Erratic:
     """A body that gives what it is told to, and raises what it is told to."""
 
     def __init__(self, gives: Iterator[Any]) -> None:
-        self._gives = gives
+        self.gives = gives
         self.moves = 0
         self.move_fails = False
 
     def sense(self, time_s: float) -> Any:
-        found = next(self._gives)
+        found = next(self.gives)
         if isinstance(found, Exception):
             raise found
         return found
@@ -138,7 +138,7 @@ def test_a_body_that_cannot_be_moved_is_not_well() -> None:
     """What was decided is said all the same: its place is known."""
     driver, body, _ = steps(*[WELL] * 2)
     body.move_fails = True
-    body._gives = iter([WELL] * MAX_FAILURES)
+    body.gives = iter([WELL] * MAX_FAILURES)
     for step in range(2, MAX_FAILURES + 1):
         assert driver.step(step, float(step), lambda at: ()) is not None
         assert "OSError: the wheel" in driver.fault

@@ -312,4 +312,4 @@ def test_an_allowance_forgets_whoever_was_heard_least_recently() -> None:
     for agent in range(10, MAX_KNOWN + 500):
         allowance.spend(agent, 0.0)
         assert not allowance.spend(7, 0.0)
-    assert len(allowance._left) == MAX_KNOWN
+    assert len(allowance.left) == MAX_KNOWN

@@ -44,7 +44,7 @@ class Router:
         return RouterLink(self.tls, tls=tls_files(self.folder, name))
 
     def sign(self, name: str, subject: str, days: float) -> RouterLink:
-        certificates._write(self.folder / name, *Authority.load(self.folder).sign(subject, days))
+        certificates.write_pair(self.folder / name, *Authority.load(self.folder).sign(subject, days))
         return self.link(name)
 
 
@@ -177,15 +177,6 @@ def test_agent_3s_certificate_hears_agent_3s_frames_alone(router: Router, way: s
         assert len(subscribers) == 4
 
 
-def test_agent_4s_certificate_speaks_as_agent_4(router: Router) -> None:
-    with opened(router.link("agent-4")) as session:
-        mark = session.declare_publisher(KEYS.agent(4, ACT))
-        wait_until(lambda: mark.matching_status.matching, "a way to the world")
-        mark.put(b"mark")
-        wait_until(lambda: router.heard, "the mark")
-    assert router.heard == [(KEYS.agent(4, ACT), b"mark")]
-
-
 @pytest.mark.parametrize(
     ("user", "password", "keys"),
     [("agent-3", "secret 3", [KEYS.agent(3, ACT)]), (CERTIFIED, CERTIFIED, [])],
@@ -230,17 +221,6 @@ def test_certificates_are_asked_for_where_they_are_needed(
     files: dict[str, str | None] = {**vars(tls_files(made.folder, "agent-3")), **change}
     with pytest.raises(ValueError, match=message):
         tls_of(endpoints, **files)
-
-
-def test_a_key_that_others_may_read_is_refused(made: Router, tmp_path: Path) -> None:
-    key = tmp_path / "open.key"
-    key.write_bytes((made.folder / "agent-3.key").read_bytes())
-    key.chmod(0o640)
-    files = vars(replace(tls_files(made.folder, "agent-3"), key=str(key)))
-    with pytest.raises(ValueError, match=f"{key} .*0640: chmod 600"):
-        tls_of(["tls/127.0.0.1:0"], **files)
-    key.chmod(0o600)
-    assert tls_of(["tls/127.0.0.1:0"], **files) is not None
 
 
 def test_the_world_listens_on_the_network_over_tls_alone(made: Router, tmp_path: Path, capsys: Printed) -> None:

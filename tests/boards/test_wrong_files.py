@@ -82,7 +82,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Files that boards' files name: certificates, one of them expired, and credentials, good and bad."""
     made = tmp_path_factory.mktemp("boards")
     certificates.make(made, [3, 4], [], 1)
-    certificates._write(made / "expired", *Authority.load(made).sign("agent-3", days=-1 / 24))
+    certificates.write_pair(made / "expired", *Authority.load(made).sign("agent-3", days=-1 / 24))
     certificates.make(made / "elsewhere", [3], [], 1)
     for name, text, mode in (
         ("good", "agent-3:word\n", 0o600),

@@ -1,9 +1,11 @@
 """What bodies with a real robot behind a guard share: options, and the calls of the agent's thread."""
 
+import abc
 import logging
 import threading
 import time
 from dataclasses import dataclass
+from typing import ClassVar
 
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_board.bodies.events_file import event_field, file_problems
@@ -60,8 +62,11 @@ class GuardedSettings:
         )
 
 
-class GuardedBody:
+class GuardedBody(abc.ABC):
     """A robot whose thread sends what the guard permits; `sense` and `move` are calls of the agent's thread."""
+
+    CLOSE_S: ClassVar[float]
+    """Time that the robot's thread has to stop the robot [s]."""
 
     def __init__(self, options: GuardedSettings, context: BodyContext) -> None:
         agent = context.settings
@@ -74,6 +79,8 @@ class GuardedBody:
         self._no_link = ""
         """Why there is no link to the robot; "" if there is one."""
         self._told_stalls = 0
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="robot", daemon=True)
 
     def sense(self, time_s: float) -> Sensed:
         with self._lock:
@@ -93,6 +100,20 @@ class GuardedBody:
         with self._lock:
             self._guard.command(vx_mps, vy_mps, time.monotonic())
 
+    def close(self) -> None:
+        """Stop the robot and its thread."""
+        with self._lock:
+            self._guard.command(0.0, 0.0, time.monotonic())
+        self._closing.set()
+        self._thread.join(self.CLOSE_S)
+        log.info(
+            "set-points refused at the fence: %d; stalls of the agent: %d", self._guard.refused, self._guard.stalls
+        )
+
+    @abc.abstractmethod
+    def _serve(self) -> None:
+        """Send set-points until the body is closed; the main function of the robot's thread."""
+
     def _next_velocity(self, now_s: float) -> Velocity:
         """Return the velocity to send now [m/s; arena frame], and log a stall of the agent."""
         with self._lock:
@@ -101,8 +122,3 @@ class GuardedBody:
             self._told_stalls = stalls
             log.warning("stall %d of the agent: the robot must stand", stalls)
         return velocity
-
-    def _log_counts(self) -> None:
-        log.info(
-            "set-points refused at the fence: %d; stalls of the agent: %d", self._guard.refused, self._guard.stalls
-        )

@@ -1,7 +1,7 @@
 """A body without hardware: a noisy unicycle whose odometry drifts and is corrected periodically.
 
-Only this file knows the true position; the agent gets the believed one. All chance comes from the given generator, so
-equal seeds and commands give equal motion.
+Only this file knows the true position; the agent gets the believed one. All randomness comes from the given generator,
+so equal seeds and commands give equal motion.
 """
 
 import math

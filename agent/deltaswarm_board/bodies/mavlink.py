@@ -11,7 +11,6 @@ This is the only file that speaks MAVLink. From pymavlink it uses only a dialect
 
 import logging
 import math
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
@@ -69,7 +68,6 @@ RESTARTED_MS = 1000
 TWO_VEHICLES = "two vehicles have its number: messages come from two addresses"
 NOT_IN_THE_AIR = "the vehicle is not in the air"
 RESTARTED = "the autopilot restarted, and its local frame may have moved: restart the agent"
-CLOSE_S = 1.0
 RETRY_S = 1.0
 
 
@@ -78,12 +76,12 @@ class MavlinkBody(GuardedBody):
 
     Settings: ClassVar[type[Any]] = MavlinkSettings
     REAL_TIME: ClassVar[bool] = True
+    CLOSE_S: ClassVar[float] = 1.0
 
     def __init__(self, options: MavlinkSettings, context: BodyContext) -> None:
         super().__init__(options, context)
         self._options = options
         self._frame = LocalFrame(options.origin_north_m, options.origin_east_m, options.heading_deg)
-        self._closing = threading.Event()
         self._target: tuple[int, int] | None = None
         self._flies = False
         self._landed_state: int | None = None
@@ -98,18 +96,13 @@ class MavlinkBody(GuardedBody):
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
         self._mav = self._parser()
-        self._thread = threading.Thread(target=self._serve, name="mavlink", daemon=True)
         self._thread.start()
 
     # The agent's thread
 
     def close(self) -> None:
-        with self._lock:
-            self._guard.command(0.0, 0.0, time.monotonic())
-        self._closing.set()
-        self._thread.join(CLOSE_S)
+        super().close()
         self._link.close()
-        self._log_counts()
 
     # The vehicle's thread
 

@@ -64,7 +64,7 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
     with _beside(out) as folder, TemporaryFolder() as scratch:
         wheels = folder / "wheels"
         wheels.mkdir()
-        source = _source(scratch / "agent")
+        source = copy_source(scratch / "agent")
         _build(wheels, str(source))
         _fetch(ZENOH, platform, pythons[0], wheels)
         for python in pythons:
@@ -96,7 +96,7 @@ def wheel_platforms(platform: str) -> list[str]:
 def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[str, str] | None = None) -> None:
     """Build a wheel that fits any board."""
     before = set(wheels.iterdir())
-    _pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
+    run_pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
     for wheel in set(wheels.iterdir()) - before:
         if not wheel.name.endswith("-py3-none-any.whl"):
             raise BundleError(f"a wheel that is built here must be pure Python (got {wheel.name})")
@@ -105,7 +105,7 @@ def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[s
 def _fetch(package: str, platform: str, python: str, wheels: Path) -> None:
     """Fetch the wheel of a package in the version that this machine runs."""
     platforms = [option for tag in wheel_platforms(platform) for option in ("--platform", tag)]
-    _pip(
+    run_pip(
         *("download", "--no-deps", "--only-binary", ":all:", "--implementation", "cp", "--python-version", python),
         *(*platforms, "--dest", str(wheels), f"{package}=={version(package)}"),
     )
@@ -123,7 +123,7 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
         _build(wheels, f"{MSGPACK}=={wanted}", *options, environment={"MSGPACK_PUREPYTHON": "1"})
 
 
-def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
+def run_pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
     """Run pip."""
     argv = bound_to_this("pip", command, "--quiet", "--disable-pip-version-check", *arguments)
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
@@ -133,7 +133,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
         raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join((errors or lines)[-TAIL_LINES:]))
 
 
-def _source(folder: Path) -> Path:
+def copy_source(folder: Path) -> Path:
     """Copy what the board's wheel is made of, from the source tree or this installation, into the folder."""
     origins = [Path(_origin(package)).parent for package in PACKAGES]
     data = origins[0].parent

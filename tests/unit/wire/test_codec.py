@@ -61,12 +61,6 @@ def test_two_threads_may_encode(pure: str) -> None:
     assert done.stdout.split() == ["msgpack.fallback" if pure else "msgpack._cmsgpack", "0", "[]"]
 
 
-def test_a_wider_limit_is_given_by_the_caller() -> None:
-    """What goes over an ordinary link may be larger."""
-    data = codec.pack(b"x" * MAX_SAMPLE_BYTES, codec.MAX_ORDINARY_BYTES)
-    assert len(codec.unpack(data, codec.MAX_ORDINARY_BYTES)) == MAX_SAMPLE_BYTES
-
-
 @in_one_test(
     "data",
     [
@@ -143,12 +137,6 @@ def test_a_map_has_exactly_its_fields() -> None:
     assert "b, c" in str(refused(codec.fields, {"v": PROTOCOL_VERSION, "a": 2, "c": 3, "b": 4}, ("a",), "m"))
     assert refused(codec.fields, {"a": 2}, ("a",), "m").field == "version"
     assert refused(codec.fields, [1], ("a",), "m").field == "m"
-
-
-def test_of_a_field_given_twice_the_last_counts() -> None:
-    """As in most decoders; the map has each name once in the end."""
-    data = b"\x83\xa1v\x03\xa1a\x02\xa1a\x03"
-    assert codec.fields(codec.unpack(data), ("a",), "m")["a"] == 3
 
 
 @in_one_test("value", [value for value in NASTY if type(value) is not int])

@@ -37,9 +37,9 @@ class _Numbers:
 
 def numbers(**attributes: Any) -> Any:
     """An object with these attributes, whose numbers are at most 4."""
-    made = _ForeignNumbers.make(_Numbers, context=4)
-    vars(made._plugin).update(attributes)
-    return made
+    plugin = _Numbers()
+    vars(plugin).update(attributes)
+    return _ForeignNumbers(plugin, 4)
 
 
 def test_what_is_well_passes() -> None:

@@ -154,10 +154,10 @@ sighting: Callable[[tuple[int, int, int, int]], Sighting] = partial(tuple_of, Si
 """A sighting of its four fields."""
 _gone: Callable[[tuple[int, ...]], Gone] = partial(tuple_of, Gone)
 
-_KEPT = 8
+KEPT = 8
 """Frames kept of each sender that this process encodes for."""
 
-_encoded: dict[int, dict[bytes, PaperFrame]] = {}
+encoded: dict[int, dict[bytes, PaperFrame]] = {}
 """By sender and payload: receivers in the same process need not decode again."""
 
 
@@ -173,13 +173,13 @@ def encode(frame: PaperFrame) -> bytes:
         items = (_KIND_OF[type(frame)], *frame[1:])
         items = items[:-1] if items[-1] is None else items
     payload = pack(items, MAX_RADIO_BYTES)
-    keep(_encoded.setdefault(sender, {}), payload, frame, _KEPT)
+    keep(encoded.setdefault(sender, {}), payload, frame, KEPT)
     return payload
 
 
 def decode(sender: int, payload: bytes) -> PaperFrame:
     """Check and decode one frame of a sender. Raises WireError."""
-    kept = _encoded.get(sender)
+    kept = encoded.get(sender)
     if kept is not None and payload in kept:
         return kept[payload]
     raw = unpack(payload, MAX_RADIO_BYTES)

@@ -45,8 +45,8 @@ TASK = {
 class Flight:
     """The scripted vehicle under way."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self.process = process
+    def __init__(self, process: subprocess.Popen[str], port: int) -> None:
+        self.process, self.port = process, port
         self.track: list[list[float]] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -88,7 +88,7 @@ def flying(port: int, kind: str = "copter") -> Iterator[Flight]:
     """A vehicle that speaks to a port, with nothing left of it afterwards."""
     command = [sys.executable, "-m", "tests.support.vehicle", str(port), kind]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    flight = Flight(process)
+    flight = Flight(process, port)
     try:
         yield flight
     finally:

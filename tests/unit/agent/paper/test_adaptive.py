@@ -45,7 +45,7 @@ def telling(averages: Averages | None) -> Attending:
 
 def found(lone: Lone) -> list[tuple[float, float]]:
     assert lone.core.controller.agent.found is not None
-    return [(x_m, y_m) for x_m, y_m, _ in lone.core.controller.agent.found._places]
+    return [(x_m, y_m) for x_m, y_m, _ in lone.core.controller.agent.found.places]
 
 
 def rate_hz(lone: Lone) -> float:

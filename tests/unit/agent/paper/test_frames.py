@@ -60,14 +60,14 @@ FULL = Member(
 @pytest.fixture(autouse=True)
 def nothing_kept() -> Iterator[None]:
     """Begin and end without frames kept from encoding: they would not be decoded at all."""
-    frames._encoded.clear()
+    frames.encoded.clear()
     yield
-    frames._encoded.clear()
+    frames.encoded.clear()
 
 
 def decoded(payload: bytes, sender: int = SENDER) -> PaperFrame:
     """A payload of another process, so that it must be decoded."""
-    frames._encoded.clear()
+    frames.encoded.clear()
     return decode(sender, payload)
 
 
@@ -92,7 +92,7 @@ def test_few_frames_are_kept_of_each_sender() -> None:
     """Memory does not grow with the length of a run."""
     for x_cm in range(100):
         encode(Leaving(SENDER, x_cm, 0))
-    assert len(frames._encoded[SENDER]) == frames._KEPT
+    assert len(frames.encoded[SENDER]) == frames.KEPT
 
 
 @given(strange(PAPER))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_agent.controllers.paper.agent import Agent
-from deltaswarm_agent.controllers.paper.frames import _encoded, decode
+from deltaswarm_agent.controllers.paper.frames import decode, encoded
 from deltaswarm_agent.controllers.paper.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.envelope import decode_sample
@@ -218,5 +218,5 @@ def test_what_a_rough_swarm_says_is_always_valid() -> None:
             for agent, data in crew.world.intake.transmitted.items():
                 payload = decode_sample(data).payload
                 made = decode(agent, payload)
-                _encoded.clear()  # else nothing would be decoded
+                encoded.clear()  # else nothing would be decoded
                 assert decode(agent, payload) == made, (seed, step, agent)

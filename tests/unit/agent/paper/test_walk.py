@@ -198,7 +198,7 @@ def test_a_velocity_changes_at_turns_and_walls_only(shared: AgentSettings, seed:
     stride_m = shared.speed_mps * shared.step_s
     place = [shared.width_m / 2, shared.height_m / 2]
     for now in range(60):
-        before, ends = (legs._vx, legs._vy), legs._ends
+        before, ends = (legs.vx_mps, legs.vy_mps), legs.ends
         velocity = legs.velocity(now, *place)
         far = stride_m < place[0] < shared.width_m - stride_m and stride_m < place[1] < shared.height_m - stride_m
         if now < ends and far:
@@ -213,7 +213,7 @@ def test_a_promise_keeps_off_the_walls(step_s: float) -> None:
     for tenths in range(100):
         asked, left = (Walk(shared, LEG_MAX_S, random.Random(1)) for _ in range(2))
         for legs in (asked, left):
-            legs._vx, legs._vy, legs._ends = 1.0, 0.0, 2**32
+            legs.vx_mps, legs.vy_mps, legs.ends = 1.0, 0.0, 2**32
         x_m, due, velocity = tenths / 10, 0, STAND
         for now in range(300):
             if now == due:
@@ -230,7 +230,7 @@ def test_an_agent_on_a_long_leg_is_asked_seldom() -> None:
     velocity = legs.velocity(0, 5e3, 5e3)
     assert legs.straight_until(0, 5e3, 5e3, velocity) == MAX_POSES
     short = Walk(shared, 10.0, random.Random(1))
-    assert short.straight_until(0, 5e3, 5e3, short.velocity(0, 5e3, 5e3)) == short._ends
+    assert short.straight_until(0, 5e3, 5e3, short.velocity(0, 5e3, 5e3)) == short.ends
 
 
 @given(seeds, st.floats(0.2, 1e4), st.floats(0.0, 10.0))
