@@ -87,7 +87,7 @@ class BoardRun:
             )
         if self.settings.log.record != "off":
             _recorder_class()
-        _verify(self.settings)
+        command_check(self.settings)
         return OpenAir(self.settings)
 
 
@@ -104,7 +104,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     options = options_of(body_class, settings.body.options)
     seed, agent = settings.agent.seed, settings.id
     step_s = settings.agent.step_s
-    core = AgentCore(agent, step_s, make_controller(agent, settings.agent), _verify(settings))
+    core = AgentCore(agent, step_s, make_controller(agent, settings.agent), command_check(settings))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
     body_settings = settings.body
@@ -226,7 +226,7 @@ def _end_in_time() -> None:
     faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
 
 
-def _verify(settings: BoardSettings) -> Verify:
+def command_check(settings: BoardSettings) -> Verify:
     """Return the check of commands: only the operator's pass, if its key is known, else none."""
     public = settings.air.operator_key
     if not public:

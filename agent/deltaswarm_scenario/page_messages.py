@@ -313,11 +313,10 @@ class RefusedError(ValueError):
 
 
 def checked(raw: Any, page: str | None = None) -> Message:
-    """Return a message that a page sent, with the fields of its type and the number of its browser (`from`).
+    """Return a page's decoded message with the fields of its type and the number of its browser (`from`).
 
-    Args:
-        raw: decoded JSON.
-        page: the page that sent it; None: any.
+    `page` is the page that sent it; None: any. Raises RefusedError if the type is unknown or not for this page, or a
+    field is missing or wrong.
     """
     if not isinstance(raw, dict):
         raise RefusedError("a message must be a JSON object")

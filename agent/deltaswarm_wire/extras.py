@@ -50,12 +50,7 @@ def install(extra: str) -> str:
 
 
 def missing(*modules: str, extra: str = "") -> str:
-    """Return which module is not installed, as "needs X: pip install ..."; "" if all are there.
-
-    Args:
-        modules: top-level modules.
-        extra: the extra to name; empty: one that has the package.
-    """
+    """Return which module is not installed, as "needs X: pip install ..." with an extra; "" if all are there."""
     return next((_needs(module, extra) for module in modules if find_spec(module) is None), "")
 
 

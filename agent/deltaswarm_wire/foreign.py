@@ -27,14 +27,9 @@ def called(
     at: object = None,
     passes: tuple[type[BaseException], ...] = (),
 ) -> Any:
-    """Call a function of a plug-in, and return what it returns.
+    """Call a function of a plug-in; return what it returns, and turn what it raises into a PluginError.
 
-    Args:
-        name: names the function in messages.
-        function: the function.
-        arguments: its arguments.
-        at: whose definition is shown if no frame of the plug-in raised, as for a wrong signature; default: `function`.
-        passes: types of errors that are not its failure.
+    The message has `name` and the definition of `at` (default: the function); errors in `passes` are not its failure.
     """
     try:
         return function(*arguments)
@@ -47,9 +42,7 @@ def called(
 class Foreign:
     """A plug-in's object whose members are checked where deltaswarm reads or calls them.
 
-    Args:
-        plugin: the object.
-        context: what the checks need to know of the run; it must be picklable, as the object is.
+    The checks get `context`, what they need to know of the run; it must be picklable, as the object is.
     """
 
     CHECKS: ClassVar[Mapping[str, Callable[..., Any]]] = {}

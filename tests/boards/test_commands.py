@@ -14,7 +14,7 @@ from websockets.typing import Origin
 
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_board.inbox import RadioInbox
-from deltaswarm_board.process import _verify
+from deltaswarm_board.process import command_check
 from deltaswarm_board.settings import BoardSettings
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base
@@ -79,7 +79,7 @@ def test_a_board_refuses_what_is_not_of_now(
     """Held back for ten hours, or by a clock that is late; without a clock only the signature counts. Said once."""
     settings = table(0, tmp_path, make_key(tmp_path / "operator.key"), free_port())
     settings["air"]["has_clock"] = has_clock
-    verify, sign = _verify(load(BoardSettings, settings)), signer(tmp_path / "operator.key", RUN)
+    verify, sign = command_check(load(BoardSettings, settings)), signer(tmp_path / "operator.key", RUN)
 
     def is_obeyed(ago_s: int) -> bool:
         body = encode_command(HOLD._replace(number=int(time.time()) - ago_s, life_s=60.0))

@@ -16,19 +16,6 @@ KEYS = Keys("run-1")
 NO_NUMBERS = ["", "-1", "+1", "01", "007", "1.0", " 1", "1_0", "x", "*", "\u0663", "\u00b2", "65536", "9" * 5000]
 
 
-def test_keys_are_as_the_protocol_page_says() -> None:
-    assert KEYS.agent(3, FRAME) == "deltaswarm/run-1/agent/3/frame"
-    assert KEYS.clock == "deltaswarm/run-1/clock"
-    assert KEYS.truth == "deltaswarm/run-1/world/truth"
-    assert KEYS.status == "deltaswarm/run-1/world/status"
-    assert KEYS.forwarded == "deltaswarm/run-1/world/report"
-    assert KEYS.workload == "deltaswarm/run-1/operator/workload"
-    assert KEYS.counted == "deltaswarm/run-1/world/workload"
-    assert KEYS.all_reports == "deltaswarm/run-1/agent/*/report"
-    assert KEYS.token(AGENT, 3) == "deltaswarm/run-1/@lv/agent/3"
-    assert KEYS.token(WORLD) == "deltaswarm/run-1/@lv/world/0"
-
-
 @given(st.text(string.printable + "\u00e4\u0663", max_size=70))
 def test_a_run_name_is_one_chunk_or_an_error(name: str) -> None:
     try:

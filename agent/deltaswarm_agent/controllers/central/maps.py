@@ -96,13 +96,9 @@ class LearntMap:
 
 
 class KnownMap:
-    """A map of a density that is known.
+    """A map of a density that is known: events occur at `rate_hz`, at places (n, 2) [m] like those that `sample` draws.
 
-    Args:
-        cells: the cells to weigh.
-        rate_hz: rate of all events [1/s].
-        sample: draws many places (n, 2) [m] from the density at a time [s].
-        anew_s: a density that moves is sampled anew this often [s].
+    A density that moves is sampled again every `anew_s`.
     """
 
     def __init__(

@@ -28,13 +28,7 @@ def return_probability(ratio: float) -> float:
 
 
 class FoundPlaces(Saved):
-    """The places at which an agent newly sensed an event, or met an attending agent.
-
-    Args:
-        memory_steps: a place is remembered this long.
-        finds: what legs of either kind find.
-        context: the agent's settings and generator.
-    """
+    """The places at which an agent newly sensed an event, or met an attending agent, each for `memory_steps`."""
 
     def __init__(self, memory_steps: int, finds: Finds, context: ControllerContext) -> None:
         self._memory_steps = memory_steps

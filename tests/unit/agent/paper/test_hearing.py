@@ -4,13 +4,11 @@ import math
 import random
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import PaperFrame, RecruitmentOrder, Sighting, decode, encode
 from deltaswarm_agent.controllers.paper.states import State
-from deltaswarm_agent.core.agent_core import FORGET_SENDER_S
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Event, decode_act, encode_act
@@ -38,17 +36,6 @@ from tests.support.strategies import PAPER, RADIO, complaint, paper_frames, stra
 
 in_arena = st.floats(0.0, 100.0)
 far_cm = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
-
-
-@pytest.mark.parametrize("step_s", [0.5, 1.0])
-@pytest.mark.parametrize(("silent_s", "believed"), [(FORGET_SENDER_S, False), (FORGET_SENDER_S + 1, True)])
-def test_a_restarted_counter_is_believed_after_silence(silent_s: float, believed: bool, step_s: float) -> None:
-    """A sender that begins anew is heard again after more than 20 s, whatever the length of a step."""
-    lone = Lone(at=OUTSIDE, step_s=step_s)
-    lone.step(on_air(attending(PARENT, PARENT_AT, 1, PARENT_AT), 500))
-    lone.steps(round(silent_s / step_s) - 1)
-    lone.step(on_air(member((PARENT,), PARENT_AT), 0), at=INSIDE)
-    assert (lone.path != ()) == believed
 
 
 BEGINNINGS = {
