@@ -1,4 +1,4 @@
-"""A robot's motion: where it is by its odometry, why that is not believed, and the Twist for a wanted velocity.
+"""A robot's motion: its position by odometry, reasons to distrust that, and the Twist for a wanted velocity.
 
 All times in s by the board's clock; angles are counter-clockwise, as in ROS (REP 103).
 """

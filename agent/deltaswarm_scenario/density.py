@@ -1,4 +1,4 @@
-"""Where events occur: the density phi(x, y) (Experimental Setup), and whether any of it lies where events can be."""
+"""The density of events phi(x, y) (Experimental Setup), and checks that events can occur somewhere."""
 
 import math
 from bisect import bisect_right

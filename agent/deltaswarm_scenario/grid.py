@@ -1,4 +1,4 @@
-"""Read a grid of weights, the density of events as a file: a table of numbers as text, or an array of NumPy."""
+"""Read a density of events from a file: a grid of weights, as a table of text or a NumPy array."""
 
 import io
 import warnings

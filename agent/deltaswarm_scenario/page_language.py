@@ -1,4 +1,4 @@
-"""Translations of the station's page: which texts the page has, and a file that says them in another language."""
+"""Translations of the station's page: the texts that it has, and a file with translations."""
 
 import difflib
 import json

@@ -1,4 +1,4 @@
-"""The rules of Zenoh's access control, default deny.
+"""Zenoh's access-control rules; what they do not allow is denied.
 
 At the world's router they enforce radio range: an agent may send on its own keys and receive its own frame, nothing
 else. Every client receives from the world only, so the router's one thread never waits for room on a link in order to

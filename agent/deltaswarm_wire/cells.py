@@ -1,4 +1,4 @@
-"""Cells of tables that people open in spreadsheets, which take a text that begins like a formula for one.
+"""Cells of tables, guarded against spreadsheets, which evaluate text that begins like a formula.
 
 Such a text is written with an apostrophe in front, and read without it, so nothing of it is lost. Numbers stay.
 """

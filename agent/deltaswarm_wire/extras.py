@@ -1,4 +1,4 @@
-"""Packages that only an extra of this distribution installs, and the one text for all that need a missing one."""
+"""Optional packages: which extra installs one, and the message if one is missing."""
 
 import re
 from importlib.util import find_spec

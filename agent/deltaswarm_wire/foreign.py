@@ -1,4 +1,4 @@
-"""The object of a plug-in, as deltaswarm calls it: what it raises and what it returns is checked where it enters.
+"""A wrapper of plug-ins' objects, which checks what they return and turns what they raise into a `PluginError`.
 
 What comes with deltaswarm is not wrapped, and pays nothing.
 """

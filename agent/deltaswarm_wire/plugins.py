@@ -1,4 +1,4 @@
-"""Every point at which deltaswarm can be extended, and how what is added there is found by its name.
+"""Every extension point of deltaswarm, and how names are resolved to what is shipped or added there.
 
 What comes with deltaswarm enters by the same door: a name is that of something shipped, of an entry point, or
 `module:Class`, and its options are checked by its own `Settings`.

@@ -1,4 +1,4 @@
-"""Read files that people write, such as TOML and tables: UTF-8 in any editor's layout; mistakes are named by place."""
+"""Read files that people write, such as TOML and tables: UTF-8 from any editor; errors name the place."""
 
 import os
 import tomllib

@@ -1,4 +1,4 @@
-"""Codec of a record: a named tuple whose annotations say what each field means and may be, sent as a map.
+"""Codec of records: named tuples whose annotations give each field's meaning and limits, sent as maps.
 
 The recording's schema and the tables of agent/PROTOCOL.md follow from the same annotations.
 """

@@ -1,4 +1,4 @@
-"""The bodies of a board, and how the one that its file names is found."""
+"""The bodies of a board, and how the name in its file is resolved."""
 
 from typing import Any, ClassVar
 

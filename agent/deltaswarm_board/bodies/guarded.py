@@ -1,4 +1,4 @@
-"""What bodies with a real robot behind a guard share: options, and the calls of the agent's thread."""
+"""Options and behaviour shared by the bodies that drive a real robot through a guard."""
 
 import abc
 import logging

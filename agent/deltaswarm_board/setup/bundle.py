@@ -1,4 +1,4 @@
-"""Make a folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
+"""Make a folder that installs an agent on a board without internet: wheels for its platform, and an installer.
 
 The wheels are those of the agent, eclipse-zenoh and msgpack, in the versions that this machine runs; for boards that
 obey an operator, also cryptography and its dependencies, and where it is installed here, pycdr2 for ROS 2 robots. pip

@@ -1,4 +1,4 @@
-"""Where the agents of the swarm are and which events they sense, and the way of an agent to its goal."""
+"""Positions of agents and open events as the planner knows them, and an agent's way to its goal."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A planner that knows where all agents are and what all of them sense, and says where each goes.
+"""The planner of central control: from all positions and all sensed events it gives every agent a goal.
 
 An agent that stands works on all events that it senses. So the planner sends the nearest free agents to events at which
 nobody stands (a linear sum assignment), lets some agents wait at posts where many events occur, and lets the rest

@@ -1,4 +1,4 @@
-"""How often walkers find events, and how much of the time agents work: what `patience`, `returning` and `delta` need.
+"""Averages of how often walkers find events and how busy agents are, for `patience`, `returning` and `delta`.
 
 Each agent keeps its own averages, in which old finds count less and less, and mixes in those that it hears. So
 agents that meet soon agree, and an agent that stands in a tree for a long time still learns what walkers find.
