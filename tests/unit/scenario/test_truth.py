@@ -22,9 +22,7 @@ from deltaswarm_scenario.truth import (
 )
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
-from tests.support.strategies import (
-    step_records,
-)
+from tests.support.strategies import step_records
 from tests.support.tiers import in_one_test
 
 TALLY = StepRecord.of(dict.fromkeys(COLUMNS, 0))

@@ -8,14 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import MAX_BYTES, CdrError, decode, encode
-from deltaswarm_ros2.definitions import (
-    DEFINITIONS,
-    ODOMETRY,
-    POSE_ARRAY,
-    SEQUENCE,
-    TWIST,
-    fields_of,
-)
+from deltaswarm_ros2.definitions import DEFINITIONS, ODOMETRY, POSE_ARRAY, SEQUENCE, TWIST, fields_of
 from tests.support.ros2_types import bag_decoded, bag_encoded
 from tests.support.tiers import in_one_test
 
