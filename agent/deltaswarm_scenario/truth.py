@@ -228,12 +228,13 @@ MAX_LINKS = 1_000_000
 
 
 def _links(rows: Any, field: str) -> tuple[tuple[int, int], ...]:
-    return tuple([_link(row, field) for row in arrays(rows, MAX_LINKS, field)])
-
-
-def _link(row: Any, field: str) -> tuple[int, int]:
-    sender, receiver = array(row, 2, field)
-    return integer(sender, 0, MAX_AGENT_ID, f"{field}.sender"), integer(receiver, 0, MAX_AGENT_ID, f"{field}.receiver")
+    of_sender, of_receiver, most = f"{field}.sender", f"{field}.receiver", MAX_AGENT_ID
+    return tuple(
+        [
+            (integer(sender, 0, most, of_sender), integer(receiver, 0, most, of_receiver))
+            for sender, receiver in [array(row, 2, field) for row in arrays(rows, MAX_LINKS, field)]
+        ]
+    )
 
 
 class Truth(NamedTuple):
