@@ -263,7 +263,6 @@ def test_settings_of_whoever_installs_change_nothing(
 
 
 def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -> None:
-    """It says why, and what was installed before stays."""
     before = names_of(installed)
     other = ARM64 if os.uname().machine == "x86_64" else PC
     done = install(made / other, installed)

@@ -143,7 +143,6 @@ def test_boards_that_know_each_other_hear_each_other(mode: str, folder: Path, tm
 
 
 def test_only_the_operator_sends_what_leaves_its_base(folder: Path, tmp_path: Path) -> None:
-    """No board's certificate is good for the number of the base."""
     at, port = free_port(), free_port()
     with (
         operator(folder, tmp_path / "out", "--listen", endpoint(at), "--agents", "0,3") as base,

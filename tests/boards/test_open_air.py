@@ -200,7 +200,6 @@ def test_a_board_is_quick_to_start_and_stays_small(tmp_path: Path) -> None:
 
 
 def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) -> None:
-    """With links to two others, and the rules of who may do what."""
     certificates.make(tmp_path, range(3), [], 1)
     listen = f"tls/127.0.0.1:{free_port()}"
     with boards(tmp_path) as running:
@@ -218,7 +217,6 @@ def busy_s(pid: int) -> float:
 
 
 def test_a_disk_that_is_full_ends_the_recording_and_not_the_agent(tmp_path: Path) -> None:
-    """Said once; the agent stays on the air, and ends as told."""
     port = free_port()
     table = board_table(0, EVENT_AT, {"listen": [endpoint(port)]}, tmp_path)
     table["log"] = {"folder": str(tmp_path / "logs"), "record": "mcap"}

@@ -102,7 +102,6 @@ WELL = Sensed(5.0, 5.0, 0.1, (Event(1, 6.0, 5.0),))
 
 
 def steps(*gives: Any) -> tuple[Driver, Erratic, list[str]]:
-    """The faults of so many steps."""
     body = Erratic(iter(gives))
     driver = Driver(Core(1, agent_settings()).core, as_body(body), step_s=1.0, arrive_m=0.2, max_std_m=1.0)
     faults = []
@@ -135,7 +134,6 @@ def test_a_body_that_always_raises_ends_the_agent() -> None:
 
 
 def test_a_body_that_cannot_be_moved_is_not_well() -> None:
-    """What was decided is said all the same: its place is known."""
     driver, body, _ = steps(*[WELL] * 2)
     body.move_fails = True
     body.gives = iter([WELL] * MAX_FAILURES)

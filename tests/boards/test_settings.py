@@ -42,7 +42,6 @@ def test_credentials_log_the_agent_in(tmp_path: Path) -> None:
 
 
 def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys: Printed) -> None:
-    """No log folder comes into being."""
     log = {"folder": str(tmp_path / "logs"), "record": "mcap"}
     assert main([str(a_file(tmp_path, log=log)), "--check"]) == 0
     told = capsys.readouterr().out
@@ -54,7 +53,6 @@ def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys
 
 @pytest.mark.parametrize("body", [{}, {"kind": "kinematic"}])
 def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path) -> None:
-    """As its secrets are; a path may be given too."""
     (tmp_path / "events.csv").write_text("event,x_m,y_m\n1,2.0,3.0\n")
     file = a_file(tmp_path, body={**body, "options": {"events": "events.csv"}})
     assert main([str(file), "--check"]) == 0

@@ -109,7 +109,6 @@ def test_what_no_neighbour_would_send_is_counted_and_dropped(
 
 
 def test_a_crowd_takes_no_more_memory_than_allowed() -> None:
-    """Of too many strangers in one step the last ones are dropped."""
     inbox = RadioInbox(0, 3.0)
     for sender in range(1, MAX_NEIGHBOURS + 11):
         inbox.accept(sender, frame(), None, 0.0)
@@ -209,8 +208,6 @@ def test_near_enough_to_where_it_was_sent_is_there() -> None:
 
 
 class Puppet:
-    """A body that a test moves by hand."""
-
     def __init__(self) -> None:
         self.says = Sensed(5.0, 5.0, 0.1)
         self.told: list[tuple[float, float, tuple[int, ...]]] = []

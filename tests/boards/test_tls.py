@@ -91,7 +91,6 @@ def test_a_client_without_a_certificate_is_refused(router: Router) -> None:
 
 
 def test_a_client_with_a_password_alone_is_refused_over_tls(router: Router) -> None:
-    """A good password does not stand for a certificate."""
     pairs = without(client_pairs(router.link("agent-3")), "connect_certificate", "connect_private_key", "mtls", USER)
     with pytest.raises(zenoh.ZError):
         opened(router.link("agent-3"), [*without(pairs, PASSWORD), (USER, "agent-3"), (PASSWORD, "secret 3")])
@@ -113,14 +112,12 @@ def test_an_expired_certificate_is_refused(router: Router) -> None:
 
 
 def test_a_link_ends_when_its_certificate_does(router: Router) -> None:
-    """It does not live on, and does not come back."""
     with opened(router.sign("brief", "agent-3", days=15 / 86_400)) as session:
         assert session.info.routers_zid()
         wait_until(lambda: not session.info.routers_zid(), "the end of the certificate")
 
 
 def test_the_client_refuses_a_world_of_another_authority(router: Router, tmp_path: Path) -> None:
-    """A false world cannot take a board in."""
     certificates.make(tmp_path, [], [], 1)
     with pytest.raises(zenoh.ZError):
         opened(RouterLink(router.tls, tls=replace(tls_files(router.folder, "agent-3"), ca=str(tmp_path / "ca.pem"))))
@@ -160,7 +157,6 @@ def test_agent_3s_certificate_speaks_as_agent_3_alone(router: Router, way: str) 
 
 @pytest.mark.parametrize("way", ["the certificate", "with agent 4's password"])
 def test_agent_3s_certificate_hears_agent_3s_frames_alone(router: Router, way: str) -> None:
-    """Agent 4's frame, sent before its own, does not come."""
     with opened(*as_three(router)[way]) as session:
         heard: list[str] = []
         subscribers = [

@@ -207,7 +207,6 @@ def test_what_is_wrong_is_told(folder: Path, capsys: Printed) -> None:
 def test_a_certificate_is_tried_before_it_meets_silence(
     certificate: str, key: str, authority: str, word: str, folder: Path, capsys: Printed
 ) -> None:
-    """By `--check`: whose it is, its key, its authority, its days."""
     file = folder / "3.toml"
     table = listens(tls=tls(certificate, key) | {"ca_file": authority})
     file.write_text(tomli_w.dumps({"id": 3, **table}))
@@ -290,7 +289,6 @@ def test_a_file_that_everybody_may_write_to_is_refused(tmp_path: Path, capsys: P
 
 
 def test_events_are_read_from_a_file_of_reasonable_size(tmp_path: Path, capsys: Printed) -> None:
-    """No device, nobody's pipe, nothing that fills the memory."""
     os.mkfifo(tmp_path / "fifo")
     with (tmp_path / "large").open("wb") as large:
         large.truncate(1 << 32)

@@ -45,8 +45,6 @@ class GuideSettings:
 
 
 class Guide:
-    """A controller of somebody else's."""
-
     Settings: ClassVar[type[GuideSettings]] = GuideSettings
 
     def __init__(self, context: ControllerContext) -> None:

@@ -25,7 +25,6 @@ def percept(step: int, pose: Pose, heard: list[tuple[int, bytes]], events: tuple
 
 
 def beacon_of(pose: Pose) -> bytes:
-    """What an agent broadcasts at a place."""
     sender = an_agent(2, beacon_s=1.0)
     return next(filter(None, (sender.step(percept(step, pose, [])).payload for step in range(3))))
 
@@ -51,7 +50,6 @@ def test_a_neighbour_unheard_is_forgotten() -> None:
 
 @given(st.binary(max_size=40))
 def test_rubbish_on_the_air_moves_nobody(data: bytes) -> None:
-    """Unless it is a beacon by chance."""
     decision = an_agent().step(percept(0, (50.0, 50.0), [(2, data)]))
     assert all(map(math.isfinite, decision.velocity))
 

@@ -12,8 +12,6 @@ from deltaswarm_wire.messages import FREE, Act, Frame, TreeStatus
 
 
 class Point:
-    """A body that takes each velocity at once, up to a limit."""
-
     Settings: Any = None
     REAL_TIME = True
 

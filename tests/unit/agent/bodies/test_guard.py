@@ -255,7 +255,6 @@ def jumped(**limits: Any) -> Guard:
 
 
 def moves(guard: Guard, now_s: float) -> bool:
-    """Whether it moves in a place that it has just told."""
     guard.locate(16.0, 1.0, now_s)
     guard.command(0.1, 0.0, now_s)
     return guard.velocity(now_s) != STAND

@@ -118,7 +118,6 @@ def test_events_come_and_go_by_the_file(tmp_path: Path) -> None:
 
 
 def test_an_event_is_complete_after_its_own_observers_work(tmp_path: Path) -> None:
-    """Only what is in range and observed is worked on."""
     body = a_body(events=an_events_file(tmp_path, "1,3,0,,,5", "2,30,0,,,1"), **QUIET)
     for now_s in range(1, 5):
         body.move(0.0, 0.0, (1, 2))

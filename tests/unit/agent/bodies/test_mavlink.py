@@ -43,8 +43,6 @@ TASK = {
 
 
 class Flight:
-    """The scripted vehicle under way."""
-
     def __init__(self, process: subprocess.Popen[str], port: int) -> None:
         self.process, self.port = process, port
         self.track: list[list[float]] = []
@@ -76,7 +74,6 @@ class Flight:
         wait_until(lambda: len(self.track) >= rows, "two further rows of the vehicle")
 
     def end(self) -> None:
-        """Land, and wait."""
         assert self.process.stdin is not None
         self.process.stdin.close()
         self.process.wait(PATIENCE_S)
@@ -310,10 +307,7 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
 
 
 class Stalling(MavlinkBody):
-    """A vehicle's body whose agent hangs while a file is there."""
-
     def sense(self, time_s: float) -> Any:
-        """Hang, or go on."""
         wait_until(lambda: not Path("stall").exists(), "the end of the stall")
         return super().sense(time_s)
 
@@ -356,7 +350,6 @@ def flying_from(root: str, port: int) -> Iterator[Flight]:
 
 
 def test_events_of_a_file_are_sensed_from_the_vehicles_place(tmp_path: Path) -> None:
-    """What is near it by the file, and has work left."""
     file = tmp_path / "events.csv"
     file.write_text("event,x_m,y_m,work_s\n4,1,1,2\n5,19,19,2\n")
     with a_body(events=str(file)) as (body, _):

@@ -35,7 +35,6 @@ def test_datagrams_of_strangers_take_nothing_away() -> None:
 
 
 def test_a_second_vehicle_with_its_number_makes_it_stand(caplog: pytest.LogCaptureFixture) -> None:
-    """Which of the two would obey?"""
     with a_body() as (body, flight), flying(flight.port):
         wait_until(lambda: "two vehicles" in body.sense(0.0).fault, "a fault")
         go(body, 2.0, 0.0, lambda: flight.speed_mps == 0.0, "standing")
@@ -43,7 +42,6 @@ def test_a_second_vehicle_with_its_number_makes_it_stand(caplog: pytest.LogCaptu
 
 
 def test_the_vehicle_that_is_named_is_flown(caplog: pytest.LogCaptureFixture) -> None:
-    """Others are told of, and their messages do not count."""
     port = free_port()
     options = load(MavlinkSettings, {"device": f"udpin:127.0.0.1:{port}", "vehicle": 77})
     body = MavlinkBody(options, BodyContext(1, load(AgentSettings, TASK), Random(1)))

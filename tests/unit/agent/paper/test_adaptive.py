@@ -132,7 +132,6 @@ def test_who_hears_another_for_long_comes_to_know_what_it_knows() -> None:
 
 @given(RATES)
 def test_what_is_told_can_be_told_again(averages: Averages) -> None:
-    """Whatever was heard, an agent's own averages fit into a frame."""
     one = finds()
     for now in range(50):
         one.hear([telling(averages)] * 3, now)
@@ -170,7 +169,6 @@ def test_an_event_that_somebody_attends_is_no_find(frame: Attending | Member) ->
 
 
 def test_who_newly_meets_an_attending_agent_remembers_its_event() -> None:
-    """Where that event is, not where the agent stands; and once."""
     lone = Lone(at=OUTSIDE, mode="decentralised", return_to_finds=True)
     lone.step()
     lone.step(attending(SENDER, PARENT_AT, 1, (49.0, 50.0)), at=INSIDE)
@@ -283,7 +281,6 @@ def test_who_learns_that_walkers_find_much_leaves_sooner() -> None:
 
 @in_one_test(("busy", "delta"), [(0.0, 4), (0.2499, 4), (0.25, 3), (0.4999, 3), (0.5, 2), (1.0, 2)])
 def test_delta_falls_as_agents_are_busier(busy: float, delta: int) -> None:
-    """Where there is much work, trees are founded early."""
     assert delta_for(busy) == delta
 
 

@@ -81,7 +81,6 @@ def test_who_is_taken_off_leaves_its_event() -> None:
 
 
 def test_a_tree_and_a_circle_have_their_own_delta() -> None:
-    """Who is not meant keeps what it had."""
     circle = script([10, "set delta", "circle", [0, 20, 20], {"delta": 9}])
     found = swarm("smoke", *QUIET, circle)
     for step, _ in play(found, 12):
@@ -101,7 +100,6 @@ def test_only_hybrid_control_has_a_delta(mode: str) -> None:
 
 
 def test_a_tree_that_is_recalled_dissolves_and_founds_no_new_one_for_the_pause() -> None:
-    """Neither its root nor its members, whatever they sense."""
     busy = ("agents.count=12", "events.rate_hz=0.3", "control.delta=1", "record=off", "control.gamma_max=500")
     at, pause, root, tree = 0, 70, -1, set[int]()
     free = swarm("smoke", *busy)

@@ -124,7 +124,6 @@ def test_another_event_does_not_call_an_agent_away() -> None:
 
 
 def test_after_completion_another_sensed_event_is_gone_to_at_once() -> None:
-    """In the step in which the agent finds its event gone."""
     decision = at_event().step(events=[event(2, 50, 53), event(3, 48, 50)])
     assert velocity(decision) == (-1.0, 0.0)
     assert (decision.act.observed, decision.radio, decision.report) == ((), None, None)
@@ -182,7 +181,6 @@ def test_an_event_that_the_agent_senses_itself_wins() -> None:
 
 
 def test_an_agent_walks_on_where_an_event_should_be_and_is_not() -> None:
-    """As soon as it should sense the event that it was told of."""
     lone = Lone(at=OUTSIDE)
     lone.step()
     lone.step(attending(PARENT, PARENT_AT, 4, PARENT_AT), at=INSIDE)

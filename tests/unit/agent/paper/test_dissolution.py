@@ -89,7 +89,6 @@ def test_a_sensed_event_restores_gamma() -> None:
 
 
 def test_dissolution_can_be_switched_off() -> None:
-    """The paper's ablation: members stay without any event."""
     lone = a_member(dissolution=False)
     for pulse in range(101, 400):
         lone.step(parent_says(pulse))

@@ -51,7 +51,6 @@ beginnings = st.sampled_from(sorted(BEGINNINGS))
 
 @given(lives(st.builds(on_air, near_frames(), st.integers(0, 60))), beginnings, st.randoms(use_true_random=False))
 def test_the_order_of_arrival_does_not_matter(life: list[Any], begin: str, order: random.Random) -> None:
-    """Shuffled, every frame twice: the same decisions."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
     for heard, sensed in life:
         samples = list({(sender, decode_sample(data).counter): (sender, data) for sender, data in heard}.values())
@@ -126,7 +125,6 @@ def test_what_a_root_was_told_can_be_reported() -> None:
 
 
 def test_no_place_outside_the_arena_is_gone_to() -> None:
-    """Events occur within it, so such a frame is wrong."""
     lone = Lone(at=OUTSIDE)
     lone.step()
     lone.step(attending(PARENT, PARENT_AT, 4, (500, 50)), at=INSIDE)
@@ -134,7 +132,6 @@ def test_no_place_outside_the_arena_is_gone_to() -> None:
 
 
 def test_no_order_leads_outside_the_arena() -> None:
-    """Places to go to are within it, so such an order is wrong."""
     lone = a_member()
     lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101, order=RecruitmentOrder(ME, 50_000, 5000, 1, 12)))
     assert lone.core.state is State.MEMBER

@@ -107,7 +107,6 @@ def test_a_living_roots_pulse_is_fresh_unless_it_comes_late(known: int, elapsed:
 
 
 def test_a_roots_first_pulse_on_the_air_is_0() -> None:
-    """And one more with each step."""
     root = Lone(mode="hierarchical", rho=1)
     pulses_said = []
     for _ in range(4):

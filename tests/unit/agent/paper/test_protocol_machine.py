@@ -45,8 +45,6 @@ shares = st.sampled_from([0.0, 0.1, 0.3, 0.5])
 
 
 class Swarm:
-    """Agents, their bodies, the events and the air."""
-
     def __init__(self, seed: int, latency_steps: int, started: int, **control: Any) -> None:
         self.rng = Random(seed)
         self.settings = agent_settings(
@@ -136,8 +134,6 @@ class Swarm:
 
 
 class TreeProtocol(RuleBasedStateMachine):
-    """What happens, and what must hold all the while."""
-
     swarm: Swarm
 
     @initialize(
@@ -164,12 +160,10 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(agent=agents)
     def die(self, agent: int) -> None:
-        """In the middle of whatever it does."""
         self.swarm.cores.pop(agent, None)
 
     @rule()
     def lose_a_root(self) -> None:
-        """The death that matters most."""
         roots = [agent for agent, core in self.swarm.members.items() if core.state is State.ROOT]
         if roots:
             self.die(self.swarm.rng.choice(roots))
@@ -190,12 +184,10 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(sides=st.lists(st.integers(0, 1), min_size=AGENTS, max_size=AGENTS))
     def part(self, sides: list[int]) -> None:
-        """Two halves that do not hear each other."""
         self.swarm.side = dict(enumerate(sides))
 
     @rule()
     def reunite(self) -> None:
-        """All may hear all."""
         self.swarm.side = dict.fromkeys(range(AGENTS), 0)
 
     @rule(count=st.integers(1, 4), x_m=st.integers(0, int(SIZE_M)), y_m=st.integers(0, int(SIZE_M)))

@@ -66,8 +66,6 @@ CONNECTED = {0: {0}, 20: set(), 23: {1}, 30: set(), 32: {0}, 33: {0, 1}}
 
 
 class Watch:
-    """Notes every change of state that any agent makes."""
-
     def __init__(self) -> None:
         self.steps: Counter[Step] = Counter()
         self.newest: dict[Agent, State] = {}
@@ -143,7 +141,6 @@ def taken_off(watch: Watch) -> None:
 
 
 def ordered(orders: list[str], watch: Watch) -> None:
-    """A rough run with a script of orders."""
     crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
     for step, record in enumerate(play(crew, ROUGH_STEPS)):
         crew.close_step(Clock(step, record.time_s, last=False))
@@ -196,7 +193,6 @@ def test_swarms_take_every_transition(taken: dict[Step, int]) -> None:
 
 
 def test_swarms_take_no_other_transition(taken: dict[Step, int]) -> None:
-    """Every change of state that was seen is in the table."""
     assert {(source, cause): to for source, cause, to in taken}.items() <= TRANSITIONS.items()
     assert len({(source, cause) for source, cause, _ in taken}) == len(taken)
 

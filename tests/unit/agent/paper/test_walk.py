@@ -38,7 +38,6 @@ def an_agent(**keys: Any) -> AgentSettings:
 def walk(
     settings: AgentSettings, seed: int, x_m: float, y_m: float, steps: int, leg_max_s: float = LEG_MAX_S
 ) -> Iterator[tuple[float, float]]:
-    """Places of a walk, from the first on."""
     legs = Walk(settings, leg_max_s, random.Random(seed))
     for now in range(steps):
         yield x_m, y_m
@@ -56,7 +55,6 @@ def folded(unbounded_m: float, wall_m: float) -> float:
 def test_a_walk_stays_in_the_arena(
     width_m: float, height_m: float, right: float, up: float, speed_mps: float, step_s: float, seed: int
 ) -> None:
-    """From any place, corners and walls included, however fast."""
     settings = an_agent(width_m=width_m, height_m=height_m, speed_mps=speed_mps, step_s=step_s)
     for x_m, y_m in walk(settings, seed, right * width_m, up * height_m, 80):
         assert -1e-9 <= x_m <= width_m + 1e-9

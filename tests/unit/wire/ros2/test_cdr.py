@@ -25,7 +25,6 @@ BASIC: Mapping[str, st.SearchStrategy[Any]] = {
 
 
 def messages(message_type: str) -> st.SearchStrategy[Any]:
-    """Any message of a type."""
     made: dict[str, st.SearchStrategy[Any]] = {}
     for field in fields_of(message_type):
         one = BASIC[field.type] if field.type in BASIC else messages(field.type)

@@ -40,7 +40,6 @@ def a_message(at_s: float = 1.0, *, x_m: float = 1.0, frame_id: str = "odom", **
 
 
 def test_an_odometry_gives_pose_and_uncertainty() -> None:
-    """The uncertainty is that of the worse axis."""
     odometry = an_odometry()
     assert odometry.take(a_message(orientation={"z": 1.0}), ONE, 0.0)
     assert odometry.pose == pytest.approx((1.0, 2.0, math.pi))
