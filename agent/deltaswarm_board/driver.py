@@ -35,7 +35,7 @@ def checked_sensed(sensed: Any) -> Sensed:
     return Sensed(float(sensed.x_m), float(sensed.y_m), float(sensed.std_m), events)
 
 
-def _told(error: Exception) -> str:
+def _failure(error: Exception) -> str:
     return f"body failed: {error if isinstance(error, PluginError) else described(error)}"
 
 
@@ -132,7 +132,7 @@ class Driver:
             self._failures += 1
             if self._failures >= MAX_FAILURES:
                 raise error
-            self.fault = _told(error)
+            self.fault = _failure(error)
 
     def _doubt(self, sensed: Sensed) -> str:
         if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
@@ -172,7 +172,7 @@ class Follower:
         try:
             self._follow(frame, act)
         except Exception as error:  # a plug-in may raise anything
-            self.fault = _told(error)
+            self.fault = _failure(error)
         if self.fault != before:
             log.warning("the robot is %s", f"not well: {self.fault}" if self.fault else "well")
 

@@ -150,23 +150,23 @@ class _Loop:
         step = 0
         while step < self._run.steps:
             wait_s = min(pace.wait_s(self._air.now_s()) / self._run.accelerate, longest_s)
-            if _has_come(stop, wait_s):
+            if _signal_came(stop, wait_s):
                 break
             self._notifier.alive()
             due = pace.due(self._air.now_s())
             if due is None:
                 continue
-            self._take(due)
+            self._do_step(due)
             if step == 0:
                 self._notifier.ready()
                 log.info("agent %d has done its first step", settings.id)
             step = due + 1
             if line.due(self._air.now_s()) is not None:
-                self._tell(step, pace.skipped)
-        self._tell(step, pace.skipped)
+                self._log_status(step, pace.skipped)
+        self._log_status(step, pace.skipped)
 
-    def _take(self, step: int) -> None:
-        output = self._driver.step(step, step * self._step_s, self._hear)
+    def _do_step(self, step: int) -> None:
+        output = self._driver.step(step, step * self._step_s, self._receive)
         if output is not None:
             self._send(output)
         fault, before = self._driver.fault, self._fault
@@ -176,14 +176,14 @@ class _Loop:
             self._fault = fault
             log.warning("the body is %s", f"not well: {fault}" if fault else "well")
 
-    def _hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
+    def _receive(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
         heard = self._air.receive(place_m)
         if self._recorder:
             for sender, data in heard:
-                self._keep(sender, RADIO, data)
+                self._record(sender, RADIO, data)
         return heard
 
-    def _keep(self, agent: int, leaf: str, data: bytes) -> None:
+    def _record(self, agent: int, leaf: str, data: bytes) -> None:
         """Record a sample. A full disk ends the recording, not the agent."""
         if self._recorder:
             try:
@@ -196,12 +196,12 @@ class _Loop:
         agent = self._run.settings.id
         if output.radio is not None:
             self._air.send(output.radio, self._driver.place_m)
-            self._keep(agent, RADIO, output.radio)
+            self._record(agent, RADIO, output.radio)
         if output.report_bytes is not None:
             self._air.report(output.report_bytes)
-            self._keep(agent, REPORT, output.report_bytes)
+            self._record(agent, REPORT, output.report_bytes)
 
-    def _tell(self, step: int, skipped: int) -> None:
+    def _log_status(self, step: int, skipped: int) -> None:
         driver = self._driver
         text = f"{driver.role} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
         text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
@@ -212,7 +212,7 @@ class _Loop:
         self._notifier.status(text)
 
 
-def _has_come(stop: Stop, wait_s: float) -> bool:
+def _signal_came(stop: Stop, wait_s: float) -> bool:
     try:
         number = stop.get(timeout=wait_s) if wait_s > 0 else stop.get_nowait()
     except queue.Empty:

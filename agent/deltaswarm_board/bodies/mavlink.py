@@ -127,7 +127,7 @@ class MavlinkBody(GuardedBody):
                 self._no_link = ""
                 is_peer = self._link.sender == self._link.peer
                 for message in self._messages(self._mav if is_peer else self._parser(), data):
-                    self._take(message, time.monotonic())
+                    self._handle(message, time.monotonic())
             except OSError as error:
                 self._no_link = f"no link to {self._options.device}: {error.strerror or error}"
                 if is_last or self._closing.wait(RETRY_S):
@@ -150,7 +150,7 @@ class MavlinkBody(GuardedBody):
             if message is not None:
                 yield message
 
-    def _take(self, message: Any, now_s: float) -> None:
+    def _handle(self, message: Any, now_s: float) -> None:
         mavlink = self._mavlink
         source = (message.get_srcSystem(), message.get_srcComponent())
         match message.get_msgId():
