@@ -21,7 +21,6 @@ from deltaswarm_wire.settings import AgentSettings
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of one agent."""
     name = program(AGENT)
     parser = Parser(
         prog=name,

@@ -45,7 +45,7 @@ class ControllerContext:
         mode: the name of the controller in `control.mode`.
         settings: its own options, an instance of its `Settings`.
         shared: the agent's task and body: arena, step, speed, ranges.
-        rng: the agent's own generator; the only source of chance.
+        rng: the agent's own generator; the only source of randomness.
     """
 
     agent: int

@@ -4,11 +4,9 @@ from deltaswarm_wire.saved import Saved
 
 
 class Recurring(Saved):
-    """Says when something is due again: at most a step late, and without drift.
+    """Says when something is due again, from `first_s` on: at most a step late, and without drift.
 
-    Args:
-        every_s: the time between two occurrences [s]; with longer steps it occurs once a step.
-        first_s: the earliest time of the first [s].
+    With steps longer than `every_s` it occurs once a step.
     """
 
     def __init__(self, every_s: float, first_s: float = 0.0) -> None:

@@ -30,7 +30,6 @@ from deltaswarm_wire.plugin_errors import PluginError, blamed
 
 
 def parser() -> argparse.ArgumentParser:
-    """Make a board's argument parser."""
     parser = Parser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
     parser.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
     parser.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
@@ -70,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             begin = partial(run_board, run, run.check())
         if arguments.check:
             check_certificate(settings)
-            print(told(settings))
+            print(description(settings))
             return 0
     except (ValueError, OSError, PluginError) as error:
         print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
@@ -180,8 +179,7 @@ def run_in_world(settings: BoardSettings, options: Any) -> int:
         notifier.close()
 
 
-def told(settings: BoardSettings) -> str:
-    """Describe what the board would do."""
+def description(settings: BoardSettings) -> str:
     air, body, log, agent = settings.air, settings.body, settings.log, settings.agent
     lines = [
         f"agent {settings.id} of run {settings.run}, {agent.control.mode}, a step every {agent.step_s:g} s",

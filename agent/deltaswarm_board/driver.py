@@ -21,11 +21,7 @@ MAX_FAILURES = 10
 
 
 def checked_sensed(sensed: Any) -> Sensed:
-    """Convert a body's result to plain numbers; a body may be third-party code.
-
-    Raises:
-        TypeError, ValueError, AttributeError: the result breaks the body's contract.
-    """
+    """Convert a body's result to plain numbers; a body may be third-party code."""
     if not isinstance(sensed, Sensed):
         raise TypeError(f"sense must return a Sensed (got {type(sensed).__name__})")
     if sensed.fault:
@@ -39,7 +35,7 @@ def checked_sensed(sensed: Any) -> Sensed:
     return Sensed(float(sensed.x_m), float(sensed.y_m), float(sensed.std_m), events)
 
 
-def _told(error: Exception) -> str:
+def _failure(error: Exception) -> str:
     return f"body failed: {error if isinstance(error, PluginError) else described(error)}"
 
 
@@ -66,8 +62,6 @@ class SetPoint:
 
 
 class Driver:
-    """Body, controller and set point of one agent."""
-
     def __init__(self, core: AgentCore, body: Body, *, step_s: float, arrive_m: float, max_std_m: float) -> None:
         self.role = FREE
         """The agent's role by its own account."""
@@ -93,10 +87,6 @@ class Driver:
         """Sense, decide, move. With a fault of the body, stand, send nothing, and return None.
 
         `hear` returns the frames received at a position [m].
-
-        Raises:
-            ControllerError: the controller failed.
-            Exception: from the body, after failures in `MAX_FAILURES` consecutive steps.
         """
         before, self.fault = self._failures, ""
         output = self._step(step, time_s, hear)
@@ -138,12 +128,11 @@ class Driver:
         return True
 
     def _fails(self, error: Exception) -> None:
-        """Count a failed call of the body: an exception or an invalid result."""
         if not self.fault:
             self._failures += 1
             if self._failures >= MAX_FAILURES:
                 raise error
-            self.fault = _told(error)
+            self.fault = _failure(error)
 
     def _doubt(self, sensed: Sensed) -> str:
         if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
@@ -183,7 +172,7 @@ class Follower:
         try:
             self._follow(frame, act)
         except Exception as error:  # a plug-in may raise anything
-            self.fault = _told(error)
+            self.fault = _failure(error)
         if self.fault != before:
             log.warning("the robot is %s", f"not well: {self.fault}" if self.fault else "well")
 
@@ -206,5 +195,4 @@ class Follower:
             log.info("the robot is %s", what)
 
     def close(self) -> None:
-        """Stop and release the robot."""
         self._body.close()

@@ -95,15 +95,15 @@ class Allowance:
     """A rate limit per sender: `MAX_RATE_HZ` on average, `MAX_BURST` at once."""
 
     def __init__(self) -> None:
-        self._left: dict[int | None, tuple[float, float]] = {}
+        self.left: dict[int | None, tuple[float, float]] = {}
 
     def spend(self, sender: int | None, now_s: float) -> bool:
         """Whether one more frame is allowed now [s]."""
-        left, since_s = self._left.pop(sender, (MAX_BURST, now_s))
+        left, since_s = self.left.pop(sender, (MAX_BURST, now_s))
         left = min(MAX_BURST, left + MAX_RATE_HZ * (now_s - since_s))
-        if len(self._left) >= MAX_KNOWN:
-            self._left.pop(next(iter(self._left)))  # the least recent sender
-        self._left[sender] = (max(0.0, left - 1.0), now_s)
+        if len(self.left) >= MAX_KNOWN:
+            self.left.pop(next(iter(self.left)))  # the least recent sender
+        self.left[sender] = (max(0.0, left - 1.0), now_s)
         return left >= 1.0
 
 

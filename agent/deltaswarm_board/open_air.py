@@ -53,11 +53,7 @@ def cannot_listen(endpoint: str) -> str:
 
 
 class OpenAir:
-    """The air of one board, and its link to the operator.
-
-    Raises:
-        ValueError: Zenoh refuses the settings.
-    """
+    """The air of one board, and its link to the operator."""
 
     def __init__(self, settings: BoardSettings) -> None:
         self._settings = settings
@@ -89,7 +85,6 @@ class OpenAir:
 
     @property
     def counts(self) -> str:
-        """Counts of received and dropped frames, for the log."""
         with self._lock:
             dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(self._inbox.dropped.items()) if count)
             heard = f"heard {self._inbox.heard}; dropped {dropped or 'none'}; unsent {self.unsent}"

@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controller import make_controller
@@ -66,16 +66,6 @@ ENDS_WITHIN_S = 3.0
 """Time after a signal at which a hanging body is abandoned [s]; systemd kills after 5 s."""
 
 
-class SampleRecorder(Protocol):
-    """Records frames."""
-
-    def write(self, topic: str, data: bytes) -> None:
-        """Record one sample."""
-
-    def close(self) -> None:
-        """Finish the file."""
-
-
 @dataclass(frozen=True)
 class BoardRun:
     """A run of one agent on this board.
@@ -88,11 +78,7 @@ class BoardRun:
     steps: int = MAX_STEP
 
     def check(self) -> OpenAir:
-        """Check the body, its options and the recorder; return the air, ready to open.
-
-        Raises:
-            SettingsError, ValueError: they have mistakes.
-        """
+        """Check the body, its options and the recorder; return the air, ready to open."""
         body = find_body(self.settings.body.kind)
         options_of(body, self.settings.body.options)
         if body.REAL_TIME and self.accelerate != 1.0:
@@ -101,7 +87,7 @@ class BoardRun:
             )
         if self.settings.log.record != "off":
             _recorder_class()
-        _verify(self.settings)
+        command_check(self.settings)
         return OpenAir(self.settings)
 
 
@@ -109,10 +95,6 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     """Run an agent on a board until SIGTERM, SIGINT or SIGHUP; return the exit code.
 
     Call it in the main thread, with the air from `BoardRun.check`.
-
-    Raises:
-        ControllerError: the controller failed.
-        Exception: from the body, at its creation or later.
     """
     settings = run.settings
     log_to(settings.log, settings.id)
@@ -122,7 +104,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     options = options_of(body_class, settings.body.options)
     seed, agent = settings.agent.seed, settings.id
     step_s = settings.agent.step_s
-    core = AgentCore(agent, step_s, make_controller(agent, settings.agent), _verify(settings))
+    core = AgentCore(agent, step_s, make_controller(agent, settings.agent), command_check(settings))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
     body_settings = settings.body
@@ -149,10 +131,8 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
 
 
 class _Loop:
-    """The step loop."""
-
     def __init__(
-        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: SampleRecorder | None
+        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: "FrameRecorder | None"
     ) -> None:
         self._run = run
         self._driver = driver
@@ -163,7 +143,6 @@ class _Loop:
         self._fault = ""
 
     def go(self, stop: Stop) -> None:
-        """Run until a signal or the last step."""
         settings = self._run.settings
         pace = StepTimer(self._step_s, self._air.now_s())
         line = StepTimer(settings.log.every_s, self._air.now_s() + settings.log.every_s)
@@ -171,23 +150,23 @@ class _Loop:
         step = 0
         while step < self._run.steps:
             wait_s = min(pace.wait_s(self._air.now_s()) / self._run.accelerate, longest_s)
-            if _has_come(stop, wait_s):
+            if _signal_came(stop, wait_s):
                 break
             self._notifier.alive()
             due = pace.due(self._air.now_s())
             if due is None:
                 continue
-            self._take(due)
+            self._do_step(due)
             if step == 0:
                 self._notifier.ready()
                 log.info("agent %d has done its first step", settings.id)
             step = due + 1
             if line.due(self._air.now_s()) is not None:
-                self._tell(step, pace.skipped)
-        self._tell(step, pace.skipped)
+                self._log_status(step, pace.skipped)
+        self._log_status(step, pace.skipped)
 
-    def _take(self, step: int) -> None:
-        output = self._driver.step(step, step * self._step_s, self._hear)
+    def _do_step(self, step: int) -> None:
+        output = self._driver.step(step, step * self._step_s, self._receive)
         if output is not None:
             self._send(output)
         fault, before = self._driver.fault, self._fault
@@ -197,14 +176,14 @@ class _Loop:
             self._fault = fault
             log.warning("the body is %s", f"not well: {fault}" if fault else "well")
 
-    def _hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
+    def _receive(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
         heard = self._air.receive(place_m)
         if self._recorder:
             for sender, data in heard:
-                self._keep(sender, RADIO, data)
+                self._record(sender, RADIO, data)
         return heard
 
-    def _keep(self, agent: int, leaf: str, data: bytes) -> None:
+    def _record(self, agent: int, leaf: str, data: bytes) -> None:
         """Record a sample. A full disk ends the recording, not the agent."""
         if self._recorder:
             try:
@@ -217,12 +196,12 @@ class _Loop:
         agent = self._run.settings.id
         if output.radio is not None:
             self._air.send(output.radio, self._driver.place_m)
-            self._keep(agent, RADIO, output.radio)
+            self._record(agent, RADIO, output.radio)
         if output.report_bytes is not None:
             self._air.report(output.report_bytes)
-            self._keep(agent, REPORT, output.report_bytes)
+            self._record(agent, REPORT, output.report_bytes)
 
-    def _tell(self, step: int, skipped: int) -> None:
+    def _log_status(self, step: int, skipped: int) -> None:
         driver = self._driver
         text = f"{driver.role} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
         text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
@@ -233,8 +212,7 @@ class _Loop:
         self._notifier.status(text)
 
 
-def _has_come(stop: Stop, wait_s: float) -> bool:
-    """Wait for a signal; return whether there is one."""
+def _signal_came(stop: Stop, wait_s: float) -> bool:
     try:
         number = stop.get(timeout=wait_s) if wait_s > 0 else stop.get_nowait()
     except queue.Empty:
@@ -248,7 +226,7 @@ def _end_in_time() -> None:
     faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
 
 
-def _verify(settings: BoardSettings) -> Verify:
+def command_check(settings: BoardSettings) -> Verify:
     """Return the check of commands: only the operator's pass, if its key is known, else none."""
     public = settings.air.operator_key
     if not public:
@@ -282,7 +260,7 @@ def _recorder_class() -> "type[FrameRecorder]":
     return FrameRecorder
 
 
-def _recorder(settings: BoardSettings) -> SampleRecorder | None:
+def _recorder(settings: BoardSettings) -> "FrameRecorder | None":
     log_settings = settings.log
     if log_settings.record == "off":
         return None

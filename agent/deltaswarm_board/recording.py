@@ -24,7 +24,6 @@ class FrameRecorder:
         self._open()
 
     def write(self, topic: str, data: bytes) -> None:
-        """Record one sample."""
         now_ns = time.time_ns()
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, "msgpack", schema_id=0)
@@ -36,7 +35,6 @@ class FrameRecorder:
             self._open()
 
     def close(self) -> None:
-        """Finish the file."""
         self._writer.finish()
         self._stream.close()
 

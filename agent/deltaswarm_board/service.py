@@ -60,7 +60,6 @@ def log_to(settings: LogSettings, agent: int) -> None:
 
 
 def _to_standard_error(level: int) -> None:
-    """Set the level of the existing handlers."""
     for handler in logging.getLogger().handlers:
         handler.setLevel(level)
 
@@ -83,24 +82,19 @@ class Notifier:
         return cls(environment.get("NOTIFY_SOCKET", ""), int(text) / 2e6 if is_watched else None)
 
     def ready(self) -> None:
-        """Notify that the first step is complete."""
         self._send("READY=1")
 
     def alive(self) -> None:
-        """Notify the watchdog that the process lives."""
         if self.alive_every_s is not None:
             self._send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
-        """Set the line in `systemctl status`."""
         self._send(f"STATUS={text}")
 
     def stopping(self) -> None:
-        """Notify that the process is ending."""
         self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Close the socket."""
         if self._socket:
             self._socket.close()
 

@@ -15,7 +15,7 @@ from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.reading import decoded, parsed_toml
-from deltaswarm_wire.session import QUIC, Pairs, RouterLink, Tls, air_pairs, endpoint_problem, protocol_of, tls_pairs
+from deltaswarm_wire.session import QUIC, Pairs, RouterLink, Tls, air_pairs, link_problems, protocol_of, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
 
@@ -46,11 +46,9 @@ class TlsSettings:
 
     @property
     def files(self) -> Tls | None:
-        """The three files, if given."""
         return Tls(self.ca_file, self.cert_file, self.key_file) if self.ca_file else None
 
     def pairs(self) -> Pairs:
-        """Return Zenoh's settings for TLS."""
         pairs = tls_pairs(self.files, "connect", "listen")
         return [*pairs, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if pairs else []
 
@@ -82,7 +80,6 @@ class AirSettings:
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
 
     def problems(self) -> list[Problem]:
-        """Check the rules that involve several keys."""
         problems = []
         if self.mode == "client" and not self.connect:
             problems.append(Problem("connect", "none", "must name the router of a client"))
@@ -90,10 +87,9 @@ class AirSettings:
             problems.append(Problem("listen", ", ".join(self.listen), "must be left out for a client"))
         if self.mode == "peer" and not (self.connect or self.listen or self.multicast):
             problems.append(Problem("connect", "none", "must be given for a peer, or else listen or multicast"))
+        problems += link_problems(self.connect, self.listen, self.zenoh)
         for name in ("connect", "listen"):
             for endpoint in getattr(self, name):
-                if mistake := endpoint_problem(endpoint, connects=name == "connect"):
-                    problems.append(Problem(name, repr(endpoint), mistake))
                 if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
                     problems.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
         problems += self._unknown_agents()
@@ -102,11 +98,6 @@ class AirSettings:
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
             problems += [problem] if problem else []
-        problems += [
-            Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
-            for name, value in self.zenoh.items()
-            if type(value) is not str
-        ]
         return problems
 
     def _unknown_agents(self) -> list[Problem]:
@@ -139,7 +130,6 @@ class AirSettings:
         return RouterLink(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
-        """Return Zenoh's settings for open air."""
         link = self.link(user)
         listen = self.listen
         if self.mode == "peer" and self.multicast and not listen:
@@ -200,7 +190,6 @@ class BoardSettings:
     log: LogSettings = key(LogSettings, "its logs and recordings")
 
     def problems(self) -> list[Problem]:
-        """Check the rules that involve several tables."""
         problems = []
         try:
             Keys(self.run)
@@ -253,7 +242,6 @@ class BoardSettings:
 
     @property
     def user(self) -> str:
-        """The agent's user name."""
         return user_name(AGENT, self.id)
 
     @property

@@ -6,7 +6,6 @@ ros2_control's diff_drive_controller (0.5 s).
 """
 
 import logging
-import threading
 import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -23,20 +22,16 @@ from deltaswarm_wire.messages import MAX_SENSED
 
 log = logging.getLogger("deltaswarm.ros2")
 
-CLOSE_S = 1.5
 RETRY_S = 1.0
 NO_CLOCK = "no /clock, from which the robot's time is taken (use_sim_time)"
 
 
 class Ros2Body(GuardedBody):
-    """One robot, which may appear later and disappear; meanwhile the body has a fault.
-
-    Raises:
-        ValueError: Zenoh refuses the settings, or the arena has too many cells for detections.
-    """
+    """One robot, which may appear later and disappear; meanwhile the body has a fault."""
 
     Settings: ClassVar[type[Any]] = Ros2Settings
     REAL_TIME: ClassVar[bool] = True
+    CLOSE_S: ClassVar[float] = 1.5
 
     def __init__(self, options: Ros2Settings, context: BodyContext) -> None:
         super().__init__(options, context)
@@ -60,7 +55,6 @@ class Ros2Body(GuardedBody):
         """The robot's time by /clock, and when it was heard [s]."""
         self._commanders: list[str] = []
         """Other nodes that publish commands, to which the robot is left."""
-        self._closing = threading.Event()
         heard: dict[Topic, Hear] = {self._topic: self._hear_odometry}
         if options.detections:
             heard[Topic(full_name(options.detections, namespace), POSE_ARRAY)] = self._hear_detections
@@ -68,13 +62,11 @@ class Ros2Body(GuardedBody):
             heard[Topic("/clock", CLOCK)] = self._hear_clock
         self._command_topic = Topic(full_name(options.command, namespace), options.command_type)
         self._link = Ros2Link(options, context.agent, self._command_topic, heard)
-        self._thread = threading.Thread(target=self._serve, name="ros2", daemon=True)
         self._thread.start()
 
     # The agent's thread
 
     def sense(self, time_s: float) -> Sensed:
-        """Return the robot's newest position, the events near it, and what it detects."""
         now_s = time.monotonic()
         sensed = super().sense(time_s)
         with self._lock:
@@ -85,14 +77,6 @@ class Ros2Body(GuardedBody):
         if self._no_link:
             return sensed
         return sensed._replace(fault="; ".join([reason or sensed.fault, *self._link.mismatches(self._topic)]))
-
-    def close(self) -> None:
-        """Stop the robot and leave the ROS graph."""
-        with self._lock:
-            self._guard.command(0.0, 0.0, time.monotonic())
-        self._closing.set()
-        self._thread.join(CLOSE_S)
-        self._log_counts()
 
     # The robot's thread
 

@@ -43,11 +43,7 @@ class CdrError(ValueError):
 
 
 def encode(message_type: str, message: Mapping[str, Any]) -> bytes:
-    """Encode a message, little-endian. A missing field is zero, as in ROS; an array must have its defined length.
-
-    Raises:
-        CdrError: a field is unknown, or a value does not fit.
-    """
+    """Encode a message, little-endian. A missing field is zero, as in ROS; an array must have its defined length."""
     try:
         return bytes(_idl(message_type).serialize(_filled(message_type, message), endianness=Endianness.Little))
     except CdrError:
@@ -57,11 +53,7 @@ def encode(message_type: str, message: Mapping[str, Any]) -> bytes:
 
 
 def decode(message_type: str, data: bytes) -> dict[str, Any]:
-    """Decode a message.
-
-    Raises:
-        CdrError: it is too short, too long, or no plain CDR.
-    """
+    """Decode a message."""
     if len(data) > MAX_BYTES:
         raise CdrError(f"a message must have at most {MAX_BYTES} bytes (got {len(data)})")
     if data[:2] not in _HEADERS or len(data) < 4:
@@ -95,7 +87,6 @@ def _annotation(field: MessageField) -> Any:
 
 
 def _filled(message_type: str, message: Mapping[str, Any]) -> SimpleNamespace:
-    """Return an object with all fields of a message."""
     fields = fields_of(message_type)
     if unknown := set(message) - {field.name for field in fields}:
         raise CdrError(f"{message_type} must have no field {', '.join(sorted(unknown))}")

@@ -1,13 +1,9 @@
-"""ROS 2's messages that deltaswarm exchanges, as their packages define them, and the type hashes of these definitions.
+"""ROS 2's messages that deltaswarm exchanges, as their packages define them, and the type hashes of its topics."""
 
-The hash is RIHS01: the SHA-256 of the type's description, and of every type that it refers to, as JSON.
-"""
-
-import json
 import re
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 TWIST = "geometry_msgs/msg/Twist"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
@@ -56,12 +52,22 @@ DEFINITIONS = MappingProxyType(
 )
 """Fields by type: `.msg` files without comments and default values, a comma for the end of a line."""
 
-TYPE_IDS = MappingProxyType(
-    {"bool": 15, "byte": 16, "float32": 10, "float64": 11, "int32": 6, "string": 17, "uint8": 3, "uint32": 7}
-)
-"""Numbers of the basic types in type_description_interfaces/msg/FieldType."""
+BASIC = frozenset(("bool", "byte", "float32", "float64", "int32", "string", "uint8", "uint32"))
 
-_NESTED_ID, _ARRAY_IDS, _SEQUENCE_IDS = 1, 48, 144
+HASHES = MappingProxyType(
+    {
+        TWIST: "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
+        TWIST_STAMPED: "RIHS01_5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64",
+        POSE_STAMPED: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+        POSE_ARRAY: "RIHS01_af0cc36d190e104d546d168d6b39df04fa4b4ccecf59cb4c9ed328d3d5004aa0",
+        ODOMETRY: "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+        CLOCK: "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+        MARKER_ARRAY: "RIHS01_86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
+        DIAGNOSTIC_ARRAY: "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+        "std_msgs/msg/String": "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    }
+)
+"""The type hash (RIHS01) of each topic's definition, the same from ROS 2 Iron on."""
 
 SEQUENCE = 0
 """The `length` of a field with any number of values."""
@@ -79,48 +85,11 @@ class MessageField(NamedTuple):
 
 @lru_cache
 def fields_of(message_type: str) -> tuple[MessageField, ...]:
-    """Parse a definition.
-
-    Raises:
-        KeyError: the type is not one of `DEFINITIONS`.
-    """
+    """Parse a definition."""
     fields = []
     for line in DEFINITIONS[message_type].split(", "):
         found = _FIELD.fullmatch(line.strip())
         assert found, line
-        name = found["type"] if found["type"] in TYPE_IDS else found["type"].replace("/", "/msg/")
+        name = found["type"] if found["type"] in BASIC else found["type"].replace("/", "/msg/")
         fields.append(MessageField(found["name"], name, int(found["count"] or SEQUENCE) if found["many"] else None))
     return tuple(fields)
-
-
-@lru_cache
-def type_hash(message_type: str) -> str:
-    """Compute the RIHS01 hash of a type."""
-    import hashlib  # brings OpenSSL, which a board without ROS does without
-
-    described = {
-        "type_description": _description(message_type),
-        "referenced_type_descriptions": [_description(name) for name in sorted(_references(message_type))],
-    }
-    return f"RIHS01_{hashlib.sha256(json.dumps(described).encode()).hexdigest()}"
-
-
-def _references(message_type: str) -> set[str]:
-    direct = {field.type for field in fields_of(message_type) if field.type in DEFINITIONS}
-    return direct.union(*map(_references, direct))
-
-
-def _description(message_type: str) -> dict[str, Any]:
-    fields = [{"name": field.name, "type": _field_type(field)} for field in fields_of(message_type)]
-    return {"type_name": message_type, "fields": fields}
-
-
-def _field_type(field: MessageField) -> dict[str, Any]:
-    is_basic = field.type in TYPE_IDS
-    offset = 0 if field.length is None else _ARRAY_IDS if field.length else _SEQUENCE_IDS
-    return {
-        "type_id": offset + (TYPE_IDS[field.type] if is_basic else _NESTED_ID),
-        "capacity": field.length or 0,
-        "string_capacity": 0,
-        "nested_type_name": "" if is_basic else field.type,
-    }

@@ -14,9 +14,6 @@ class Detections:
 
     Agents thus give the same number to what they detect in the same cell. A detection within half a cell of an event
     is this event, so that noise on the border of two cells does not make two of one.
-
-    Raises:
-        ValueError: the arena has more cells than there are numbers.
     """
 
     def __init__(self, width_m: float, height_m: float, cell_m: float, range_m: float, lost_s: float) -> None:
@@ -39,7 +36,6 @@ class Detections:
                 self._seen[self._number(place)] = (place, now_s)
 
     def events(self, now_s: float) -> tuple[Event, ...]:
-        """Return the events that were detected recently."""
         return tuple(
             Event(event, *place) for event, (place, at_s) in self._seen.items() if now_s - at_s <= self._lost_s
         )

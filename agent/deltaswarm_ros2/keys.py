@@ -7,7 +7,7 @@ import re
 import struct
 from typing import NamedTuple
 
-from deltaswarm_ros2.definitions import type_hash
+from deltaswarm_ros2.definitions import HASHES
 
 RMW_ZENOH, ROS2DDS = "rmw_zenoh", "ros2dds"
 LAYOUTS = (RMW_ZENOH, ROS2DDS)
@@ -61,7 +61,6 @@ class Endpoint(NamedTuple):
 
 
 def is_name(text: str) -> bool:
-    """Whether this is a valid name of a topic or namespace."""
     return _NAME.fullmatch(text) is not None
 
 
@@ -77,9 +76,8 @@ def dds_type(message_type: str) -> str:
 
 
 def topic_key(layout: str, domain: int, topic: str, message_type: str) -> str:
-    """Make the key on which a topic's messages are sent."""
     name = topic.removeprefix("/")
-    return f"{domain}/{name}/{dds_type(message_type)}/{type_hash(message_type)}" if layout == RMW_ZENOH else name
+    return f"{domain}/{name}/{dds_type(message_type)}/{HASHES[message_type]}" if layout == RMW_ZENOH else name
 
 
 def node_token(node: Node) -> str:
@@ -89,7 +87,7 @@ def node_token(node: Node) -> str:
 
 def endpoint_token(node: Node, number: int, kind: str, topic: str, message_type: str) -> str:
     """Make rmw_zenoh's liveliness token of a publisher or subscription; `number` is unique in the session."""
-    return "/".join((_token(node, number, kind), _mangled(topic), dds_type(message_type), type_hash(message_type), QOS))
+    return "/".join((_token(node, number, kind), _mangled(topic), dds_type(message_type), HASHES[message_type], QOS))
 
 
 def all_tokens(domain: int) -> str:
@@ -123,16 +121,11 @@ def gid_of(token: str) -> bytes:
 
 
 def encode_attachment(attachment: Attachment) -> bytes:
-    """Encode an attachment: 33 bytes, little-endian."""
     return _ATTACHMENT.pack(attachment.number, attachment.time_ns, GID_BYTES, attachment.gid)
 
 
 def decode_attachment(data: bytes) -> Attachment:
-    """Decode an attachment.
-
-    Raises:
-        AttachmentError: it has another length.
-    """
+    """Decode an attachment."""
     if len(data) != _ATTACHMENT.size or data[16] != GID_BYTES:
         raise AttachmentError(f"an attachment must have {_ATTACHMENT.size} bytes (got {data[:40].hex(' ')})")
     number, time_ns, _, gid = _ATTACHMENT.unpack(data)
@@ -147,13 +140,11 @@ class Graph:
         self._endpoints: dict[str, Endpoint] = {}
 
     def add(self, token: str) -> None:
-        """Take a token that has appeared."""
         endpoint = parse_endpoint(token)
         if endpoint is not None and endpoint.topic in self._topics:
             self._endpoints[token] = endpoint
 
     def remove(self, token: str) -> None:
-        """Take a token that has gone."""
         self._endpoints.pop(token, None)
 
     def mismatch(self, session: str, kind: str, topic: str, message_type: str) -> str:

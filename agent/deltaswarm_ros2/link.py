@@ -40,18 +40,12 @@ Hear = Callable[[Mapping[str, Any], bytes], None]
 
 
 class Topic(NamedTuple):
-    """A topic by its full name."""
-
     name: str
     type: str
 
 
 class Ros2Link:
-    """The node of one agent. Every method except `close` raises OSError if Zenoh does.
-
-    Raises:
-        ValueError: Zenoh refuses the settings.
-    """
+    """The node of one agent. Every method except `close` raises OSError if Zenoh does."""
 
     def __init__(self, options: Ros2Settings, agent: int, command: Topic, heard: Mapping[Topic, Hear]) -> None:
         self._options = options
@@ -88,7 +82,6 @@ class Ros2Link:
         return session is not None and bool(session.info.routers_zid() or session.info.peers_zid())
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Publish a command."""
         if self._publisher is None:
             return
         self._sent += 1
@@ -115,7 +108,6 @@ class Ros2Link:
         return self._graph.nodes(str(session.zid()), PUBLISHER, self._command.name) if session else []
 
     def close(self) -> None:
-        """Leave the ROS graph."""
         session, self._session, self._publisher = self._session, None, None
         self._declared.clear()
         if session is not None:

@@ -1,4 +1,4 @@
-"""What ROS tools show of a run: agents, trees and events as markers, swarm and workload as diagnostics.
+"""Messages for ROS tools: agents, trees and events as markers; swarm and workload as diagnostics.
 
 Positions are in m, in the arena's frame. A marker replaces the one before with its name, so nothing is ever deleted.
 """

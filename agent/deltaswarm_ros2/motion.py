@@ -1,4 +1,4 @@
-"""A robot's motion: where it is by its odometry, why that is not believed, and the Twist for a wanted velocity.
+"""A robot's motion: its position by odometry, reasons to distrust that, and the Twist for a wanted velocity.
 
 All times in s by the board's clock; angles are counter-clockwise, as in ROS (REP 103).
 """
@@ -28,7 +28,6 @@ class PlanarFrame(NamedTuple):
     turn_deg: float = 0.0
 
     def to_arena(self, pose: Pose) -> Pose:
-        """Convert a pose in the odometry frame to one in the arena."""
         turn_rad = math.radians(self.turn_deg)
         sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
         x_m, y_m = pose.x_m - self.origin_x_m, pose.y_m - self.origin_y_m
@@ -57,7 +56,7 @@ TWIN_M, TWIN_SPEED = 0.3, 1.5
 """A robot is farther from its last position only by this [m] and by this many times what its speed limit allows."""
 
 TWIN_SIGNS, TWIN_MESSAGES, TWIN_BACK = 5, 20, 4
-"""So many signs in so many messages show two robots; a position is compared with this many before it."""
+"""Signs that show two robots, within this many messages; each position is compared with this many before it."""
 
 
 class Streams:
@@ -77,7 +76,6 @@ class Streams:
         self._signs: deque[bool] = deque(maxlen=TWIN_MESSAGES)
 
     def take(self, stamp_s: float, x_m: float, y_m: float) -> None:
-        """Take a message in the order of arrival."""
         if self._places and self._places[-1] == (stamp_s, x_m, y_m):
             return  # the same message by two ways
         far = [
@@ -93,8 +91,6 @@ class Streams:
 
 @dataclass(frozen=True)
 class ExpectedOdometry:
-    """What the odometry of a robot must be like."""
-
     topic: str
     frame_id: str
     """The frame of its poses; "" for any."""

@@ -41,14 +41,7 @@ OPEN_MS = 2000
 class Ros2Publisher:
     """The observer `ros2`, which publishes what it sees ten times per second of wall time.
 
-    Args:
-        connect: the endpoint of the ROS side's Zenoh router; empty for `ROUTER`.
-        scenario: the run's scenario.
-        wall_ns: the wall clock [Unix ns], of stamps.
-        paced: says when to publish.
-
-    Raises:
-        LiveError: there is no router.
+    `connect` is the endpoint of the ROS side's Zenoh router; empty for `ROUTER`. Stamps are by `wall_ns` [Unix ns].
     """
 
     shows = f"{' and '.join(TOPICS.values())} in ROS 2; they show the truth"

@@ -7,7 +7,7 @@ from deltaswarm_board.bodies.guarded import GuardedSettings
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED, TWIST, TWIST_STAMPED
 from deltaswarm_ros2.keys import LAYOUTS, MAX_DOMAIN, NAME_RULE, RMW_ZENOH, is_name
 from deltaswarm_wire.checked import Problem, key
-from deltaswarm_wire.session import endpoint_problem
+from deltaswarm_wire.session import link_problems
 
 PEER, CLIENT = "peer", "client"
 DIFFERENTIAL, HOLONOMIC = "differential", "holonomic"
@@ -57,17 +57,9 @@ class Ros2Settings(GuardedSettings):
             problems.append(Problem("namespace", repr(self.namespace), f"must begin with / and {NAME_RULE[5:]}"))
         if self.detections and self.events:
             problems.append(Problem("events", repr(self.events), "must be left out with detections"))
-        for name in ("connect", "listen"):
-            for endpoint in getattr(self, name):
-                if mistake := endpoint_problem(endpoint, connects=name == "connect"):
-                    problems.append(Problem(name, repr(endpoint), mistake))
+        problems += link_problems(self.connect, self.listen, self.zenoh)
         if self.mode == CLIENT and (self.listen or not self.connect):
             problems.append(Problem("mode", repr(self.mode), "must be peer to listen or without connect"))
-        problems += [
-            Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
-            for name, value in self.zenoh.items()
-            if type(value) is not str
-        ]
         return problems
 
     def namespace_of(self, agent: int) -> str:

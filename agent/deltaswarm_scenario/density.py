@@ -1,4 +1,4 @@
-"""Where events occur: the density phi(x, y) (Experimental Setup), and whether any of it lies where events can be."""
+"""The density of events phi(x, y) (Experimental Setup), and checks that events can occur somewhere."""
 
 import math
 from bisect import bisect_right
@@ -8,7 +8,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from deltaswarm_wire.checked import PAPER, Problem, key, plain_value
-from deltaswarm_wire.obstacles import ObstacleSettings, is_inside
+from deltaswarm_wire.obstacles import ObstacleSettings, coordinate_problems, is_inside
 
 DENSITIES = ("gaussian", "mixture", "uniform", "grid")
 
@@ -51,11 +51,7 @@ class ComponentSettings:
 
     def problems(self) -> list[Problem]:
         """A covariance must be symmetric and positive definite; a path has times in order, one for each waypoint."""
-        problems = [
-            Problem(f"path_m[{index}]", _shown(place), "must be two coordinates [x, y]")
-            for index, place in enumerate(self.path_m)
-            if len(place) != 2
-        ]
+        problems = coordinate_problems("path_m", self.path_m)
         if len(self.path_s) != len(self.path_m):
             counts = f"{len(self.path_s)} for {len(self.path_m)} waypoints"
             problems.append(Problem("path_s", counts, "must have one time for each waypoint of path_m"))
@@ -159,7 +155,6 @@ def share_problems(share: float, when: str = "") -> list[Problem]:
 
 
 def _means(density: DensitySettings) -> Iterator[tuple[str, tuple[float, ...]]]:
-    """Yield the key and the value of each mean and waypoint."""
     for index, part in enumerate(density.parts):
         where = f"components[{index}]." if density.kind == "mixture" else ""
         if part.path_m:
@@ -229,7 +224,6 @@ def share_inside(
 
 
 def is_free(place: Sequence[float], obstacles: Sequence[ObstacleSettings]) -> bool:
-    """Whether a position is outside all obstacles."""
     return not any(is_inside(place, obstacle.corners_m) for obstacle in obstacles)
 
 

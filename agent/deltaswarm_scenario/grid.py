@@ -1,4 +1,4 @@
-"""Read a grid of weights, the density of events as a file: a table of numbers as text, or an array of NumPy."""
+"""Read a density of events from a file: a grid of weights, as a table of text or a NumPy array."""
 
 import io
 import warnings
@@ -15,12 +15,7 @@ ARRAY = ".npy"
 
 
 def read_grid(file: str) -> Floats:
-    """Return the weights of a grid, rows from y = 0 upwards, columns from x = 0.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no table of finite weights >= 0 with a positive sum; a wrong cell is named by its place.
-    """
+    """Return the weights of a grid, rows from y = 0 upwards, columns from x = 0."""
     is_array = file.endswith(ARRAY)  # read as such only: np.load would take zips for arrays too
     try:
         raw = np.lib.format.open_memmap(file, mode="r") if is_array else _parsed(read_text(Path(file)))
@@ -46,7 +41,7 @@ def _parsed(text: str) -> Floats:
 
 
 def _wrong_place(text: str) -> str:
-    """Say where the first cell is that is no number, or the first row of another length; empty if there is none."""
+    """Name the first cell that is not a number, or the first row of another length; "" if every row is well."""
     width = 0
     for number, line in enumerate(text.splitlines(), 1):
         if not (content := line.partition("#")[0].strip()):

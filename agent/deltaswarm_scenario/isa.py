@@ -15,8 +15,6 @@ LOWEST, HIGHEST = 1, 5
 
 @dataclass(frozen=True)
 class IsaSettings:
-    """The keys of ISA."""
-
     isa_every_s: float = key(
         120.0, "simulated time between ISA questions (workload from 1 to 5); 0: none [s]", low=0, high=1e6
     )
@@ -25,8 +23,6 @@ class IsaSettings:
 
 
 class Isa(Technique):
-    """ISA at intervals of simulated time with optional jitter."""
-
     name = kind = ISA
     title = "ISA"
     measures = (
@@ -53,26 +49,21 @@ class Isa(Technique):
         return last_s + self._settings.isa_every_s + rng.uniform(0.0, self._settings.isa_jitter_s)
 
     def items(self, number: int) -> Sequence[str]:
-        """Return the only item."""
         return (ISA,)
 
     def shown(self, number: int, asked_s: float, left_s: float | None) -> dict[str, Any]:
-        """Return the question's number and times."""
         return {"kind": ISA, "number": number, "asked_s": asked_s, "left_s": left_s}
 
     def is_meant(self, number: int, message: Mapping[str, Any]) -> bool:
-        """Compare the question's number."""
         return bool(message["number"] == number)
 
     def answers(self, number: int, message: Mapping[str, Any]) -> Answers:
-        """Return the answer if it is from 1 to 5."""
         answer = message["answer"]
         if type(answer) is not int or not LOWEST <= answer <= HIGHEST:
             raise ValueError("the answer must be from 1 to 5")
         return {ISA: answer}
 
     def act(self, answers: Answers) -> dict[str, Any]:
-        """Return the answer as the act's value."""
         return {"value": answers[ISA]}
 
     @staticmethod
@@ -82,11 +73,9 @@ class Isa(Technique):
 
     @staticmethod
     def scores(given: Sequence[Answers]) -> dict[str, Any]:
-        """Return the mean answer."""
         return {ISA: sum(answers[ISA] for answers in given) / len(given) if given else None}
 
     @property
     def outline(self) -> str:
-        """Its interval."""
         every_s, jitter_s = self._settings.isa_every_s, self._settings.isa_jitter_s
         return f"ISA every {every_s:g}{f' to {every_s + jitter_s:g}' if jitter_s else ''} s"

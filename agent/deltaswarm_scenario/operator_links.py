@@ -7,7 +7,7 @@ world's `uplink/uplink.py` and `downlink.py` say in which order the effects appl
 from dataclasses import dataclass
 from typing import Any
 
-from deltaswarm_scenario.radio import BandwidthSettings, BlackoutSettings, BurstSettings, Place
+from deltaswarm_scenario.radio import BandwidthSettings, BlackoutSettings, BurstSettings, Place, rate_problems
 from deltaswarm_wire.checked import Problem, key, plain_value
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import MAX_LIFE_S, TARGET_NUMBERS, Command, Target, encode_command, make_target
@@ -75,14 +75,7 @@ def uplink_problems(uplink: UplinkSettings, size_m: tuple[float, float], step_s:
     if uplink.base_m is not None and not all(0 <= x <= end for x, end in zip(uplink.base_m, size_m, strict=True)):
         allowed = f"must be within the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
         problems.append(Problem("uplink.base_m", str(plain_value(uplink.base_m)), allowed))
-    for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
-        rate = getattr(uplink.bandwidth, name)
-        if 0 < rate * step_s < LEAST_REPORT_BYTES and uplink.bandwidth.queue_bytes < LEAST_REPORT_BYTES:
-            needed = (
-                f"must be 0 or allow at least {LEAST_REPORT_BYTES} bytes in a step or in the queue, the smallest report"
-            )
-            problems.append(Problem(f"uplink.bandwidth.{name}", f"{rate:.15g}", needed))
-    return problems
+    return problems + rate_problems("uplink", uplink.bandwidth, step_s, LEAST_REPORT_BYTES, "the smallest report")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from deltaswarm_scenario.task import TaskSettings
 from deltaswarm_scenario.technique import DURING
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_wire.checked import OURS, Problem, SettingsError, key, rest
-from deltaswarm_wire.commands import CommandForm
+from deltaswarm_wire.commands import ArgumentForm, CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.plugins import INBOX_POLICIES, own_settings
 
@@ -292,7 +292,7 @@ class Briefing:
 
     title: str = key("", "what the station calls the run")
     mode: str = key("", "control mode of the agents")
-    seed: int = key(0, "for the operator's own chance", low=0, high=2**63 - 1)
+    seed: int = key(0, "for the operator's own randomness", low=0, high=2**63 - 1)
     duration_s: float = key(0.0, "simulated time of the run [s]")
     step_s: float = key(1.0, "length of a step [s]")
     width_m: float = key(100.0, "arena along x [m]")
@@ -323,15 +323,9 @@ class Briefing:
 
 def begun_with(forms: tuple[CommandForm, ...], options: Mapping[str, Any]) -> tuple[CommandForm, ...]:
     """Forms whose arguments begin with the controller's own options, where they have the same name."""
-    return tuple(
-        replace(
-            form,
-            arguments=tuple(
-                replace(argument, default=float(options[argument.name]))
-                if type(options.get(argument.name)) in (int, float)
-                else argument
-                for argument in form.arguments
-            ),
-        )
-        for form in forms
-    )
+    numbers = {name: float(value) for name, value in options.items() if type(value) in (int, float)}
+
+    def begun(argument: ArgumentForm) -> ArgumentForm:
+        return replace(argument, default=numbers.get(argument.name, argument.default))
+
+    return tuple(replace(form, arguments=tuple(map(begun, form.arguments))) for form in forms)

@@ -1,4 +1,4 @@
-"""Translations of the station's page: which texts the page has, and a file that says them in another language."""
+"""Translations of the station's page: the texts that it has, and a file with translations."""
 
 import difflib
 import json
@@ -29,7 +29,7 @@ def placeholders(text: str) -> set[str]:
 
 @dataclass(frozen=True)
 class LanguageSettings:
-    """In which language the page speaks to a person. An empty translation is none: the text stays English."""
+    """The language of the page. A text with an empty translation stays English."""
 
     tag: str = key(
         "", 'the language, such as de; `operator.page.language = "FILE"` reads this key and the next two from a file'

@@ -54,7 +54,6 @@ class Field:
 
     @property
     def is_required(self) -> bool:
-        """Whether no message may lack it."""
         return self.default is REQUIRED
 
     def checked(self, value: Any, name: str) -> Any:
@@ -75,7 +74,6 @@ class Field:
 
     @property
     def described(self) -> str:
-        """The type and the bounds in words."""
         if self.type in ("number", "integer"):
             kind = "an integer" if self.type == "integer" else "a number"
             return kind if self.high == math.inf else f"{kind} from {self.low:,g} to {self.high:,g}"
@@ -315,14 +313,10 @@ class RefusedError(ValueError):
 
 
 def checked(raw: Any, page: str | None = None) -> Message:
-    """Return a message that a page sent, with the fields of its type and the number of its browser (`from`).
+    """Return a page's decoded message with the fields of its type and the number of its browser (`from`).
 
-    Args:
-        raw: decoded JSON.
-        page: the page that sent it; None: any.
-
-    Raises:
-        RefusedError: it is of no known type, not for this page, or a field is missing or wrong.
+    `page` is the page that sent it; None: any. Raises RefusedError if the type is unknown or not for this page, or a
+    field is missing or wrong.
     """
     if not isinstance(raw, dict):
         raise RefusedError("a message must be a JSON object")
@@ -369,11 +363,7 @@ def answers(data: bytes, page: str, carry_out: Callable[[Message], Iterable[Mess
 
 
 def made(kind: str, /, *, to: int | None = None, **fields: Any) -> Message:
-    """Make a message to the page with the defaults of its type; `to`: one browser, default all.
-
-    Raises:
-        TypeError: a field is missing or of no such message.
-    """
+    """Make a message to the page with the defaults of its type; `to`: one browser, default all."""
     form = TO_PAGE[kind].fields
     if wrong := (fields.keys() - form.keys()) | {name for name, one in form.items() if one.is_required} - fields.keys():
         raise TypeError(f"{kind} is no message with and without {', '.join(sorted(wrong))}")

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from deltaswarm_wire.checked import Problem, SettingsError, key, plain_value
+from deltaswarm_wire.obstacles import coordinate_problems
 from deltaswarm_wire.plugins import RADIO_MODELS, find, is_recorded, own_settings
 
 DISC, LOG_DISTANCE = "disc", "log-distance"
@@ -151,11 +152,7 @@ class JammerSettings:
     def problems(self) -> list[Problem]:
         """Times must be in order, one for each waypoint."""
         problems = reversed_times(self.from_s, self.until_s)
-        problems += [
-            Problem(f"waypoints_m[{index}]", _shown(place), "must be two coordinates")
-            for index, place in enumerate(self.waypoints_m)
-            if len(place) != 2
-        ]
+        problems += coordinate_problems("waypoints_m", self.waypoints_m)
         if len(self.times_s) != len(self.waypoints_m):
             counts = f"{len(self.times_s)} for {len(self.waypoints_m)} waypoints"
             problems.append(Problem("times_s", counts, "must have one time per waypoint"))
@@ -237,14 +234,20 @@ def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: in
         if min(_gap_m(a, b, size_m) for a, b in legs) > jammer.radius_m:
             circle = f"{_shown(jammer.center_m)}, {jammer.radius_m:.15g} m"
             problems.append(Problem(f"radio.jammers[{index}]", circle, allowed))
-    for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
-        rate = getattr(radio.bandwidth, name)
-        if 0 < rate * step_s < LEAST_FRAME_BYTES and radio.bandwidth.queue_bytes < LEAST_FRAME_BYTES:
-            needed = (
-                f"must be 0 or allow at least {LEAST_FRAME_BYTES} bytes in a step or in the queue, the smallest frame"
-            )
-            problems.append(Problem(f"radio.bandwidth.{name}", f"{rate:.15g}", needed))
-    return problems
+    return problems + rate_problems("radio", radio.bandwidth, step_s, LEAST_FRAME_BYTES, "the smallest frame")
+
+
+def rate_problems(
+    table: str, bandwidth: BandwidthSettings, step_s: float, least_bytes: int, what: str
+) -> list[Problem]:
+    """Check that the rates let the smallest message through, in a step or by the queue."""
+    needed = f"must be 0 or allow at least {least_bytes} bytes in a step or in the queue, {what}"
+    rates = {name: getattr(bandwidth, name) for name in ("sender_bytes_per_s", "receiver_bytes_per_s")}
+    return [
+        Problem(f"{table}.bandwidth.{name}", f"{rate:.15g}", needed)
+        for name, rate in rates.items()
+        if 0 < rate * step_s < least_bytes and bandwidth.queue_bytes < least_bytes
+    ]
 
 
 def _range_problems(ranges: Sequence[RangeSettings], agents: int) -> list[Problem]:

@@ -70,7 +70,7 @@ class RunSettings:
     )
 
     def accepts_lost(self, lost: int, agents: int) -> bool:
-        """Whether a run of so many agents is valid if so many of them fail or hang."""
+        """Whether a run is valid if `lost` of its agents fail or hang."""
         return lost <= (self.accept_lost if self.accept_lost >= 1 else self.accept_lost * agents + 1e-9)
 
     @property

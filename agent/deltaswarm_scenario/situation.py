@@ -43,8 +43,6 @@ EVERYWHERE = (OPEN_EVENTS, MOST_EVENTS)
 
 @dataclass(frozen=True)
 class TimesSettings:
-    """The keys of times that are drawn for each run."""
-
     situation_first_s: float = key(60.0, "earliest time that sagat_count and spam_count draw [s]", low=0, high=1e9)
     situation_gap_s: float = key(
         60.0, "least time between two drawn times, and from the last one to the end of the run [s]", above=0, high=1e9
@@ -53,8 +51,6 @@ class TimesSettings:
 
 @dataclass(frozen=True)
 class SagatSettings(TimesSettings):
-    """The keys of SAGAT."""
-
     sagat_at_s: tuple[float, ...] = key(
         (), "times at which the run is held and asks about the situation (SAGAT) [s]", above=0, high=1e9
     )
@@ -68,8 +64,6 @@ class SagatSettings(TimesSettings):
 
 @dataclass(frozen=True)
 class SpamSettings(TimesSettings):
-    """The keys of SPAM."""
-
     spam_at_s: tuple[float, ...] = key(
         (),
         "times at which one question about the situation is asked while the run goes on (SPAM) [s]",
@@ -142,7 +136,6 @@ def truths(item: str, record: StepRecord, run: Recorded) -> list[str]:
 
 
 def known(item: str, seen: Seen) -> str:
-    """Return the right answers by what the page shows."""
     if item == MOST_EVENTS:
         return OR.join(_most(seen.events_m, seen.width_m, seen.height_m))
     return str({OPEN_EVENTS: len(seen.events_m), IN_TREES: len(seen.roots), TREES: len({*seen.roots})}[item])
@@ -251,16 +244,13 @@ class AtTimes(FormTechnique):
         return self._orders[number] if number < len(self._orders) else self._questions
 
     def due_s(self, number: int, last_s: float, rng: Random) -> float:
-        """Return the time with this number."""
         return self._at_s[number] if number < len(self._at_s) else math.inf
 
     def known(self, number: int, seen: Seen) -> Mapping[str, str]:
-        """Return the right answer to each question by what the page shows."""
         return {item: known(item, seen) for item in self.items(number)}
 
     @property
     def outline(self) -> str:
-        """Its times."""
         if self._count:
             return f"{self.title} at {self._count} drawn times"
         return f"{self.title} at {', '.join(f'{at_s:g}' for at_s in self._at_s)} s"
@@ -273,17 +263,14 @@ class Sagat(AtTimes):
 
     @classmethod
     def of(cls, settings: SagatSettings) -> Iterable[Technique]:
-        """Return SAGAT if it has times."""
         given = (settings.sagat_at_s, settings.sagat_count)
         return [cls(*given, settings.sagat_questions, settings)] if any(given) else []
 
     @classmethod
     def problems(cls, settings: SagatSettings) -> list[Problem]:
-        """Ask something."""
         return cls.wrong(settings.sagat_at_s, settings.sagat_count, settings.sagat_questions)
 
     def form(self, number: int) -> FormSettings:
-        """Return all questions."""
         return FormSettings(SAGAT, TITLE, question=tuple(self.round(number)))
 
 
@@ -299,19 +286,15 @@ class Spam(AtTimes):
 
     @classmethod
     def of(cls, settings: SpamSettings) -> Iterable[Technique]:
-        """Return SPAM if it has times."""
         return [cls(settings)] if settings.spam_at_s or settings.spam_count else []
 
     @classmethod
     def problems(cls, settings: SpamSettings) -> list[Problem]:
-        """Ask something."""
         return cls.wrong(settings.spam_at_s, settings.spam_count, settings.spam_questions)
 
     def form(self, number: int) -> FormSettings:
-        """Return the question whose turn it is."""
         at, place = divmod(number, len(self._questions))
         return FormSettings(SPAM, TITLE, question=(self.round(at)[place],))
 
     def prompt(self, number: int) -> FormSettings:
-        """Return what is asked before the question."""
         return FormSettings(SPAM, READY)

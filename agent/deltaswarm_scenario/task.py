@@ -1,4 +1,4 @@
-"""The task of the person at the station, to tell events that are targets from decoys, and its score.
+"""The task of the person at the station, to tell targets from decoys among the events, and its score.
 
 The class of an event shows in nothing but how far the place jumps at which it is sensed. So all that the operator can
 know of it comes from the places in reports.
@@ -136,5 +136,4 @@ class JudgementTask(Technique):
 
     @classmethod
     def of(cls, settings: Any) -> Iterable[Technique]:
-        """Return nothing."""
         return []

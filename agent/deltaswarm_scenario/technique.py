@@ -106,7 +106,7 @@ class Technique:
         return []
 
     def draw(self, rng: Random, duration_s: float) -> None:
-        """Draw what is left to chance in a run of this length."""
+        """Draw what is random in a run of this length."""
 
     def known(self, number: int, seen: Seen) -> Mapping[str, str]:
         """Return what is right by what the page shows, by item; empty if it asks nothing about that."""

@@ -18,15 +18,11 @@ PAIRS = 15
 
 @dataclass(frozen=True)
 class TlxSettings:
-    """The keys of NASA-TLX."""
-
     tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
     tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
 
 
 class Tlx(Technique):
-    """NASA-TLX, once."""
-
     name = kind = TLX
     title = "NASA-TLX"
     measures: Sequence[Measure] = (
@@ -45,7 +41,6 @@ class Tlx(Technique):
 
     @classmethod
     def of(cls, settings: TlxSettings) -> Iterable[Technique]:
-        """Return NASA-TLX if it is asked."""
         return [cls(settings)] if settings.tlx else []
 
     def draw(self, rng: Random, duration_s: float) -> None:
@@ -54,7 +49,6 @@ class Tlx(Technique):
             self._pairs = [rng.sample(pair, 2) for pair in rng.sample(self._pairs, PAIRS)]
 
     def shown(self, number: int, asked_s: float, left_s: float | None) -> dict[str, Any]:
-        """Return the pairs, if they are asked for."""
         return {"kind": TLX} | ({"pairs": self._pairs} if self._has_weights else {})
 
     def items(self, number: int) -> Sequence[str]:
@@ -62,7 +56,6 @@ class Tlx(Technique):
         return SCALES
 
     def answers(self, number: int, message: Mapping[str, Any]) -> Answers:
-        """Return the scales and the weights if all are there."""
         scales = message["scales"]
         _check_table(scales, 100, "each scale must be from 0 to 100")
         answers = {scale: scales[scale] for scale in SCALES}
@@ -87,7 +80,6 @@ class Tlx(Technique):
 
     @property
     def outline(self) -> str:
-        """Whether there are weights."""
         return "NASA-TLX with weights" if self._has_weights else "NASA-TLX"
 
 

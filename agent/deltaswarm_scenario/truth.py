@@ -4,7 +4,7 @@ It is a map with named fields. Its size grows with the swarm, so it uses an ordi
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 from deltaswarm_wire.codec import (
     MAX_ABS_M,
@@ -19,6 +19,7 @@ from deltaswarm_wire.codec import (
     fields,
     integer,
     number,
+    octets,
     pack,
     unpack,
 )
@@ -26,6 +27,7 @@ from deltaswarm_wire.controller_metrics import PREFIX
 from deltaswarm_wire.digest import REPORT
 from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, METRIC_LIMIT, NOBODY, role_name
 from deltaswarm_wire.plugins import RADIO_MODELS
+from deltaswarm_wire.records import Limits, Record
 
 DEAD = "dead"
 """The role of an absent agent."""
@@ -55,22 +57,32 @@ UPLINK_REASONS = {
 """Why a report did not reach the operator: the first cause that applied."""
 
 
+_Id = Annotated[int, Limits("an event, or a count", 0, MAX_ID)]
+_Agent = Annotated[int, Limits("an agent, or how many", 0, MAX_AGENT_ID)]
+_AgentOrNobody = Annotated[int, Limits("an agent, or NOBODY", NOBODY, MAX_AGENT_ID)]
+_Step = Annotated[int, Limits("a step", 0, MAX_STEP)]
+_Metres = Annotated[float, Limits("a coordinate [m]", -MAX_ABS_M, MAX_ABS_M)]
+_Seconds = Annotated[float, Limits("simulated time [s]", 0.0, MAX_TIME_S)]
+_SecondsOrNone = Annotated[float | None, Limits("simulated time [s]; None: not yet", 0.0, MAX_TIME_S)]
+_OfBody = Annotated[float | None, Limits("state of a body; None: the body is a point", -MAX_TIME_S, MAX_TIME_S)]
+
+
 class AgentState(NamedTuple):
     """One agent: its position [m; world frame], its own `TreeStatus`, and the state of a body that takes up room."""
 
-    agent: int
-    x_m: float
-    y_m: float
-    role: str
-    level: int
-    parent: int
-    root: int = NOBODY
-    delta: int = 0
-    heading_rad: float | None = None
-    """From x to y; None: the body is a point."""
-    left_mps: float | None = None
-    right_mps: float | None = None
-    """Speeds of its wheels on the ground; None: a point."""
+    agent: _Agent
+    x_m: _Metres
+    y_m: _Metres
+    role: Annotated[str, Limits("its role", check=role_name)]
+    level: _Agent
+    parent: _AgentOrNobody
+    root: _AgentOrNobody = NOBODY
+    delta: Annotated[int, Limits("events that make it a root", 0, MAX_DELTA)] = 0
+    heading_rad: _OfBody = None
+    """From x to y."""
+    left_mps: _OfBody = None
+    right_mps: _OfBody = None
+    """Speeds of its wheels on the ground."""
 
 
 BODY_FIELDS = AgentState._fields[8:]
@@ -83,14 +95,14 @@ NOBODY_LEFT = "no agent was left"
 class EventState(NamedTuple):
     """One event that is incomplete or changed in this step. Times in s; None: not yet."""
 
-    event: int
-    x_m: float
-    y_m: float
-    arrived_s: float
-    sensed_s: float | None
-    worked_s: float | None
-    completed_s: float | None
-    work_agent_s: float
+    event: _Id
+    x_m: _Metres
+    y_m: _Metres
+    arrived_s: _Seconds
+    sensed_s: _SecondsOrNone
+    worked_s: _SecondsOrNone
+    completed_s: _SecondsOrNone
+    work_agent_s: _Seconds
 
 
 class StepRecord(NamedTuple):
@@ -163,11 +175,12 @@ class StepRecord(NamedTuple):
     @classmethod
     def of(cls, columns: Mapping[str, Any]) -> Self:
         """Make a row from the values of its columns; other columns are ignored."""
-        drops = {
-            name: {column.removeprefix(prefix): n for column, n in columns.items() if column.startswith(prefix)}
-            for name, prefix in _DROPS.items()
-        }
-        return cls._make(drops[name] if name in drops else columns[name] for name in cls._fields)
+        fields = {**columns, **{name: {} for name in _DROPS}}
+        for column, count in columns.items():
+            for name, prefix in _DROPS.items():
+                if column.startswith(prefix):
+                    fields[name][column.removeprefix(prefix)] = count
+        return cls._make(fields[name] for name in cls._fields)
 
 
 _DROPS = {"frames_dropped": "dropped_", "reports_dropped": "reports_dropped_", "metrics": PREFIX}
@@ -181,20 +194,60 @@ COLUMNS = tuple(StepRecord._make(dict.fromkeys(_REASONS.get(name, ()), 0) for na
 """The columns of a row without radio models from outside."""
 
 
-class Truth(NamedTuple):
-    """One step of the world."""
+def _step_record(row: Any, field: str) -> StepRecord:
+    others = row[-1] if isinstance(row, list) and len(row) == len(COLUMNS) + 1 else {}
+    array(row, len(COLUMNS) + bool(others), field)
+    named = {**dict(zip(COLUMNS, row, strict=False)), **_other_columns(others, field)}
+    values: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, f"{field}.time_s")}
+    for name, most in _MEASURED.items():
+        value = named.pop(name)
+        values[name] = None if value is None else number(value, 0.0, most, f"{field}.{name}")
+    for name in [name for name in named if name.startswith(PREFIX)]:
+        value = named.pop(name)
+        values[name] = None if value is None else number(value, -METRIC_LIMIT, METRIC_LIMIT, f"{field}.{name}")
+    for name, value in named.items():
+        values[name] = integer(value, 0, MAX_ID, f"{field}.{name}")
+    return StepRecord.of(values)
 
-    step: int
-    time_s: float
-    bodies: tuple[AgentState, ...]
-    events: tuple[EventState, ...]
-    links: tuple[tuple[int, int], ...]
-    step_record: StepRecord
+
+def _other_columns(columns: Any, field: str) -> dict[str, Any]:
+    if not isinstance(columns, dict) or not all(
+        type(name) is str and name.startswith(("dropped_", PREFIX)) for name in columns
+    ):
+        raise WireError(field, "end with a map of drops and metrics", type(columns).__name__)
+    return columns
+
+
+_MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}
+"""Fields of `StepRecord` that may be None, and their greatest values."""
 
 
 MAX_BODIES = MAX_AGENT_ID + 1
 MAX_EVENTS = 100_000
 MAX_LINKS = 1_000_000
+
+
+def _links(rows: Any, field: str) -> tuple[tuple[int, int], ...]:
+    of_sender, of_receiver, most = f"{field}.sender", f"{field}.receiver", MAX_AGENT_ID
+    return tuple(
+        [
+            (integer(sender, 0, most, of_sender), integer(receiver, 0, most, of_receiver))
+            for sender, receiver in [array(row, 2, field) for row in arrays(rows, MAX_LINKS, field)]
+        ]
+    )
+
+
+class Truth(NamedTuple):
+    step: _Step
+    time_s: _Seconds
+    bodies: Annotated[tuple[AgentState, ...], Limits("all agents", most=MAX_BODIES)]
+    events: Annotated[tuple[EventState, ...], Limits("open events, and those that changed", most=MAX_EVENTS)]
+    links: Annotated[tuple[tuple[int, int], ...], Limits("sender and receiver of each frame", check=_links)]
+    step_record: Annotated[StepRecord, Limits("what happened", check=_step_record)]
+
+
+_TRUTH = Record(Truth, "truth", MAX_ORDINARY_BYTES)
+decode_truth = _TRUTH.decode
 
 
 def encode_truth(truth: Truth) -> bytes:
@@ -203,103 +256,12 @@ def encode_truth(truth: Truth) -> bytes:
     The step's record ends with a map of the drops of radio models from outside, and of the controller's own numbers, if
     there are any.
     """
-    row = truth.step_record.values()
+    row: Any = truth.step_record.values()
     if len(row) > len(COLUMNS):
         columns = truth.step_record.columns()
         row = [*(columns.pop(name) for name in COLUMNS), columns]
-    bodies = [body if body.heading_rad is not None else body[:8] for body in truth.bodies]
-    return pack(
-        {"v": PROTOCOL_VERSION, **truth._asdict(), "bodies": bodies, "step_record": row},
-        MAX_ORDINARY_BYTES,
-    )
-
-
-def decode_truth(data: bytes) -> Truth:
-    """Check and decode. Raises WireError."""
-    raw = fields(unpack(data, MAX_ORDINARY_BYTES), Truth._fields, "truth")
-    return Truth(
-        integer(raw["step"], 0, MAX_STEP, "truth.step"),
-        number(raw["time_s"], 0.0, MAX_TIME_S, "truth.time_s"),
-        tuple([_body(row) for row in arrays(raw["bodies"], MAX_BODIES, "truth.bodies")]),
-        tuple([_event_state(row) for row in arrays(raw["events"], MAX_EVENTS, "truth.events")]),
-        tuple([_link(row) for row in arrays(raw["links"], MAX_LINKS, "truth.links")]),
-        _step_record(raw["step_record"]),
-    )
-
-
-def _body(row: Any) -> AgentState:
-    felt = row[8:] if isinstance(row, list) and len(row) == len(AgentState._fields) else []
-    array(row, 8 + len(felt), "truth.bodies")
-    return AgentState(
-        integer(row[0], 0, MAX_AGENT_ID, "truth.bodies.agent"),
-        number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.x_m"),
-        number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.y_m"),
-        role_name(row[3], "truth.bodies.role"),
-        integer(row[4], 0, MAX_AGENT_ID, "truth.bodies.level"),
-        integer(row[5], NOBODY, MAX_AGENT_ID, "truth.bodies.parent"),
-        integer(row[6], NOBODY, MAX_AGENT_ID, "truth.bodies.root"),
-        integer(row[7], 0, MAX_DELTA, "truth.bodies.delta"),
-        *(
-            number(value, -MAX_TIME_S, MAX_TIME_S, f"truth.bodies.{name}")
-            for name, value in zip(BODY_FIELDS, felt, strict=False)
-        ),
-    )
-
-
-def _time(value: Any, field: str) -> float | None:
-    return None if value is None else number(value, 0.0, MAX_TIME_S, field)
-
-
-def _event_state(row: Any) -> EventState:
-    array(row, 8, "truth.events")
-    return EventState(
-        integer(row[0], 0, MAX_ID, "truth.events.event"),
-        number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.events.x_m"),
-        number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.events.y_m"),
-        number(row[3], 0.0, MAX_TIME_S, "truth.events.arrived_s"),
-        _time(row[4], "truth.events.sensed_s"),
-        _time(row[5], "truth.events.worked_s"),
-        _time(row[6], "truth.events.completed_s"),
-        number(row[7], 0.0, MAX_TIME_S, "truth.events.work_agent_s"),
-    )
-
-
-def _link(row: Any) -> tuple[int, int]:
-    array(row, 2, "truth.links")
-    return (
-        integer(row[0], 0, MAX_AGENT_ID, "truth.links.sender"),
-        integer(row[1], 0, MAX_AGENT_ID, "truth.links.receiver"),
-    )
-
-
-def _step_record(row: Any) -> StepRecord:
-    others = row[-1] if isinstance(row, list) and len(row) == len(COLUMNS) + 1 else {}
-    array(row, len(COLUMNS) + bool(others), "truth.step_record")
-    named = {**dict(zip(COLUMNS, row, strict=False)), **_other_columns(others)}
-    values: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.step_record.time_s")}
-    for name, most in _MEASURED.items():
-        value = named.pop(name)
-        values[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
-    for name in [name for name in named if name.startswith(PREFIX)]:
-        value = named.pop(name)
-        values[name] = (
-            None if value is None else number(value, -METRIC_LIMIT, METRIC_LIMIT, f"truth.step_record.{name}")
-        )
-    for name, value in named.items():
-        values[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
-    return StepRecord.of(values)
-
-
-def _other_columns(columns: Any) -> dict[str, Any]:
-    if not isinstance(columns, dict) or not all(
-        type(name) is str and name.startswith(("dropped_", PREFIX)) for name in columns
-    ):
-        raise WireError("truth.step_record", "end with a map of drops and metrics", type(columns).__name__)
-    return columns
-
-
-_MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}
-"""Fields of `StepRecord` that may be None, and their greatest values."""
+    bodies: Any = [body if body.heading_rad is not None else body[:8] for body in truth.bodies]
+    return _TRUTH.encode(truth._replace(bodies=bodies, step_record=row))
 
 
 Sample = tuple[int, int, bytes]
@@ -321,6 +283,8 @@ def decode_wire(data: bytes) -> tuple[int, list[Sample]]:
 
 def _sample(row: Any) -> Sample:
     agent, kind, data = array(row, 3, "wire.samples")
-    if type(data) is not bytes:
-        raise WireError("wire.samples", "be bytes", type(data).__name__)
-    return integer(agent, 0, MAX_AGENT_ID, "wire.samples.agent"), integer(kind, 0, REPORT, "wire.samples.kind"), data
+    return (
+        integer(agent, 0, MAX_AGENT_ID, "wire.samples.agent"),
+        integer(kind, 0, REPORT, "wire.samples.kind"),
+        octets(data, MAX_ORDINARY_BYTES, "wire.samples"),
+    )

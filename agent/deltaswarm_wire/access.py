@@ -1,4 +1,4 @@
-"""The rules of Zenoh's access control, default deny.
+"""Zenoh's access-control rules; what they do not allow is denied.
 
 At the world's router they enforce radio range: an agent may send on its own keys and receive its own frame, nothing
 else. Every client receives from the world only, so the router's one thread never waits for room on a link in order to
@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, TAKEN, WORLD, Keys
@@ -25,16 +25,11 @@ CERTIFIED = re.compile(rf"({AGENT}-[0-9]+|{WORLD}|{OPERATOR}|{RECORDER})(\.[0-9]
 
 
 def user_name(role: str, number: int = 0) -> str:
-    """The user name of a process at the router."""
     return f"agent-{number}" if role == AGENT else role
 
 
 def revoked_beside(ca: str) -> frozenset[str]:
-    """The names of certificates that count no more: a line each, in `revoked.txt` beside the authority's certificate.
-
-    Raises:
-        ValueError: the file cannot be read, or a line is no such name.
-    """
+    """Read the names of revoked certificates: one per line in `revoked.txt`, beside the authority's certificate."""
     file = Path(ca).with_name(REVOKED)
     try:
         lines = read_text(file).splitlines()
@@ -77,23 +72,23 @@ def world_rules(
         name = user_name(AGENT, agent)
         publishes = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT, TAKEN)]
         inbox = keys.agent(agent, FRAME)
-        book.allow(name, publishes, [inbox], heard_by=[keys.from_agents], token=keys.token(AGENT, agent), watches=world)
-    book.allow(
-        OPERATOR,
+        book.allow(name, _Traffic(publishes, [inbox], [keys.from_agents], keys.token(AGENT, agent), world))
+    operator = _Traffic(
         sends=[keys.workload, keys.taken(OPERATOR), keys.turn, keys.pace],
         receives=[keys.forwarded, keys.clock],
         heard_by=[keys.workload, keys.all_taken, keys.turn, keys.pace],
         token=keys.token(OPERATOR),
         watches=keys.all_tokens,
     )
-    book.allow(
-        RECORDER,
+    recorder = _Traffic(
         sends=[keys.done, keys.taken(RECORDER)],
         receives=[keys.clock, keys.truth, keys.wire, keys.status, keys.counted, keys.orders, keys.forwarded],
         heard_by=[keys.done, keys.all_taken],
         token=keys.token(RECORDER),
         watches=keys.all_tokens,
     )
+    book.allow(OPERATOR, operator)
+    book.allow(RECORDER, recorder)
     return book.access_control()
 
 
@@ -108,16 +103,26 @@ def air_rules(keys: Keys, agents: Iterable[int], revoked: Collection[str]) -> di
     names = {user_name(AGENT, agent): agent for agent in agents if agent != BASE_ID}
     for name, agent in names.items():
         publishes = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
-        book.allow(name, publishes, [], heard_by=[], token=keys.token(AGENT, agent))
+        book.allow(name, _Traffic(publishes, token=keys.token(AGENT, agent)))
     # One rule for all agents: one rule each would cost a board 3 MB for 25 agents.
-    book.allow("agents", [], [keys.all_radio], heard_by=heard, watched_by=keys.token(AGENT, "*"), names=[*names])
-    book.allow(OPERATOR, [keys.all_radio], heard, heard_by=[keys.all_radio], watches=keys.token(AGENT, "*"))
+    agents_traffic = _Traffic(receives=[keys.all_radio], heard_by=heard, watched_by=keys.token(AGENT, "*"))
+    book.allow("agents", agents_traffic, names=[*names])
+    book.allow(OPERATOR, _Traffic([keys.all_radio], heard, [keys.all_radio], watches=keys.token(AGENT, "*")))
     return book.access_control()
 
 
-class _RuleBook:
-    """Collects rules, subjects and policies."""
+class _Traffic(NamedTuple):
+    """A user's key expressions: samples, its own token, the tokens it watches, and its tokens that we watch."""
 
+    sends: Sequence[str] = ()
+    receives: Sequence[str] = ()
+    heard_by: Sequence[str] = ()
+    token: str = ""
+    watches: str = ""
+    watched_by: str = ""
+
+
+class _RuleBook:
     def __init__(self, named_over: Sequence[str] | None, revoked: Collection[str]) -> None:
         self._named_over = named_over
         self._revoked = revoked
@@ -125,37 +130,23 @@ class _RuleBook:
         self._policies: list[dict[str, Any]] = []
         self._subjects: list[dict[str, Any]] = []
 
-    def allow(
-        self,
-        user: str,
-        sends: list[str],
-        receives: list[str],
-        heard_by: list[str],
-        token: str = "",
-        watches: str = "",
-        watched_by: str = "",
-        names: Sequence[str] = (),
-    ) -> None:
-        """Allow traffic with a user: samples, its own token, the tokens it watches, its tokens that we watch.
-
-        With `names` the rules are for several users.
-        """
+    def allow(self, user: str, traffic: _Traffic, names: Sequence[str] = ()) -> None:
+        """Allow the traffic with a user, or with several users of these names."""
         subjects = self._subjects_of(user, [*names] or [user])
         self._subjects += subjects
         watching = ["declare_liveliness_subscriber", "liveliness_query"]
         rules = [
-            self._rule(f"{user}-sends", ["put"], ["ingress"], sends),
-            self._rule(f"{user}-receives", ["put"], ["egress"], receives),
-            self._rule(f"{user}-subscribes", ["declare_subscriber"], ["ingress"], receives),
-            self._rule(f"{user}-is-heard", ["declare_subscriber"], ["egress"], heard_by),
-            self._rule(f"{user}-lives", ["liveliness_token"], ["ingress"], [token]),
-            self._rule(f"{user}-watches", watching, ["ingress"], [watches]),
-            self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [watches]),
-            self._rule(f"{user}-is-watched", watching, ["egress"], [watched_by]),
+            self._rule(f"{user}-sends", ["put"], ["ingress"], traffic.sends),
+            self._rule(f"{user}-receives", ["put"], ["egress"], traffic.receives),
+            self._rule(f"{user}-subscribes", ["declare_subscriber"], ["ingress"], traffic.receives),
+            self._rule(f"{user}-is-heard", ["declare_subscriber"], ["egress"], traffic.heard_by),
+            self._rule(f"{user}-lives", ["liveliness_token"], ["ingress"], [traffic.token]),
+            self._rule(f"{user}-watches", watching, ["ingress"], [traffic.watches]),
+            self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [traffic.watches]),
+            self._rule(f"{user}-is-watched", watching, ["egress"], [traffic.watched_by]),
         ]
-        self._policies.append(
-            {"rules": [rule for rule in rules if rule], "subjects": [subject["id"] for subject in subjects]}
-        )
+        ids = [subject["id"] for subject in subjects]
+        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": ids})
 
     def _subjects_of(self, user: str, names: list[str]) -> list[dict[str, Any]]:
         """Zenoh requires all criteria of a subject to match, so user name and certificate are two subjects."""
@@ -167,11 +158,11 @@ class _RuleBook:
             return [certified]
         return [certified, {"id": user, "usernames": names, "link_protocols": list(self._named_over)}]
 
-    def _rule(self, name: str, messages: list[str], flows: list[str], key_exprs: list[str]) -> str:
+    def _rule(self, name: str, messages: list[str], flows: list[str], key_exprs: Sequence[str]) -> str:
         if not any(key_exprs):
             return ""
         self._rules.append(
-            {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": key_exprs}
+            {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": [*key_exprs]}
         )
         return name
 

@@ -94,7 +94,6 @@ def program(part: str) -> str:
 
 
 def add_link_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments for the link to the world."""
     parser.add_argument("--run", required=True, type=run_name, help="name of the run, as given to the world")
     parser.add_argument(
         "--connect",
@@ -111,21 +110,18 @@ def add_link_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_tls_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments for the certificates of `tls/` endpoints."""
     parser.add_argument("--ca", metavar="FILE", help="for tls/ endpoints: certificate of the authority")
     parser.add_argument("--certificate", metavar="FILE", help="for tls/ endpoints: own certificate")
     parser.add_argument("--key", metavar="FILE", help="for tls/ endpoints: own private key, of mode 0600")
 
 
 def add_zenoh_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the argument for the user's own Zenoh settings."""
     parser.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
 
 
 def run_name(text: str) -> str:
-    """Check a run's name."""
     try:
         return Keys(text).run
     except ValueError as error:
@@ -133,7 +129,6 @@ def run_name(text: str) -> str:
 
 
 def connects_to(text: str) -> str:
-    """Check an endpoint to connect to."""
     return _endpoint(text, connects=True)
 
 

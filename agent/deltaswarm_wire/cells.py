@@ -1,4 +1,4 @@
-"""Cells of tables that people open in spreadsheets, which take a text that begins like a formula for one.
+"""Cells of tables, guarded against spreadsheets, which evaluate text that begins like a formula.
 
 Such a text is written with an apostrophe in front, and read without it, so nothing of it is lost. Numbers stay.
 """
@@ -35,11 +35,9 @@ class TableWriter:
         self._rows = csv.writer(stream, delimiter=delimiter, lineterminator=lineterminator)
 
     def writerow(self, cells: Iterable[Any]) -> None:
-        """Write a row."""
         self._rows.writerow([guarded(cell) for cell in cells])
 
     def writerows(self, rows: Iterable[Iterable[Any]]) -> None:
-        """Write rows."""
         for row in rows:
             self.writerow(row)
 

@@ -1,4 +1,4 @@
-"""Check a certificate as the other end of a link would, which refuses a wrong one without a message."""
+"""Check a certificate as the other end of a link would, which refuses a bad one without a message."""
 
 import ssl
 from typing import Any

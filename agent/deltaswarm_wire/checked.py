@@ -10,7 +10,7 @@ import types
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
 T = TypeVar("T")
 
@@ -55,20 +55,21 @@ class SettingsError(ValueError):
         self.problems = problems
 
 
-def key(
-    default: Any,
-    doc: str,
-    *,
-    source: str = "",
-    low: float | None = None,
-    high: float | None = None,
-    above: float | None = None,
-    choices: tuple[str, ...] | None = None,
-    length: int | None = None,
-) -> Any:
+class Bounds(TypedDict, total=False):
+    """What a value may be: a number in a range, one of `choices`, a list of this `length`."""
+
+    low: float | None
+    high: float | None
+    above: float | None
+    choices: tuple[str, ...] | None
+    length: int | None
+
+
+def key(default: Any, doc: str, *, source: str = "", **bounds: Unpack[Bounds]) -> Any:
     """A field with its default, its meaning, its source ("paper" or "our reading") and its limits."""
-    limits = {"low": low, "high": high, "above": above, "choices": choices, "length": length}
-    metadata = {"doc": doc, "source": source, **limits}
+    if unknown := bounds.keys() - Bounds.__annotations__.keys():
+        raise TypeError(f"key() must have no argument {', '.join(sorted(unknown))}")
+    metadata = {"doc": doc, "source": source, **dict.fromkeys(Bounds.__annotations__), **bounds}
     if isinstance(default, type):
         return dataclasses.field(default_factory=default, hash=False if default is dict else None, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

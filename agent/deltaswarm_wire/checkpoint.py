@@ -25,7 +25,6 @@ def is_due(step: int, every_steps: int) -> bool:
 
 
 def agent_file(agent: int) -> str:
-    """The file name of an agent's part."""
     return f"agent-{agent}.pickle"
 
 
@@ -41,7 +40,6 @@ def write(file: Path, data: bytes) -> None:
 
 
 def digest(data: bytes) -> str:
-    """Return the SHA-256 in hexadecimal digits."""
     import hashlib  # costs a board 4 MB, and no agent needs it
 
     return hashlib.sha256(data).hexdigest()
@@ -53,11 +51,7 @@ def table_seals(folder: Path, sizes: Mapping[str, int]) -> dict[str, Sequence[in
 
 
 def check_tables(folder: Path, seals: Mapping[str, Sequence[Any]]) -> None:
-    """Check tables against what `table_seals` returned.
-
-    Raises:
-        OSError, ValueError: a table is missing, shorter than then, or was changed before that length.
-    """
+    """Check tables against what `table_seals` returned."""
     for name, (size, sealed) in seals.items():
         data = (folder / name).read_bytes()
         if len(data) < size:

@@ -1,4 +1,4 @@
-"""What a part says to the process that started it: that it is ready, and by exit code and last words why it ended.
+"""What a part tells the process that started it: that it is ready, and why it ended (exit code, last words).
 
 A part that fails logs the reason, and nothing else, at level CRITICAL. It says that it is ready on a pipe of its own:
 libraries write to standard output, such as Zenoh with RUST_LOG in the environment.
@@ -54,7 +54,6 @@ def ended_by(number: int) -> int:
 
 
 def exit_code_of(error: Exception) -> int:
-    """The exit code of a part that ends with an error."""
     return NO_ROOM if isinstance(error, OSError) and error.errno in _DISK else FAILED
 
 

@@ -4,7 +4,9 @@ A decoder takes bytes from an untrusted sender. Every mistake in them is one `Wi
 must hold, and what was got.
 """
 
+import struct
 from collections.abc import Callable, Collection
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import msgpack
@@ -49,11 +51,7 @@ as using it. The pure-Python packer is not thread-safe, so each sample gets a ne
 
 
 def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
-    """Encode `value`; refuse a sample above `limit_bytes` before it can harm a link.
-
-    Raises:
-        WireError: the encoded sample is too large.
-    """
+    """Encode `value`; raise WireError for more than `limit_bytes`, which would harm a link."""
     data = _pack(value)
     if len(data) > limit_bytes:
         raise WireError("sample", f"be at most {limit_bytes} bytes", f"{len(data)} to send")
@@ -61,11 +59,7 @@ def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
 
 
 def unpack(data: bytes, limit_bytes: int = MAX_SAMPLE_BYTES) -> Any:
-    """Decode a sample that is exactly one MessagePack value.
-
-    Raises:
-        WireError: too large, not MessagePack, or followed by further bytes.
-    """
+    """Decode a sample that is exactly one MessagePack value. Raises WireError."""
     if len(data) > limit_bytes:
         raise WireError("sample", f"be at most {limit_bytes} bytes", len(data))
     try:
@@ -123,10 +117,37 @@ def number(value: Any, low: float, high: float, field: str) -> float:
     return float(value)
 
 
+_ONLY_INT = {int}
+
+
+def all_fit(values: list[Any], codes: str) -> bool:
+    """Whether all are integers of their C types (see `struct`): packing them is the quickest check of many at once."""
+    if set(map(type, values)) != _ONLY_INT:
+        return False
+    try:
+        _layout(codes).pack(*values)
+    except struct.error:
+        return False
+    return True
+
+
+@lru_cache(512)
+def _layout(codes: str) -> struct.Struct:
+    return struct.Struct("<" + codes)
+
+
 def boolean(value: Any, field: str) -> bool:
-    """Return `value` if it is a bool."""
     if type(value) is not bool:
         raise WireError(field, "be true or false", type(value).__name__)
+    return value
+
+
+def octets(value: Any, limit: int, field: str) -> bytes:
+    """Return `value` if it is bytes, at most `limit` of them."""
+    if type(value) is not bytes or len(value) > limit:
+        raise WireError(
+            field, f"be at most {limit} bytes", len(value) if type(value) is bytes else type(value).__name__
+        )
     return value
 
 
@@ -142,7 +163,6 @@ def text(value: Any, field: str, limit: int = 200, allowed: Collection[str] | No
 
 
 def version(value: Any) -> None:
-    """Check that the protocol version is ours."""
     if type(value) is not int or value != PROTOCOL_VERSION:
         raise WireError("version", f"be {PROTOCOL_VERSION}", shown(value))
 

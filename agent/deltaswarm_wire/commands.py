@@ -7,7 +7,7 @@ and agents relay them as items of their own radio frames, hop by hop, until a co
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from deltaswarm_wire.checked import key
 from deltaswarm_wire.codec import (
@@ -19,9 +19,9 @@ from deltaswarm_wire.codec import (
     WireError,
     array,
     arrays,
-    fields,
     integer,
     number,
+    octets,
     pack,
     shown,
     text,
@@ -29,6 +29,7 @@ from deltaswarm_wire.codec import (
     version,
 )
 from deltaswarm_wire.plugin_errors import PluginError, defined_at
+from deltaswarm_wire.records import Limits, Record
 
 BASE_ID = MAX_AGENT_ID
 """The sender of the base's radio frames; no agent has this id."""
@@ -224,54 +225,39 @@ def decode_relayed(data: bytes) -> Relayed:
 
 def _signed(raw: Any) -> Signed:
     body, signature = array(raw, 2, "command")
-    for value, most in ((body, MAX_COMMAND_BYTES), (signature, MAX_SIGNATURE_BYTES)):
-        if type(value) is not bytes or len(value) > most:
-            raise WireError("command", f"be at most {most} bytes", shown(value))
-    return Signed(body, signature)
+    return Signed(octets(body, MAX_COMMAND_BYTES, "command"), octets(signature, MAX_SIGNATURE_BYTES, "command"))
+
+
+def _commands(raw: Any, field: str) -> tuple[Signed, ...]:
+    commands = tuple([_signed(row) for row in arrays(raw, MAX_IN_TURN, field)])
+    for signed in commands:
+        decode_command(signed.body)
+    return commands
 
 
 class Turn(NamedTuple):
     """The operator has received everything up to `step` (-1: nothing yet), and gives these commands."""
 
-    step: int
-    commands: tuple[Signed, ...]
+    step: Annotated[int, Limits("the newest step received", -1, MAX_STEP)]
+    commands: Annotated[tuple[Signed, ...], Limits("rows of body and signature", check=_commands)]
 
 
-def encode_turn(turn: Turn) -> bytes:
-    """A map of `v`, `step` and `commands`, rows of `[body, signature]`."""
-    return pack({"v": PROTOCOL_VERSION, "step": turn.step, "commands": turn.commands})
-
-
-def decode_turn(data: bytes) -> Turn:
-    """Check and decode, the commands too. Raises WireError."""
-    raw = fields(unpack(data), Turn._fields, "turn")
-    commands = tuple([_signed(row) for row in arrays(raw["commands"], MAX_IN_TURN, "turn.commands")])
-    for signed in commands:
-        decode_command(signed.body)
-    return Turn(integer(raw["step"], -1, MAX_STEP, "turn.step"), commands)
+_TURN = Record(Turn, "turn")
+encode_turn, decode_turn = _TURN.encode, _TURN.decode
 
 
 class Pace(NamedTuple):
     """How fast the operator wants the steps: simulated seconds per wall second (0: as fast as the machine goes).
 
-    The world does not begin step `hold_step` or a later one; -1 is none.
+    The world does not begin step `hold_step` or a later one; -1: no limit.
     """
 
-    speed: float
-    hold_step: int
+    speed: Annotated[float, Limits("simulated seconds per wall second", 0.0, 1e4)]
+    hold_step: Annotated[int, Limits("the step that is not begun", -1, MAX_STEP + 1)]
 
 
-def encode_pace(pace: Pace) -> bytes:
-    """A map with the fields of `Pace` and the version `v`."""
-    return pack({"v": PROTOCOL_VERSION, **pace._asdict()})
-
-
-def decode_pace(data: bytes) -> Pace:
-    """Check and decode. Raises WireError."""
-    raw = fields(unpack(data), Pace._fields, "pace")
-    return Pace(
-        number(raw["speed"], 0.0, 1e4, "pace.speed"), integer(raw["hold_step"], -1, MAX_STEP + 1, "pace.hold_step")
-    )
+_PACE = Record(Pace, "pace")
+encode_pace, decode_pace = _PACE.encode, _PACE.decode
 
 
 def forms_of(controller: Any) -> tuple[CommandForm, ...]:

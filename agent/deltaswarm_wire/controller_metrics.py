@@ -44,11 +44,7 @@ class ControllerMetric:
 
 
 def declared(mode: str) -> tuple[ControllerMetric, ...]:
-    """Return the numbers that the controller of `control.mode` declares in `Metrics`; it may have none.
-
-    Raises:
-        SettingsError: there is no such controller, or what it declares is wrong.
-    """
+    """Return the numbers that the controller of `control.mode` declares in `Metrics`; it may have none."""
     if mode in CONTROLLERS.shipped:
         return ()
     metrics = getattr(find_controller(mode), "Metrics", ())
@@ -80,11 +76,7 @@ Own = tuple[tuple[str, float], ...]
 
 
 def values_of(metrics: Sequence[ControllerMetric], values: Any) -> Own:
-    """Return those of a controller's `metrics` that it has in this step; None stands for no number.
-
-    Raises:
-        TypeError, ValueError: they are no mapping, have a name that is not declared, or a value that is no number.
-    """
+    """Return those of a controller's `metrics` that it has in this step; None stands for no number."""
     if not isinstance(values, Mapping):
         raise TypeError(f"metrics must be a mapping of names to numbers (got {type(values).__name__})")
     if unknown := values.keys() - {one.name for one in metrics}:

@@ -25,7 +25,6 @@ class Digest(Saved):
         self._parts: list[bytes] = []
 
     def add(self, step: int, agent: int, kind: int, data: bytes) -> None:
-        """Add one message."""
         self._parts += (_head(step, agent, kind, len(data)), data)
 
     def end_step(self) -> None:
@@ -35,10 +34,8 @@ class Digest(Saved):
             self._parts.clear()
 
     def hex(self) -> str:
-        """The digest of all closed steps."""
         return self.state.hex()
 
 
 def combine(world: str, operator: str) -> str:
-    """Combine the digests of world and operator into the run's digest."""
     return hashlib.blake2b(f"{world}:{operator}".encode(), digest_size=SIZE_BYTES).hexdigest()

@@ -57,11 +57,7 @@ class Sample(NamedTuple):
 
 
 def encode_sample(sample: Sample) -> bytes:
-    """`[version, counter, payload]`, with `[command...]` as a fourth item if there are commands.
-
-    Raises:
-        WireError: more bytes than a radio frame may have.
-    """
+    """`[version, counter, payload]`, with `[command...]` as a fourth item if there are commands."""
     counter, payload, commands = sample
     items = (PROTOCOL_VERSION, counter, payload, commands) if commands else (PROTOCOL_VERSION, counter, payload)
     return pack(items, MAX_RADIO_BYTES)

@@ -1,4 +1,4 @@
-"""Packages that only an extra of this distribution installs, and the one text for all that need a missing one."""
+"""Optional packages: which extra installs one, and the message if one is missing."""
 
 import re
 from importlib.util import find_spec
@@ -42,22 +42,15 @@ def needed(extra: str = "") -> dict[str, str]:
 
 
 def extras() -> list[str]:
-    """Return the names of the extras for users."""
     return list(dict.fromkeys(extra for extra, _, _ in _requirements()[1] if extra and extra not in FOR_DEVELOPERS))
 
 
 def install(extra: str) -> str:
-    """Return the command that installs an extra."""
     return f"pip install '{_requirements()[0]}[{extra}]'"
 
 
 def missing(*modules: str, extra: str = "") -> str:
-    """Return which module is not installed, as "needs X: pip install ..."; "" if all are there.
-
-    Args:
-        modules: top-level modules.
-        extra: the extra to name; empty: one that has the package.
-    """
+    """Return which module is not installed, as "needs X: pip install ..." with an extra; "" if all are there."""
     return next((_needs(module, extra) for module in modules if find_spec(module) is None), "")
 
 

@@ -47,9 +47,6 @@ def replacing(file: Path, mode: int | None = None) -> Iterator[BinaryIO]:
     """Open a file for writing that replaces `file` once the block ends, and is deleted if it cannot be written.
 
     With a mode, it has this mode from the first byte on.
-
-    Raises:
-        OSError: the file could not be written; `file` is as it was.
     """
     part = file.with_name(f"{file.name}.part")
     with naming(file):
@@ -87,11 +84,7 @@ def whole_or_none(folder: Path) -> Iterator[None]:
 
 
 def write_secret(file: Path, data: bytes) -> None:
-    """Write a new file that only its owner can read, from the first byte on.
-
-    Raises:
-        OSError: the file exists, or cannot be written.
-    """
+    """Write a new file that only its owner can read, from the first byte on."""
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with naming(file), os.fdopen(descriptor, "wb") as stream:

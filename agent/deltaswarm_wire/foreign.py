@@ -1,4 +1,4 @@
-"""The object of a plug-in, as deltaswarm calls it: what it raises and what it returns is checked where it enters.
+"""A wrapper of plug-ins' objects, which checks what they return and turns what they raise into a `PluginError`.
 
 What comes with deltaswarm is not wrapped, and pays nothing.
 """
@@ -27,17 +27,9 @@ def called(
     at: object = None,
     passes: tuple[type[BaseException], ...] = (),
 ) -> Any:
-    """Call a function of a plug-in, and return what it returns.
+    """Call a function of a plug-in; return what it returns, and turn what it raises into a PluginError.
 
-    Args:
-        name: names the function in messages.
-        function: the function.
-        arguments: its arguments.
-        at: whose definition is shown if no frame of the plug-in raised, as for a wrong signature; default: `function`.
-        passes: types of errors that are not its failure.
-
-    Raises:
-        PluginError: the function raised.
+    The message has `name` and the definition of `at` (default: the function); errors in `passes` are not its failure.
     """
     try:
         return function(*arguments)
@@ -50,9 +42,7 @@ def called(
 class Foreign:
     """A plug-in's object whose members are checked where deltaswarm reads or calls them.
 
-    Args:
-        plugin: the object.
-        context: what the checks need to know of the run; it must be picklable, as the object is.
+    The checks get `context`, what they need to know of the run; it must be picklable, as the object is.
     """
 
     CHECKS: ClassVar[Mapping[str, Callable[..., Any]]] = {}
@@ -66,11 +56,7 @@ class Foreign:
 
     @classmethod
     def make(cls, kind: Any, *arguments: Any, context: Any = None) -> Any:
-        """Make an object of a class, and wrap it unless the class comes with deltaswarm.
-
-        Raises:
-            PluginError: the constructor of a class from outside raised.
-        """
+        """Make an object of a class, and wrap it unless the class comes with deltaswarm."""
         if not is_foreign(kind):
             return kind(*arguments)
         return cls(called(name_of(kind), kind, *arguments, passes=cls.PASSES), context)

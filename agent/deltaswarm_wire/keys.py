@@ -16,11 +16,7 @@ _RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 class Keys:
-    """All keys of one run. A run's name is one chunk: letters, digits, `_`, `.`, `-`.
-
-    Raises:
-        ValueError: the name cannot be a chunk of a key.
-    """
+    """All keys of one run. A run's name is one chunk: letters, digits, `_`, `.`, `-`."""
 
     def __init__(self, run: str) -> None:
         if not _RUN_NAME.fullmatch(run):

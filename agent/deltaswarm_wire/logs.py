@@ -27,7 +27,6 @@ class LogFormatter(logging.Formatter):
         super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
 
     def format(self, record: logging.LogRecord) -> str:
-        """Format one record."""
         from deltaswarm_wire.session import without_sources  # which commands need not load
 
         return without_sources(super().format(record))

@@ -21,6 +21,7 @@ from deltaswarm_wire.codec import (
     boolean,
     integer,
     number,
+    octets,
     pack,
     text,
     tuple_of,
@@ -131,12 +132,7 @@ def _heard(raw: Any) -> tuple[Heard, ...]:
     heard = _pairs(arrays(raw, 2 * MAX_HEARD, "frame.heard"), "frame.heard")
     for sender, sample in heard:
         integer(sender, 0, MAX_AGENT_ID, "frame.heard")
-        if type(sample) is not bytes or len(sample) > MAX_RADIO_BYTES:
-            raise WireError(
-                "frame.heard",
-                f"be at most {MAX_RADIO_BYTES} bytes",
-                len(sample) if type(sample) is bytes else type(sample).__name__,
-            )
+        octets(sample, MAX_RADIO_BYTES, "frame.heard")
     return heard
 
 

@@ -25,12 +25,7 @@ class ObstacleSettings:
     def problems(self) -> list[Problem]:
         """The corners must make a polygon."""
         corners = self.corners_m
-        problems = [
-            Problem(f"corners_m[{index}]", str(plain_value(corner))[:60], "must be two coordinates [x, y]")
-            for index, corner in enumerate(corners)
-            if len(corner) != 2
-        ]
-        if problems:
+        if problems := coordinate_problems("corners_m", corners):
             return problems
         if len(corners) < 3:
             return [Problem("corners_m", f"{len(corners)}", "must be at least 3 corners")]
@@ -43,6 +38,15 @@ class ObstacleSettings:
             allowed = "must be in order along the edge"
             return [Problem("corners_m", f"edges that meet after corners {first} and {second}", allowed)]
         return []
+
+
+def coordinate_problems(name: str, places: Sequence[Place]) -> list[Problem]:
+    """Check that each of a key's places has two coordinates."""
+    return [
+        Problem(f"{name}[{index}]", str(plain_value(place))[:60], "must be two coordinates [x, y]")
+        for index, place in enumerate(places)
+        if len(place) != 2
+    ]
 
 
 def signed_area_m2(corners: Sequence[Place]) -> float:

@@ -3,8 +3,6 @@
 They are few, so all but a forwarded report are maps with named fields.
 """
 
-import struct
-from functools import lru_cache
 from itertools import chain
 from typing import Annotated, Any, NamedTuple
 
@@ -13,15 +11,18 @@ from deltaswarm_wire.codec import (
     MAX_ABS_M,
     MAX_AGENT_ID,
     MAX_ID,
+    MAX_SAMPLE_BYTES,
     MAX_STEP,
     PROTOCOL_VERSION,
     WireError,
+    all_fit,
     array,
     arrays,
     fields,
     integer,
     keep,
     number,
+    octets,
     pack,
     text,
     tuple_of,
@@ -152,29 +153,10 @@ def _rows(raw: Any, name: str) -> tuple[Any, ...]:
     if len(flat) % width:
         raise WireError(field, f"be rows of {width} items", f"{len(flat)} items")
     count = len(flat) // width
-    if not _fits(flat, codes * count) or name == "answers":
+    if not all_fit(flat, codes * count) or name == "answers":
         for at, value in enumerate(flat):
             integer(value, *bounds[at % width], field)
     return tuple([tuple_of(kind, row) for row in zip(*[iter(flat)] * width, strict=True)])
-
-
-_ONLY_INT = {int}
-
-
-def _fits(values: list[Any], codes: str) -> bool:
-    """Whether all are integers of their C types: the quickest check of many at once."""
-    if set(map(type, values)) != _ONLY_INT:
-        return False
-    try:
-        _layout(codes).pack(*values)
-    except struct.error:
-        return False
-    return True
-
-
-@lru_cache(512)
-def _layout(codes: str) -> struct.Struct:
-    return struct.Struct("<" + codes)
 
 
 class Forwarded(NamedTuple):
@@ -197,10 +179,10 @@ def decode_forwarded(data: bytes) -> Forwarded:
     """Check and decode all but the report inside. Raises WireError."""
     known, sequence, step, report = array(unpack(data), 4, "forwarded")
     version(known)
-    if type(report) is not bytes:
-        raise WireError("forwarded.report", "be bytes", type(report).__name__)
     return Forwarded(
-        integer(sequence, 0, MAX_ID, "forwarded.sequence"), integer(step, 0, MAX_STEP, "forwarded.step"), report
+        integer(sequence, 0, MAX_ID, "forwarded.sequence"),
+        integer(step, 0, MAX_STEP, "forwarded.step"),
+        octets(report, MAX_SAMPLE_BYTES, "forwarded.report"),
     )
 
 

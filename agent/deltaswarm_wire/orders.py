@@ -4,7 +4,8 @@ The world decides the time and the targets of a fault; the orchestrator owns the
 sends its orders and waits for each one except notes.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Annotated, NamedTuple
 
 from deltaswarm_wire.codec import (
     MAX_AGENT_ID,
@@ -12,15 +13,13 @@ from deltaswarm_wire.codec import (
     MAX_ORDINARY_BYTES,
     MAX_STEP,
     PROTOCOL_VERSION,
-    arrays,
     fields,
     integer,
-    number,
     pack,
-    text,
     unpack,
 )
 from deltaswarm_wire.messages import MAX_TIME_S
+from deltaswarm_wire.records import Limits, Record
 
 NOTE, KILL, START, STOP, GO_ON = "note", "kill", "start", "stop", "go on"
 ACTIONS = (NOTE, KILL, START, STOP, GO_ON)
@@ -28,14 +27,14 @@ ACTIONS = (NOTE, KILL, START, STOP, GO_ON)
 
 
 class ProcessOrder(NamedTuple):
-    """One action on the processes of some agents before step `step` begins; `why` is for display."""
+    """One action on the processes of some agents before step `step` begins."""
 
-    number: int
-    step: int
-    time_s: float
-    action: str
-    agents: tuple[int, ...]
-    why: str
+    number: Annotated[int, Limits("its number", 0, MAX_ID)]
+    step: Annotated[int, Limits("step", 0, MAX_STEP)]
+    time_s: Annotated[float, Limits("simulated time [s]", 0.0, MAX_TIME_S)]
+    action: Annotated[str, Limits("what to do", choices=ACTIONS)]
+    agents: Annotated[tuple[int, ...], Limits("the agents", 0, MAX_AGENT_ID, most=MAX_AGENT_ID + 1)]
+    why: Annotated[str, Limits("the reason, for display")]
 
     @property
     def text(self) -> str:
@@ -44,50 +43,27 @@ class ProcessOrder(NamedTuple):
         return f"step {self.step}: {self.why}: {whom}" + ("" if self.action == NOTE else f" ({self.action})")
 
 
-def encode_order(order: ProcessOrder) -> bytes:
-    """A map with the fields of `ProcessOrder` and the version `v`. Raises WireError."""
-    return pack({"v": PROTOCOL_VERSION, **order._asdict()}, MAX_ORDINARY_BYTES)
+_ORDER = Record(ProcessOrder, "order", MAX_ORDINARY_BYTES)
+encode_order, decode_order = _ORDER.encode, _ORDER.decode
 
 
-def decode_order(data: bytes) -> ProcessOrder:
-    """Check and decode. Raises WireError."""
-    raw = fields(unpack(data, MAX_ORDINARY_BYTES), ProcessOrder._fields, "order")
-    agents = arrays(raw["agents"], MAX_AGENT_ID + 1, "order.agents")
-    return ProcessOrder(
-        integer(raw["number"], 0, MAX_ID, "order.number"),
-        integer(raw["step"], 0, MAX_STEP, "order.step"),
-        number(raw["time_s"], 0.0, MAX_TIME_S, "order.time_s"),
-        text(raw["action"], "order.action", allowed=ACTIONS),
-        tuple([integer(agent, 0, MAX_AGENT_ID, "order.agents") for agent in agents]),
-        text(raw["why"], "order.why"),
-    )
+def _one_number(message: str, field: str, low: int, high: int) -> tuple[Callable[[int], bytes], Callable[[bytes], int]]:
+    """Return the codec of a number that is sent as a map of `v` and one field."""
+
+    def encode(number: int) -> bytes:
+        return pack({"v": PROTOCOL_VERSION, field: number})
+
+    def decode(data: bytes) -> int:
+        return integer(fields(unpack(data), (field,), message)[field], low, high, f"{message}.{field}")
+
+    return encode, decode
 
 
-def encode_done(order: int) -> bytes:
-    """Encode the confirmation of an order: a map of `v` and `order`."""
-    return pack({"v": PROTOCOL_VERSION, "order": order})
+encode_done, decode_done = _one_number("done", "order", 0, MAX_ID)
+"""The confirmation of an order."""
 
+encode_save, decode_save = _one_number("save", "save", 0, MAX_STEP)
+"""The request that an agent save its state after this step."""
 
-def decode_done(data: bytes) -> int:
-    """Check and decode. Raises WireError."""
-    return integer(fields(unpack(data), ("order",), "done")["order"], 0, MAX_ID, "done.order")
-
-
-def encode_save(step: int) -> bytes:
-    """Encode the request that an agent save its state after this step: a map of `v` and `save`."""
-    return pack({"v": PROTOCOL_VERSION, "save": step})
-
-
-def decode_save(data: bytes) -> int:
-    """Check and decode. Raises WireError."""
-    return integer(fields(unpack(data), ("save",), "save")["save"], 0, MAX_STEP, "save.save")
-
-
-def encode_taken(step: int) -> bytes:
-    """Encode the newest step on disk (-1: none yet): a map of `v` and `step`."""
-    return pack({"v": PROTOCOL_VERSION, "step": step})
-
-
-def decode_taken(data: bytes) -> int:
-    """Check and decode. Raises WireError."""
-    return integer(fields(unpack(data), ("step",), "taken")["step"], -1, MAX_STEP, "taken.step")
+encode_taken, decode_taken = _one_number("taken", "step", -1, MAX_STEP)
+"""The newest step on disk; -1: none yet."""

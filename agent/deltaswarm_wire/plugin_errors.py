@@ -1,7 +1,7 @@
-"""What a plug-in raises: one line for people, and the traceback from the plug-in's own frame on.
+"""Errors of plug-ins: one line for people, and the traceback from the plug-in's own frame on.
 
 A plug-in may raise anything: an error that means bad input, a full disk or an interruption elsewhere in deltaswarm must
-not be taken for that. So whoever calls a plug-in turns what it raises into a `PluginError`.
+not be taken for that. So every caller of a plug-in turns what it raises into a `PluginError`.
 """
 
 import signal

@@ -1,4 +1,4 @@
-"""Every point at which deltaswarm can be extended, and how what is added there is found by its name.
+"""Every extension point of deltaswarm, and how names are resolved to what is shipped or added there.
 
 What comes with deltaswarm enters by the same door: a name is that of something shipped, of an entry point, or
 `module:Class`, and its options are checked by its own `Settings`.
@@ -210,12 +210,7 @@ _recorded: ContextVar[type[Recorded] | None] = ContextVar("recorded", default=No
 
 @contextmanager
 def as_recorded(metrics: tuple[Any, ...] = (), commands: tuple[Any, ...] = ()) -> Iterator[None]:
-    """Let `Recorded` stand for all that does not come with deltaswarm's core, in the scenario of a run that is read.
-
-    Args:
-        metrics: the numbers that its controller declared.
-        commands: the orders that its controller accepted.
-    """
+    """Let `Recorded` stand for each plug-in of a run that is read, with its controller's metrics and commands."""
     token = _recorded.set(type("Recorded", (Recorded,), {"Metrics": metrics, "Commands": commands}))
     try:
         yield
@@ -233,13 +228,9 @@ OF_SCENARIOS = frozenset(point.group for point in (CONTROLLERS, RADIO_MODELS, FA
 
 
 def find(point: ExtensionPoint, name: str, path: str, others: Collection[str] = ()) -> Any:
-    """Find what `name` refers to: the name of something shipped, of an entry point, or `module:Class`.
+    """Find what `name` refers to: something shipped, an entry point, or `module:Class`.
 
-    Args:
-        point: the extension point.
-        name: the name.
-        path: the settings key that holds the name, for messages.
-        others: names with a meaning elsewhere, for messages.
+    For messages, `path` is the settings key that holds the name, and `others` are names with a meaning elsewhere.
 
     Raises:
         SettingsError: there is no such thing, it cannot be imported, or it lacks something.
@@ -279,11 +270,7 @@ def _entry_point(point: ExtensionPoint, name: str, path: str, others: Collection
 
 
 def find_controller(mode: str, path: str = "control.mode") -> type[Any]:
-    """Find the controller class that `control.mode` names.
-
-    Raises:
-        SettingsError: as `find`.
-    """
+    """Find the controller class that `control.mode` names. Raises SettingsError."""
     cls: type[Any] = find(CONTROLLERS, mode, path)
     return cls
 
@@ -304,13 +291,8 @@ def own_settings(
 ) -> Any:
     """Check the options of what `name` refers to; without a `Settings` class it has none.
 
-    Args:
-        point: the extension point.
-        name: the name, as for `find`.
-        options: the table of options.
-        path: the settings key of the options, for messages.
-        name_key: the key beside the options that holds the name; empty: the name is part of the path.
-        shared: what a method `problems_with` of the settings gets.
+    `path` is the settings key of the options, and `name_key` the key beside them with the name; empty: the name is part
+    of the path. A method `problems_with` of the settings gets `shared`.
 
     Raises:
         SettingsError: with every mistake, including those of the class itself.

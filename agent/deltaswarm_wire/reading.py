@@ -1,4 +1,4 @@
-"""Read files that people write, such as TOML and tables: UTF-8 in any editor's layout; mistakes are named by place."""
+"""Read files that people write, such as TOML and tables: UTF-8 from any editor; errors name the place."""
 
 import os
 import tomllib
@@ -46,11 +46,7 @@ def paths_that_are_not_utf8(given: Iterable[str]) -> Iterator[tuple[str, str]]:
 
 
 def decoded(data: bytes) -> str:
-    """Decode a file's content, with or without a byte order mark.
-
-    Raises:
-        ValueError: it is not UTF-8, or no text; the place is named.
-    """
+    """Decode a file's content, with or without a byte order mark."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise ValueError("must be UTF-8 (got UTF-16): save it as UTF-8")
     try:
@@ -84,11 +80,7 @@ def read_toml(file: Path) -> dict[str, Any]:
 
 
 def rows_of(text: str, delimiter: str = ",") -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """Return a table's columns, and each row with its line. Spaces around cells do not count, nor do empty lines.
-
-    Raises:
-        ValueError: it has no header, no row, a column twice, or a row of another length; the line is named.
-    """
+    """Return a table's columns, and each row with its line. Spaces around cells do not count, nor do empty lines."""
     import csv  # a board without a table needs none
 
     reader = csv.reader(text.splitlines(keepends=True), delimiter=delimiter, strict=True)

@@ -8,13 +8,13 @@ import ipaddress
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, TypeVar
 
 from deltaswarm_wire.access import TLS, revoked_beside, world_rules
-from deltaswarm_wire.checked import one_line
+from deltaswarm_wire.checked import Problem, one_line
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import OPERATOR, RECORDER, Keys
 
@@ -39,11 +39,7 @@ def free_port(host: str = "127.0.0.1") -> int:
 
 
 def host_and_port(endpoint: str) -> tuple[str, int]:
-    """Parse host and port: `("::1", 7447)` from `tcp/[::1]:7447#iface=lo`.
-
-    Raises:
-        ValueError: host and port are missing, or the IPv4 address is malformed.
-    """
+    """Parse host and port: `("::1", 7447)` from `tcp/[::1]:7447#iface=lo`."""
     address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
     match = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
     if not match or int(match[2]) > 0xFFFF:
@@ -70,6 +66,21 @@ def endpoint_problem(endpoint: str, *, connects: bool = False) -> str:
     if connects and protocol in (TLS, QUIC) and ":" in host:
         return "must be a name or an IPv4 address over TLS: Zenoh accepts no IPv6 address as a server's name"
     return ""
+
+
+def link_problems(connect: Sequence[str], listen: Sequence[str], zenoh: Mapping[str, Any]) -> list[Problem]:
+    """Check a link's endpoints and its further Zenoh settings."""
+    endpoints = [("connect", endpoint) for endpoint in connect] + [("listen", endpoint) for endpoint in listen]
+    problems = [
+        Problem(name, repr(endpoint), mistake)
+        for name, endpoint in endpoints
+        if (mistake := endpoint_problem(endpoint, connects=name == "connect"))
+    ]
+    return problems + [
+        Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
+        for name, value in zenoh.items()
+        if type(value) is not str
+    ]
 
 
 CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
@@ -136,36 +147,19 @@ def use_one_worker_thread() -> None:
     os.environ.setdefault(_RUNTIME_VARIABLE, _ONE_WORKER)
 
 
-class ZenohConfig(Protocol):
-    """The part of `zenoh.Config` that this package uses without importing zenoh."""
-
-    @classmethod
-    def from_file(cls, path: str) -> Self:
-        """A configuration from a JSON5 file."""
-
-    def insert_json5(self, key: str, value: str) -> None:
-        """Set one key."""
-
-
-class Session(Protocol):
-    """The part of `zenoh.Session` that this package uses."""
-
-    def close(self) -> None:
-        """Leave the network."""
-
-
-C = TypeVar("C", bound=ZenohConfig)
-S = TypeVar("S", bound=Session)
+C = TypeVar("C")
+S = TypeVar("S")
 
 
 @contextmanager
 def closing(session: S, note: Callable[[str], object]) -> Iterator[S]:
     """Close a session at the end. If this fails, as with a peer that is stopped, `note` is told: the work is done."""
+    closed: Any = session  # without importing zenoh
     try:
         yield session
     finally:
         try:
-            session.close()
+            closed.close()
         except Exception as error:
             note(f"the session could not be closed in order: {one_line(without_sources(str(error)))}")
 
@@ -174,17 +168,16 @@ def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
     """Build a Zenoh configuration: the user's file (if the environment names one), `pairs`, overrides, in this order.
 
     It always includes `NO_SHARED_MEMORY`.
-
-    Raises:
-        ValueError: Zenoh refuses the file or an override.
     """
     path = os.environ.get(CONFIG_VARIABLE)
-    session_config = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
+    kind: Any = config
+    session_config = _accepted(f"{CONFIG_VARIABLE}={path}", kind.from_file, path) if path else kind()
     for key, value in [*NO_SHARED_MEMORY, *pairs]:
         session_config.insert_json5(key, json.dumps(value))
     for key, text in link.overrides:
         _accepted(f"--zenoh {key}={text}", session_config.insert_json5, key, text)
-    return session_config
+    made: C = session_config
+    return made
 
 
 def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:

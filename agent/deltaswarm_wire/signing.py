@@ -31,7 +31,6 @@ class SigningError(ValueError):
 
 
 def is_public_key(text: str) -> bool:
-    """Whether a text has the form of a public key."""
     return len(text) == 2 * PUBLIC_KEY_BYTES and all(digit in "0123456789abcdef" for digit in text.lower())
 
 

@@ -36,7 +36,6 @@ FAST = ("--accelerate", str(PER_S))
 
 @contextmanager
 def flooding(to: str, keys: Sequence[str], samples: Sequence[tuple[bytes, bytes]]) -> Iterator[None]:
-    """A process that floods these keys meanwhile."""
     command = [sys.executable, "-m", "tests.support.flooder", to, *keys]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2])
     try:
@@ -52,7 +51,6 @@ def flooding(to: str, keys: Sequence[str], samples: Sequence[tuple[bytes, bytes]
 
 
 def tls_air(folder: Path, name: str, **air: Any) -> dict[str, Any]:
-    """Of a board that has these files."""
     return {**air, "tls": tls_table(folder, name, verify_name=False)}
 
 
@@ -145,10 +143,10 @@ def test_whoever_has_the_wrong_certificate_is_told_and_heard_by_nobody(
     own, other = tmp_path / "own", tmp_path / "other"
     certificates.make(own, range(6), [], 1)
     certificates.make(other, [3], [], 1)
-    certificates._write(own / "agent-1", *Authority.load(own).sign("agent-1", days=-0.5))
+    certificates.write_pair(own / "agent-1", *Authority.load(own).sign("agent-1", days=-0.5))
     with monkeypatch.context() as patch:
         patch.setattr(certificates, "CLOCK_SLACK", datetime.timedelta(hours=-6))
-        certificates._write(own / "agent-2", *Authority.load(own).sign("agent-2", days=1))
+        certificates.write_pair(own / "agent-2", *Authority.load(own).sign("agent-2", days=1))
     for ending in ("pem", "key"):
         (own / f"agent-3.{ending}").write_bytes((other / f"agent-3.{ending}").read_bytes())
         (own / f"agent-4.{ending}").write_bytes((own / f"agent-5.{ending}").read_bytes())

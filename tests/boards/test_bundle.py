@@ -37,7 +37,7 @@ BUNDLED = sorted({PYTHONS[0], f"3.{sys.version_info[1]}", PYTHONS[-1]})
 
 def building_once(built: Path) -> Callable[..., None]:
     """A stand-in for pip that builds the agent's wheel, which is the same in all bundles, once and copies it."""
-    lock, pip = Lock(), bundles._pip
+    lock, pip = Lock(), bundles.run_pip
 
     def run(command: str, *arguments: str, **options: Any) -> None:
         if command != "wheel" or options:
@@ -54,14 +54,13 @@ def building_once(built: Path) -> Callable[..., None]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bundle for each platform."""
     folder = tmp_path_factory.mktemp("bundles")
     reach = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-cache-dir", "--dest", str(folder / "x")]
     done = subprocess.run([*reach, f"msgpack=={version('msgpack')}"], capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.skip(f"no package index: {done.stderr[-200:]}")
     with ThreadPoolExecutor() as pool, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bundles, "_pip", building_once(folder / "built"))
+        patch.setattr(bundles, "run_pip", building_once(folder / "built"))
         pythons = [word for python in BUNDLED for word in ("--python", python)]
         commands = [["bundle", "--platform", one, "--out", str(folder / one), *pythons] for one in PLATFORMS]
         assert list(pool.map(main, commands)) == [0] * len(PLATFORMS)
@@ -95,7 +94,6 @@ def test_a_bundle_holds_three_projects_and_what_installs_them(made: Path, platfo
 
 
 def test_the_32_bit_boards_msgpack_is_pure_python(made: Path) -> None:
-    """One wheel for every Python, with no machine code in it; the other platforms have compiled ones."""
     [pure] = (made / ARM32 / "wheels").glob("msgpack-*")
     assert pure.name.endswith("-py3-none-any.whl")
     with zipfile.ZipFile(pure) as archive:
@@ -105,7 +103,6 @@ def test_the_32_bit_boards_msgpack_is_pure_python(made: Path) -> None:
 
 
 def test_the_agents_wheel_holds_the_agent_and_its_vocabulary(made: Path) -> None:
-    """And asks for nothing but Zenoh and msgpack."""
     [agent] = (made / ARM32 / "wheels").glob("deltaswarm_agent-*")
     with zipfile.ZipFile(agent) as archive:
         folders = {name.split("/")[0] for name in archive.namelist()}
@@ -117,7 +114,6 @@ def test_the_agents_wheel_holds_the_agent_and_its_vocabulary(made: Path) -> None
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_the_sums_are_those_of_all_files(made: Path, platform: str) -> None:
-    """Each file once; a damaged one would show."""
     lines = (made / platform / "SHA256SUMS").read_text().splitlines()
     sums = {name: number for number, name in (line.split("  ", 1) for line in lines)}
     files = [path for path in (made / platform).rglob("*") if path.is_file() and path.name != "SHA256SUMS"]
@@ -134,10 +130,10 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
     [wheel] = tmp_path.glob("deltaswarm-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
-    code = "from pathlib import Path\nfrom deltaswarm_board.setup import bundle\nbundle._source(Path('found'))"
+    code = "from pathlib import Path\nfrom deltaswarm_board.setup import bundle\nbundle.copy_source(Path('found'))"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
     subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, env=environment, check=True)
-    bundles._source(tmp_path / "wanted")
+    bundles.copy_source(tmp_path / "wanted")
     found, wanted = (
         {path.relative_to(top): path.read_bytes() for path in top.rglob("*") if path.is_file()}
         for top in (tmp_path / "found", tmp_path / "wanted")
@@ -147,7 +143,6 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder that is there stays as it is."""
     assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 2
     assert names(capsys.readouterr().err, f"--out: {tmp_path}")
 
@@ -155,7 +150,6 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_without_an_index_pips_own_words_are_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And nothing half-written stays."""
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
     assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path / "out")]) == 1
@@ -166,20 +160,17 @@ def test_without_an_index_pips_own_words_are_shown(
 
 
 def test_a_wheel_that_does_not_fit_stops_the_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a build leaves machine code of this machine in it."""
-
     def bring(command: str, *arguments: str, environment: object = None) -> None:
         folder = arguments[arguments.index("--wheel-dir" if command == "wheel" else "--dest") + 1]
         Path(folder, "msgpack-1.0-cp311-cp311-linux_x86_64.whl").touch()
 
-    monkeypatch.setattr(bundles, "_pip", bring)
+    monkeypatch.setattr(bundles, "run_pip", bring)
     with pytest.raises(BundleError, match="msgpack"):
         bundles.bundle(tmp_path / "out", ARM64)
     assert list(tmp_path.iterdir()) == []
 
 
 def install(bundle: Path, target: Path) -> subprocess.CompletedProcess[str]:
-    """By its own script, with no index to fall back on."""
     environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": ""}
     command = ["sh", str(bundle / "install.sh"), "--venv", str(target)]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -187,7 +178,6 @@ def install(bundle: Path, target: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def installed(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An environment, empty before, into which the bundle for this machine was installed."""
     environment = tmp_path_factory.mktemp("installed") / "board"
     done = install(made / PC, environment)
     assert done.returncode == 0, done.stderr
@@ -195,13 +185,11 @@ def installed(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def names_of(environment: Path) -> set[str]:
-    """The distributions of an environment, apart from what every new one has."""
     [packages] = (environment / "lib").glob("python3*/site-packages")
     return {str(one.name).lower() for one in distributions(path=[str(packages)])} - {"pip", "setuptools"}
 
 
 def test_the_bundle_installs_offline_into_an_empty_environment(installed: Path, tmp_path: Path) -> None:
-    """Nothing but what was bundled is there, and the agent tells its arguments."""
     assert names_of(installed) == {"deltaswarm-agent", "eclipse-zenoh", "msgpack", "pycdr2"}
     python, script = str(installed / "bin" / "python"), str(installed / "bin" / "deltaswarm-agent")
     for command, shown in (
@@ -235,7 +223,6 @@ def test_a_bundle_for_boards_that_obey_an_operator(tmp_path: Path, monkeypatch: 
 
 
 def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
-    """A bit that fell over on the way."""
     shutil.copytree(made / PC, tmp_path / "bundle")
     with wheels(tmp_path / "bundle")[0].open("ab") as wheel:
         wheel.write(b"x")
@@ -246,7 +233,6 @@ def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
 
 
 def test_what_the_list_does_not_name_is_not_installed(made: Path, tmp_path: Path) -> None:
-    """A wheel that somebody added, with or without the list."""
     bundle = shutil.copytree(made / PC, tmp_path / "bundle")
     (bundle / "wheels" / "msgpack-99.0-py3-none-any.whl").write_bytes(b"")
     done = install(bundle, tmp_path / "board")
@@ -277,7 +263,6 @@ def test_settings_of_whoever_installs_change_nothing(
 
 
 def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -> None:
-    """It says why, and what was installed before stays."""
     before = names_of(installed)
     other = ARM64 if os.uname().machine == "x86_64" else PC
     done = install(made / other, installed)
@@ -287,7 +272,6 @@ def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -
 
 
 def found_python(minor: int) -> str:
-    """A Python of that version on this machine, where there is one."""
     command = [f"python3.{minor}", "-c", "import sys; print(sys.executable)"]
     environment = {**os.environ, "PYENV_VERSION": f"3.{minor}"}
     try:
@@ -298,7 +282,6 @@ def found_python(minor: int) -> str:
 
 
 def environment_of(python: str, folder: Path, packages: Sequence[Path]) -> Path:
-    """The Python of a new environment with these wheels."""
     made = folder / "bin" / "python"
     subprocess.run([python, "-m", "venv", "--without-pip", str(folder)], check=True)
     pip = [sys.executable, "-m", "pip", "--python", str(made)]
@@ -308,7 +291,6 @@ def environment_of(python: str, folder: Path, packages: Sequence[Path]) -> Path:
 
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The digest of the run in one process, whatever Python a board has."""
     return usual_digest(tmp_path_factory.mktemp("usual"))
 
 

@@ -50,7 +50,6 @@ def test_a_certificate_carries_its_parts_name_and_the_authoritys_signature(folde
 
 
 def test_the_worlds_certificate_is_for_its_hosts(folder: Path) -> None:
-    """Those given, and loopback; nobody else's is."""
     names = certificate(folder / "world.pem").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert set(names.get_values_for_type(x509.DNSName)) == {"localhost", "world.local"}
     addresses = {"127.0.0.1", "::1", "192.168.1.10"}
@@ -60,7 +59,6 @@ def test_the_worlds_certificate_is_for_its_hosts(folder: Path) -> None:
 
 
 def test_more_agents_are_added_and_nothing_is_made_anew(folder: Path, tmp_path: Path, capsys: Printed) -> None:
-    """By the same authority."""
     for path in folder.iterdir():
         shutil.copy2(path, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
@@ -71,7 +69,6 @@ def test_more_agents_are_added_and_nothing_is_made_anew(folder: Path, tmp_path: 
 
 
 def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: Printed) -> None:
-    """Rather than to sign what nobody believes."""
     certificates.make(tmp_path, [], [], 1)
     (tmp_path / "ca.key").write_bytes((tmp_path / "world.key").read_bytes())
     assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
@@ -79,7 +76,6 @@ def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: 
 
 
 def test_an_authority_whose_key_others_may_read_signs_nothing(folder: Path, tmp_path: Path, capsys: Printed) -> None:
-    """With its mode, and what to do."""
     certificates.make(tmp_path, [], [], 1)
     (tmp_path / "ca.key").chmod(0o644)
     assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
@@ -87,7 +83,6 @@ def test_an_authority_whose_key_others_may_read_signs_nothing(folder: Path, tmp_
 
 
 def test_the_command_says_what_stays_on_this_machine(folder: Path, capsys: Printed) -> None:
-    """Beside the list of files, which a script may read."""
     assert main(["certificates", "--out", str(folder), "--agents", "7"]) == 0
     printed = capsys.readouterr()
     assert str(folder / "ca.key") in printed.err
@@ -99,12 +94,12 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
 ) -> None:
     """Else a year later all of them are there, and nobody comes in."""
     certificates.make(tmp_path, [3, 4], [], 30)
-    certificates._write(tmp_path / "agent-3", *certificates.Authority.load(tmp_path).sign("agent-3", -0.5))
+    certificates.write_pair(tmp_path / "agent-3", *certificates.Authority.load(tmp_path).sign("agent-3", -0.5))
     assert [path.name for path in certificates.make(tmp_path, [3, 4], [], 30)] == ["agent-3.pem", "agent-3.key"]
     ended = tmp_path / "ended"
     ended.mkdir()
     authority = certificates.Authority.create(0)
-    certificates._write(ended / "ca", authority.key, authority.certificate)
+    certificates.write_pair(ended / "ca", authority.key, authority.certificate)
     assert main(["certificates", "--out", str(ended), "--agents", "1"]) == 2
     assert "its authority has expired" in capsys.readouterr().err
 
@@ -120,7 +115,6 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
     ],
 )
 def test_a_wrong_argument_is_refused(tmp_path: Path, arguments: list[str], message: str, capsys: Printed) -> None:
-    """With what is allowed; nothing is written."""
     with pytest.raises(SystemExit, match="2"):
         main(["certificates", "--out", str(tmp_path / "out"), *arguments])
     assert message in capsys.readouterr().err
@@ -132,7 +126,6 @@ def test_a_wrong_argument_is_refused(tmp_path: Path, arguments: list[str], messa
     ["", "a b", "tcp/10.0.0.1", "10.0.0.1:7447", "wörld", "192.168.1.300", "10.0.1", "-x", "x-", "a..b", "x" * 64],
 )
 def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: Printed) -> None:
-    """A name or an address is expected; nothing is written."""
     assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", f"--host={host}"]) == 2
     assert f"(got {host!r})" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -146,6 +139,6 @@ def test_a_host_that_comes_later_is_added_to_the_worlds_certificate(tmp_path: Pa
     assert {path.name for path in new} == {f"{name}.{end}" for name in ("world", "operator") for end in ("pem", "key")}
     for name in ("world", "operator"):
         hosts = {"localhost", "127.0.0.1", "::1", "10.0.0.1", "world.local", "fe80::1"}
-        assert set(certificates._hosts_in(tmp_path / f"{name}.pem")) == hosts
+        assert set(certificates.hosts_in(tmp_path / f"{name}.pem")) == hosts
     assert (tmp_path / "agent-3.pem").read_bytes() == before
     assert certificates.make(tmp_path, [3], ["fe80::1", "10.0.0.1"], 30) == []

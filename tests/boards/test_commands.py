@@ -14,7 +14,7 @@ from websockets.typing import Origin
 
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_board.inbox import RadioInbox
-from deltaswarm_board.process import _verify
+from deltaswarm_board.process import command_check
 from deltaswarm_board.settings import BoardSettings
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base
@@ -40,7 +40,6 @@ KEYS = Keys(RUN)
 
 
 def peer(*ports: int) -> zenoh.Session:
-    """A process with a Zenoh session that connects to boards."""
     return zenoh.open(plain_peer(*map(endpoint, ports)))
 
 
@@ -69,7 +68,6 @@ def table(agent: int, folder: Path, key: str, listens: int, *connects: int) -> d
 
 
 def forged(number: int, sign: Callable[[bytes], bytes]) -> bytes:
-    """A command as somebody without the operator's key signs it."""
     body = encode_command(HOLD._replace(number=number))
     return encode_relayed(Relayed(500, Signed(body, sign(body))))
 
@@ -81,7 +79,7 @@ def test_a_board_refuses_what_is_not_of_now(
     """Held back for ten hours, or by a clock that is late; without a clock only the signature counts. Said once."""
     settings = table(0, tmp_path, make_key(tmp_path / "operator.key"), free_port())
     settings["air"]["has_clock"] = has_clock
-    verify, sign = _verify(load(BoardSettings, settings)), signer(tmp_path / "operator.key", RUN)
+    verify, sign = command_check(load(BoardSettings, settings)), signer(tmp_path / "operator.key", RUN)
 
     def is_obeyed(ago_s: int) -> bool:
         body = encode_command(HOLD._replace(number=int(time.time()) - ago_s, life_s=60.0))
@@ -92,7 +90,6 @@ def test_a_board_refuses_what_is_not_of_now(
 
 
 def script(folder: Path, commands: Sequence[dict[str, Any]] = SCRIPT) -> list[str]:
-    """The operator's options for a file of commands, with its key."""
     file = folder / "commands.toml"
     file.write_text(tomli_w.dumps({"command": commands}))
     key = str(folder / "operator.key")
@@ -182,14 +179,12 @@ def test_a_person_commands_from_the_page_and_again_after_a_restart(tmp_path: Pat
 
 
 def _picture(page: Any) -> dict[str, Any]:
-    """The next picture that a page gets."""
     while (message := json.loads(page.recv(PATIENCE_S)))["type"] != "picture":
         pass
     return dict(message)
 
 
 def children(pid: int) -> list[int]:
-    """Processes that a process started."""
     done = subprocess.run(["pgrep", "-P", str(pid)], capture_output=True, text=True, check=False)
     return [int(line) for line in done.stdout.split()]
 
@@ -236,7 +231,6 @@ def test_a_base_that_starts_again_is_heard_at_once() -> None:
     ],
 )
 def test_an_operator_refuses(arguments: Sequence[str], message: str, tmp_path: Path, capsys: Printed) -> None:
-    """With exit code 2, the reason, and how to make a key that is missing."""
     make_key(tmp_path / "operator.key")
     script(tmp_path, [{"name": "hold"}])
     files = {"KEY": str(tmp_path / "operator.key"), "SCRIPT": str(tmp_path / "commands.toml")}

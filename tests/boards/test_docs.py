@@ -16,7 +16,6 @@ from deltaswarm_board.settings import read_settings
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from tests.support.swarms import PATIENCE_S, wait_until
-from tests.support.tiers import in_one_test
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "agent" / "systemd"
@@ -42,31 +41,8 @@ def unit() -> dict[str, Settings]:
 
 
 def commands() -> list[str]:
-    """The lines of all shell blocks."""
     blocks = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
     return [line.strip() for block in blocks for line in block.splitlines()]
-
-
-@in_one_test(
-    ("section", "name", "value"),
-    [
-        ("Service", "Type", "notify"),
-        ("Service", "ExecStart", f"{PROGRAM} board /etc/deltaswarm/%i.toml"),
-        ("Service", "Restart", "always"),
-        ("Service", "RestartPreventExitStatus", "2"),
-        ("Service", "User", "deltaswarm"),
-        ("Service", "NoNewPrivileges", "yes"),
-        ("Service", "ProtectSystem", "strict"),
-        ("Service", "CapabilityBoundingSet", ""),
-        ("Service", "StateDirectory", "deltaswarm"),
-        ("Service", "LogsDirectory", "deltaswarm"),
-        ("Unit", "StartLimitIntervalSec", "0"),
-        ("Install", "WantedBy", "multi-user.target"),
-    ],
-)
-def test_the_unit_says(section: str, name: str, value: str) -> None:
-    """Restarted without end, watched, unprivileged."""
-    assert unit()[section][name] == [value]
 
 
 def test_the_unit_sets_limits_as_the_page_says() -> None:
@@ -79,7 +55,6 @@ def test_the_unit_sets_limits_as_the_page_says() -> None:
 
 
 def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
-    """`systemd-analyze verify` has nothing to say of an instance, once there is a program."""
     analyze = shutil.which("systemd-analyze")
     if analyze is None:
         pytest.skip("no systemd-analyze on this machine")
@@ -97,7 +72,6 @@ def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
     [(["--help"], "--help is not known"), (["--venv"], "--venv FOLDER is expected"), ([], "only root may write")],
 )
 def test_the_installer_refuses(arguments: list[str], message: str) -> None:
-    """What it does not know, and to install for all without root."""
     command = ["sh", str(FOLDER / "install.sh"), *arguments]
     if not arguments and os.geteuid() == 0:
         if shutil.which("setpriv") is None:
@@ -111,7 +85,6 @@ def test_the_installer_refuses(arguments: list[str], message: str) -> None:
 
 
 def test_the_example_is_a_boards_file(tmp_path: Path) -> None:
-    """With certificates as `deltaswarm certificates` makes them."""
     certificates.make(tmp_path, [3], [], 1)
     file = tmp_path / "3.toml"
     file.write_text((FOLDER / "example.toml").read_text().replace("/etc/deltaswarm", str(tmp_path)))
@@ -123,18 +96,7 @@ def test_the_example_is_a_boards_file(tmp_path: Path) -> None:
     assert settings.log.folder == "", "the page says that what it says is in the journal"
 
 
-def test_a_board_needs_five_commands() -> None:
-    """From an empty system to an agent that runs."""
-    text = README[README.index("Then five commands") :]
-    found = re.search(r"```sh\n(.*?)```", text, flags=re.DOTALL)
-    assert found is not None
-    lines = found[1].splitlines()
-    assert len(lines) == 5
-    assert lines[-1] == "sudo systemctl enable --now deltaswarm-agent@3"
-
-
 def test_the_links_lead_somewhere() -> None:
-    """Files that the page names are there."""
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         assert target.startswith("http") or (ROOT / "agent" / target).exists(), target
 
@@ -154,7 +116,6 @@ def test_the_boards_file_on_the_page_is_one(tmp_path: Path) -> None:
 
 
 def test_the_page_names_what_a_vehicle_needs() -> None:
-    """As the board's wheel does, for its extra `mavlink`."""
     extras = tomllib.loads((ROOT / "agent" / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     names = [requirement.partition(">")[0] for requirement in extras["mavlink"]]
     assert f"pip install {' '.join(names)}`" in README
@@ -198,7 +159,6 @@ def test_the_commands_work(place: Path) -> None:
 
 
 def start_world(command: str, place: Path, environment: dict[str, str]) -> list[str]:
-    """Start it, read where it listens, and end it."""
     with subprocess.Popen(command.split(), cwd=place, env=environment, stdout=subprocess.PIPE, text=True) as world:
         try:
             assert world.stdout is not None
@@ -208,7 +168,6 @@ def start_world(command: str, place: Path, environment: dict[str, str]) -> list[
 
 
 def run_with_boards(command: str, place: Path, environment: dict[str, str]) -> None:
-    """Start it, start the boards that it waits for, and let all end."""
     with ExitStack() as stack:
         swarm = stack.enter_context(subprocess.Popen(command.split(), cwd=place, env=environment))
         stack.callback(swarm.terminate)
@@ -225,7 +184,6 @@ def run_with_boards(command: str, place: Path, environment: dict[str, str]) -> N
 
 
 def hear_nobody(command: str, place: Path, environment: dict[str, str]) -> None:
-    """Start an operator, wait until it listens, and interrupt it."""
     said = place / "operator.err"
     with said.open("w") as errors, subprocess.Popen(command.split(), cwd=place, env=environment, stderr=errors) as it:
         try:

@@ -81,7 +81,6 @@ def start(
     environment: Mapping[str, str] | None = None,
     **tables: Any,
 ) -> None:
-    """A board with each of these bodies, numbered from the first."""
     (running.folder / "bodies_of_a_test.py").write_text(BODIES)
     for agent, kind in enumerate(kinds, first):
         table = board_table(agent, EVENT_AT, {"listen": [endpoint(free_port())]}, running.folder)
@@ -131,7 +130,6 @@ def test_systemd_hears_no_more_of_a_body_that_hangs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", first_of([signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))
 def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) -> None:
-    """Also that of a terminal that is closed."""
     with boards(tmp_path) as running:
         start(running, ["Well"])
         wait_until(lambda: "made" in running.said(0), "a body")
@@ -142,7 +140,6 @@ def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) ->
 
 
 def test_what_is_left_to_do_is_done_where_a_body_fails_to_close(tmp_path: Path) -> None:
-    """The recording is whole; the exit code tells."""
     with boards(tmp_path) as running:
         start(running, ["FailsToClose"], "--steps", "1", log={"folder": str(tmp_path / "logs"), "record": "mcap"})
         assert running.processes[0].wait(PATIENCE_S) == 1
@@ -151,7 +148,6 @@ def test_what_is_left_to_do_is_done_where_a_body_fails_to_close(tmp_path: Path) 
 
 
 def test_a_folder_that_cannot_be_written_to_is_said_and_left(tmp_path: Path) -> None:
-    """The agent does its steps, and its log goes to standard error."""
     (tmp_path / "file").touch()
     log = {"folder": str(tmp_path / "file" / "logs"), "record": "mcap"}
     with boards(tmp_path) as running:
@@ -181,7 +177,6 @@ def test_two_threads_that_find_the_disk_full_say_so_once(tmp_path: Path) -> None
 
 
 def test_a_log_on_a_full_disk_moves_to_standard_error(tmp_path: Path) -> None:
-    """Said once, and no line is lost."""
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "agent-0.log").symlink_to("/dev/full")
     with boards(tmp_path) as running:

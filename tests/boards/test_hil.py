@@ -193,14 +193,12 @@ def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_is_refused(arguments: Sequence[str], message: str, tmp_path: Path, capsys: Printed) -> None:
-    """With exit code 2, and nothing is started or written."""
     assert main(["run", "smoke", "--out", str(tmp_path / "run"), *arguments]) == 2
     assert names(capsys.readouterr().err, message)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_faults_that_need_all_processes_are_refused(tmp_path: Path) -> None:
-    """A board cannot be killed from here."""
     scenario = load_scenario("smoke", ['fault=[{kind="kill", at_s=10, agents=[1]}]'])
     with pytest.raises(SettingsError, match=r"^fault\.0\.kind .*'kill'"):
         Boards((4,), "tcp/127.0.0.1:0", tmp_path).prepare(scenario)

@@ -39,7 +39,6 @@ def endpoint(port: int) -> str:
 
 
 def board(folder: Path, agent: int, agents: str = "", **air: Any) -> BoardSettings:
-    """A board's settings, with its certificate."""
     tls = tls_table(folder, f"agent-{agent}", verify_name=False)
     return load(BoardSettings, {"id": agent, "run": RUN, "air": {"agents": agents, "tls": tls, **air}})
 
@@ -50,7 +49,6 @@ def opened(settings: BoardSettings) -> zenoh.Session:
 
 @contextmanager
 def operator(folder: Path, out: Path, *arguments: str) -> Iterator[zenoh.Session]:
-    """A session as the operator without a world opens it."""
     command = ["--no-world", "--run", RUN, "--out", str(out), *tls_arguments(folder, "operator"), *arguments]
     config = _open_air(open_air_parser().parse_args(command)).config
     with zenoh.open(configured(zenoh.Config, config.pairs, config.link)) as session:
@@ -58,14 +56,12 @@ def operator(folder: Path, out: Path, *arguments: str) -> Iterator[zenoh.Session
 
 
 def listen(session: zenoh.Session, key: str) -> Heard:
-    """What comes on a key, from now on."""
     heard: Heard = []
     session.declare_subscriber(key, lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes())))
     return heard
 
 
 def watch(session: zenoh.Session) -> list[str]:
-    """Whose tokens are there, from now on."""
     seen: list[str] = []
     session.liveliness().declare_subscriber(
         KEYS.token(AGENT, "*"), lambda sample: seen.append(str(sample.key_expr)), history=True
@@ -74,7 +70,6 @@ def watch(session: zenoh.Session) -> list[str]:
 
 
 def speak(session: zenoh.Session, agent: int, leaf: str, data: bytes, heard: Heard) -> None:
-    """As an agent, until it is heard."""
     key = KEYS.agent(agent, leaf)
     wait_until(lambda: session.put(key, data) or (key, data) in heard, f"agent {agent}'s {leaf}")
 
@@ -148,7 +143,6 @@ def test_boards_that_know_each_other_hear_each_other(mode: str, folder: Path, tm
 
 
 def test_only_the_operator_sends_what_leaves_its_base(folder: Path, tmp_path: Path) -> None:
-    """No board's certificate is good for the number of the base."""
     at, port = free_port(), free_port()
     with (
         operator(folder, tmp_path / "out", "--listen", endpoint(at), "--agents", "0,3") as base,
@@ -167,7 +161,7 @@ def test_only_the_operator_sends_what_leaves_its_base(folder: Path, tmp_path: Pa
 def test_a_link_between_boards_ends_with_the_certificate_of_either(tmp_path: Path) -> None:
     """Whoever of the two listens; over `quic/` as over `tls/`."""
     certificates.make(tmp_path, [0], [], 1)
-    certificates._write(tmp_path / "agent-3", *Authority.load(tmp_path).sign("agent-3", days=15 / 86400))
+    certificates.write_pair(tmp_path / "agent-3", *Authority.load(tmp_path).sign("agent-3", days=15 / 86400))
     with ExitStack() as stack:
         sessions = []
         for protocol, listens, connects in (("tls", 0, 3), ("tls", 3, 0), ("quic", 0, 3)):
@@ -182,7 +176,6 @@ def test_a_link_between_boards_ends_with_the_certificate_of_either(tmp_path: Pat
 
 
 def test_without_numbers_there_are_no_rules(folder: Path) -> None:
-    """As it was asked for: whoever has a certificate is believed."""
     settings = board(folder, 3, listen=[endpoint(1)])
     assert "access_control" not in dict(settings.pairs)
     assert dict(board(folder, 3, "3-4", listen=[endpoint(1)]).pairs)["access_control"] == air_rules(KEYS, [3, 4], ())
@@ -196,7 +189,6 @@ def test_an_agent_more_costs_two_rules() -> None:
 
 
 def test_numbers_need_certificates(tmp_path: Path) -> None:
-    """The operator's, as a board's."""
     command = ["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:1", "--agents", "0-3"]
     with pytest.raises(ValueError, match=r"--agents must .*certificates"):
         _open_air(open_air_parser().parse_args(command))

@@ -62,7 +62,6 @@ class Field:
                     self.inboxes[hearer].accept(sender, radio, sent, float(self.now))
 
     def until(self, condition: Callable[[], bool], what: str, off: set[int], steps: int = 6000) -> None:
-        """Steps until something is so."""
         for _ in range(steps):
             if condition():
                 return
@@ -71,11 +70,9 @@ class Field:
         raise AssertionError(f"not within {steps} steps: {what}; {states}, {self.said}")
 
     def until_in_tree(self, agent: int) -> None:
-        """Steps until an agent is in a tree, with nothing wrong with the air."""
         self.until(lambda: self.is_in_tree(agent), f"agent {agent} in a tree", set())
 
     def state(self, agent: int) -> State:
-        """What an agent is doing."""
         return self.cores[agent].state
 
     def is_known(self, agent: int) -> bool:

@@ -27,7 +27,6 @@ BOARDS = range(20, 25)
 
 
 def run_apart(folder: Path, listen: str, factor: int, delay_s: float = DELAY_S) -> tuple[dict[str, Any], Loop]:
-    """The summary of a run in real time on two machines."""
     pace = [f"run.real_time_factor={factor}", "run.clock=realtime", f"run.duration_s={WALL_S * factor}"]
     settings = [argument for setting in pace for argument in ("--set", setting)]
     with network(2, delay_s) as net:

@@ -32,8 +32,6 @@ OFF_S = 60.0
 
 
 class Field:
-    """Boards and operator under way."""
-
     def __init__(self, folder: Path, net: Network, running: Boards, listener: Listener) -> None:
         self.out = folder / "operator"
         self.net = net
@@ -58,11 +56,9 @@ class Field:
 
     @property
     def said(self) -> str:
-        """What the operator has written to standard error."""
         return self._said.read_text()
 
     def wait_for_tree(self, without: frozenset[int] = frozenset()) -> None:
-        """Until the root knows everybody else."""
         wanted = set(AGENTS) - {ROOT} - without
         self.listener.wait_for(lambda: self.listener.table(ROOT) == wanted, f"a tree of {wanted}", WITHIN_S)
 
@@ -76,7 +72,6 @@ class Field:
         self.listener.wait_for(has_moved, "a leaf that was recruited and has moved", WITHIN_S)
 
     def end(self) -> tuple[list[dict[str, str]], dict[str, Any]]:
-        """Stop everybody; the operator's table and totals."""
         assert self._operator is not None
         self._operator.send_signal(signal.SIGTERM)
         assert self._operator.wait(PATIENCE_S) == 0

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_wire.envelope import Sample, encode_sample
 from tests.support.boards import tls_table
-from tests.support.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening
+from tests.support.fields import EVENT_AT, RUN, Listener, board_table, boards, endpoint, free_port, listening
 from tests.support.soak import resident_mb
 from tests.support.swarms import PATIENCE_S, stat, wait_until
 
@@ -200,7 +200,6 @@ def test_a_board_is_quick_to_start_and_stays_small(tmp_path: Path) -> None:
 
 
 def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) -> None:
-    """With links to two others, and the rules of who may do what."""
     certificates.make(tmp_path, range(3), [], 1)
     listen = f"tls/127.0.0.1:{free_port()}"
     with boards(tmp_path) as running:
@@ -213,21 +212,11 @@ def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) 
 
 
 def busy_s(pid: int) -> float:
-    """Processor time of a process [s]."""
     fields = stat(pid)
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def test_the_helper_keeps_no_board(tmp_path: Path) -> None:
-    """Whatever a test does, its boards end with it."""
-    with boards(tmp_path) as running:
-        process = running.start(board_table(0, EVENT_AT, {"listen": [endpoint(free_port())]}, tmp_path))
-    assert isinstance(running, Boards)
-    assert process.poll() is not None
-
-
 def test_a_disk_that_is_full_ends_the_recording_and_not_the_agent(tmp_path: Path) -> None:
-    """Said once; the agent stays on the air, and ends as told."""
     port = free_port()
     table = board_table(0, EVENT_AT, {"listen": [endpoint(port)]}, tmp_path)
     table["log"] = {"folder": str(tmp_path / "logs"), "record": "mcap"}

@@ -79,19 +79,17 @@ class Erratic:
     """A body that gives what it is told to, and raises what it is told to."""
 
     def __init__(self, gives: Iterator[Any]) -> None:
-        self._gives = gives
+        self.gives = gives
         self.moves = 0
         self.move_fails = False
 
     def sense(self, time_s: float) -> Any:
-        """The next one."""
-        found = next(self._gives)
+        found = next(self.gives)
         if isinstance(found, Exception):
             raise found
         return found
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Count."""
         self.moves += 1
         if self.move_fails:
             raise OSError("the wheel is off")
@@ -104,7 +102,6 @@ WELL = Sensed(5.0, 5.0, 0.1, (Event(1, 6.0, 5.0),))
 
 
 def steps(*gives: Any) -> tuple[Driver, Erratic, list[str]]:
-    """The faults of so many steps."""
     body = Erratic(iter(gives))
     driver = Driver(Core(1, agent_settings()).core, as_body(body), step_s=1.0, arrive_m=0.2, max_std_m=1.0)
     faults = []
@@ -137,10 +134,9 @@ def test_a_body_that_always_raises_ends_the_agent() -> None:
 
 
 def test_a_body_that_cannot_be_moved_is_not_well() -> None:
-    """What was decided is said all the same: its place is known."""
     driver, body, _ = steps(*[WELL] * 2)
     body.move_fails = True
-    body._gives = iter([WELL] * MAX_FAILURES)
+    body.gives = iter([WELL] * MAX_FAILURES)
     for step in range(2, MAX_FAILURES + 1):
         assert driver.step(step, float(step), lambda at: ()) is not None
         assert "OSError: the wheel" in driver.fault
@@ -162,7 +158,6 @@ def test_a_body_that_cannot_be_moved_is_not_well() -> None:
     ],
 )
 def test_what_no_body_may_give_is_a_fault(gives: Any, word: str) -> None:
-    """And no business of the core."""
     _, _, faults = steps(gives, WELL)
     assert faults[1] == ""
     assert re.search(word, faults[0]), faults
@@ -176,7 +171,6 @@ class Odd(Erratic):
 
 
 def test_its_class_and_file_are_named() -> None:
-    """In the fault that the operator is told, and whether it raises, or returns what no body may."""
     body = make_body(cast(Any, Odd), iter([None, OSError("gone")]), cast(Any, None))
     driver = Driver(Core(1, agent_settings()).core, body, step_s=1.0, arrive_m=0.2, max_std_m=1.0)
     for step, said in enumerate(("TypeError: sense must return a Sensed", "OSError: gone")):
@@ -186,7 +180,6 @@ def test_its_class_and_file_are_named() -> None:
 
 
 def test_any_numbers_do() -> None:
-    """Those of numpy too, which no message could carry."""
     numpy = pytest.importorskip("numpy")
     place = numpy.float32(5.5)
     driver, _, faults = steps(Sensed(place, place, place / 100, (Event(numpy.int64(3), place, place),)))

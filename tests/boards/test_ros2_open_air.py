@@ -19,7 +19,6 @@ MEMBERS = {1, 2, 3, 4}
 
 
 def tables(folder: Path, router: int) -> tuple[list[dict[str, Any]], list[str]]:
-    """Five boards, each connected to those before it."""
     ports = [free_port() for _ in PLACES]
     made = []
     for agent, at in enumerate(PLACES):
@@ -38,7 +37,6 @@ def tables(folder: Path, router: int) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def start_all(running: Boards, robots: Fleet, listener: Listener, made: list[dict[str, Any]]) -> None:
-    """The root first, then the others, each robot where its place is."""
     for table, at in zip(made, PLACES, strict=True):
         robot = robots.add(f"/robot{table['id']}")
         robot.x_m, robot.y_m = at
@@ -80,7 +78,6 @@ def test_five_robots_form_a_tree_and_report_what_goes_wrong(tmp_path: Path) -> N
 
 
 def test_a_robot_that_does_not_move_says_so_until_it_does(tmp_path: Path) -> None:
-    """Its agent walks, and the odometry says that the robot stands."""
     router = free_port()
     [_, table, *_], _ = tables(tmp_path, router)
     table["body"]["options"]["follow_s"] = 1.0

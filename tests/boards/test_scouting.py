@@ -54,12 +54,10 @@ def test_boards_find_each_other_by_multicast(certified: bool, tmp_path: Path) ->
 
 
 def has_heard(said: str) -> bool:
-    """Whether a board's log has a line of counts that are not 0."""
     return any("heard " in line and "heard 0;" not in line for line in said.splitlines())
 
 
 def opened(user: str = "agent-3", **air: Any) -> zenoh.Session:
-    """A session as a board opens it."""
     settings = load(AirSettings, air)
     return zenoh.open(configured(zenoh.Config, settings.pairs(user), settings.link(user)))
 

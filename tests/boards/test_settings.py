@@ -42,7 +42,6 @@ def test_credentials_log_the_agent_in(tmp_path: Path) -> None:
 
 
 def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys: Printed) -> None:
-    """No log folder comes into being."""
     log = {"folder": str(tmp_path / "logs"), "record": "mcap"}
     assert main([str(a_file(tmp_path, log=log)), "--check"]) == 0
     told = capsys.readouterr().out
@@ -54,7 +53,6 @@ def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys
 
 @pytest.mark.parametrize("body", [{}, {"kind": "kinematic"}])
 def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path) -> None:
-    """As its secrets are; a path may be given too."""
     (tmp_path / "events.csv").write_text("event,x_m,y_m\n1,2.0,3.0\n")
     file = a_file(tmp_path, body={**body, "options": {"events": "events.csv"}})
     assert main([str(file), "--check"]) == 0
@@ -84,13 +82,11 @@ def test_events_of_a_spreadsheet_are_read(tmp_path: Path) -> None:
 
 
 def test_options_of_another_package_are_its_own(tmp_path: Path) -> None:
-    """Its `events` need not be a file."""
     file = a_file(tmp_path, body={"kind": "rover:Rover", "options": {"events": "all"}})
     assert read_settings(file).body.options == {"events": "all"}
 
 
 def test_a_real_body_has_real_time(tmp_path: Path, capsys: Printed) -> None:
-    """It cannot be accelerated."""
     file = str(a_file(tmp_path, body={"kind": "mavlink"}))
     assert main([file, "--check"]) == 0
     assert main([file, "--check", "--accelerate", "2"]) == 2
@@ -98,7 +94,6 @@ def test_a_real_body_has_real_time(tmp_path: Path, capsys: Printed) -> None:
 
 
 def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:
-    """The same file, with the world as the one endpoint."""
     air = {"mode": "client", "connect": ["tcp/10.0.0.1:7447"], "credentials_file": secret(tmp_path)}
     config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"}, agent={"seed": 5})))
     assert (config.agent, config.run, config.settings.seed) == (3, "field", 5)
@@ -106,7 +101,6 @@ def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:
 
 
 def test_an_agent_of_a_simulation_may_come_by_its_certificate(tmp_path: Path) -> None:
-    """Over TLS the world knows it by that."""
     files = {name: secret(tmp_path) for name in ("ca_file", "cert_file", "key_file")}
     air = {"mode": "client", "connect": ["tls/10.0.0.1:7448"], "tls": files}
     config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"})))
@@ -114,7 +108,6 @@ def test_an_agent_of_a_simulation_may_come_by_its_certificate(tmp_path: Path) ->
 
 
 def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As any installed package may name one."""
     folder = tmp_path / "rover-1.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: rover\nVersion: 1.0\n")

@@ -79,7 +79,6 @@ HERE = (0.0, 0.0)
 
 
 def test_of_each_neighbour_the_newest_frame_is_heard_once() -> None:
-    """In any order."""
     inbox = RadioInbox(1, 3.0)
     for sender, counter in ((2, 5), (2, 7), (2, 6), (3, 1)):
         assert inbox.accept(sender, frame(counter), None, 0.0) == ""
@@ -103,7 +102,6 @@ def test_of_each_neighbour_the_newest_frame_is_heard_once() -> None:
 def test_what_no_neighbour_would_send_is_counted_and_dropped(
     sender: int | None, data: bytes, sent: bytes | None, reason: str
 ) -> None:
-    """With its reason."""
     inbox = RadioInbox(1, 3.0)
     assert inbox.accept(sender, data, sent, 0.0) == reason
     assert inbox.dropped == {reason: 1}
@@ -111,7 +109,6 @@ def test_what_no_neighbour_would_send_is_counted_and_dropped(
 
 
 def test_a_crowd_takes_no_more_memory_than_allowed() -> None:
-    """Of too many strangers in one step the last ones are dropped."""
     inbox = RadioInbox(0, 3.0)
     for sender in range(1, MAX_NEIGHBOURS + 11):
         inbox.accept(sender, frame(), None, 0.0)
@@ -197,14 +194,12 @@ def test_a_sender_that_begins_anew_is_believed() -> None:
 
 @given(st.floats(0, 1e9))
 def test_the_time_of_sending_comes_back(sent_s: float) -> None:
-    """As it was; and nothing else is taken for one."""
     assert decode_sent(at(sent_s, 3.0)) == Sent(sent_s, 3.0, 0.0)
     with pytest.raises(WireError):
         decode_sent(at(-1.0))
 
 
 def test_near_enough_to_where_it_was_sent_is_there() -> None:
-    """Else the body's own place counts."""
     point = SetPoint(0.2)
     assert point.settled(1.0, 1.0) == (1.0, 1.0)
     point.advance((1.0, 1.0), 0.5, 0.0, 2.0)
@@ -213,18 +208,14 @@ def test_near_enough_to_where_it_was_sent_is_there() -> None:
 
 
 class Puppet:
-    """A body that a test moves by hand."""
-
     def __init__(self) -> None:
         self.says = Sensed(5.0, 5.0, 0.1)
         self.told: list[tuple[float, float, tuple[int, ...]]] = []
 
     def sense(self, time_s: float) -> Sensed:
-        """What the test says."""
         return self.says
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Note it."""
         self.told.append((vx_mps, vy_mps, observed))
 
     def close(self) -> None:
@@ -318,4 +309,4 @@ def test_an_allowance_forgets_whoever_was_heard_least_recently() -> None:
     for agent in range(10, MAX_KNOWN + 500):
         allowance.spend(agent, 0.0)
         assert not allowance.spend(7, 0.0)
-    assert len(allowance._left) == MAX_KNOWN
+    assert len(allowance.left) == MAX_KNOWN

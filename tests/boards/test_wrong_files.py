@@ -60,7 +60,6 @@ MAX_SHOWN = 4000
 
 
 def places(table: dict[str, Any], above: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
-    """Every key, by its path."""
     found = []
     for name, value in table.items():
         found += [(*above, name), *(places(value, (*above, name)) if isinstance(value, dict) else [])]
@@ -83,7 +82,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Files that boards' files name: certificates, one of them expired, and credentials, good and bad."""
     made = tmp_path_factory.mktemp("boards")
     certificates.make(made, [3, 4], [], 1)
-    certificates._write(made / "expired", *Authority.load(made).sign("agent-3", days=-1 / 24))
+    certificates.write_pair(made / "expired", *Authority.load(made).sign("agent-3", days=-1 / 24))
     certificates.make(made / "elsewhere", [3], [], 1)
     for name, text, mode in (
         ("good", "agent-3:word\n", 0o600),
@@ -97,7 +96,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def tls(certificate: str = "agent-3", key: str = "", **more: bool) -> dict[str, Any]:
-    """The table of a board's certificate, relative to its file."""
     return {"ca_file": "ca.pem", "cert_file": f"{certificate}.pem", "key_file": f"{key or certificate}.key", **more}
 
 
@@ -186,7 +184,6 @@ WRONG: list[tuple[dict[str, Any], Sequence[str]]] = [
 
 
 def test_what_is_wrong_is_told(folder: Path, capsys: Printed) -> None:
-    """All of it, in a line each, with exit code 2; with and without `--check`."""
     file = folder / "3.toml"
     for table, words in WRONG:
         file.write_text(tomli_w.dumps({"id": 3, **listens("tcp/127.0.0.1:0"), **table}))
@@ -210,7 +207,6 @@ def test_what_is_wrong_is_told(folder: Path, capsys: Printed) -> None:
 def test_a_certificate_is_tried_before_it_meets_silence(
     certificate: str, key: str, authority: str, word: str, folder: Path, capsys: Printed
 ) -> None:
-    """By `--check`: whose it is, its key, its authority, its days."""
     file = folder / "3.toml"
     table = listens(tls=tls(certificate, key) | {"ca_file": authority})
     file.write_text(tomli_w.dumps({"id": 3, **table}))
@@ -232,7 +228,6 @@ def test_a_certificate_is_tried_before_it_meets_silence(
 def test_a_module_that_is_no_body_is_refused(
     name: str, text: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever its code does when it is imported."""
     (tmp_path / f"{name}_body.py").write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(SettingsError, match=word):
@@ -240,7 +235,6 @@ def test_a_module_that_is_no_body_is_refused(
 
 
 def test_a_file_that_is_not_there_or_no_toml(tmp_path: Path) -> None:
-    """Exit code 2."""
     assert main([str(tmp_path / "none.toml")]) == 2
     for data in (b"id = = 3", b"\xff\xfe", b"id = " + b"[" * 10_000):
         (tmp_path / "bad.toml").write_bytes(data)
@@ -265,7 +259,6 @@ def test_any_value_anywhere_is_right_or_told(part: str, tmp_path: Path, capsys: 
 
 @pytest.mark.parametrize("value", ["." + ".".join("a" * 3000) + " = 1", " = " + "[" * 100_000], ids=["dotted", "lists"])
 def test_a_file_that_is_nested_deeply_is_told(value: str, tmp_path: Path, capsys: Printed) -> None:
-    """Wherever that is, and in which way."""
     file = tmp_path / "3.toml"
     for place in ("x", "air", "air.zenoh", "body.kind", "body.options", "agent.control.options"):
         file.write_text(f"{place}{value}\n")
@@ -273,7 +266,6 @@ def test_a_file_that_is_nested_deeply_is_told(value: str, tmp_path: Path, capsys
 
 
 def test_a_file_of_ten_megabytes_is_not_read(tmp_path: Path, capsys: Printed) -> None:
-    """Nor an endless one."""
     file = tmp_path / "3.toml"
     file.write_text(f'run = "{"x" * 10_000_000}"\n')
     code, said = check(file, capsys)
@@ -297,7 +289,6 @@ def test_a_file_that_everybody_may_write_to_is_refused(tmp_path: Path, capsys: P
 
 
 def test_events_are_read_from_a_file_of_reasonable_size(tmp_path: Path, capsys: Printed) -> None:
-    """No device, nobody's pipe, nothing that fills the memory."""
     os.mkfifo(tmp_path / "fifo")
     with (tmp_path / "large").open("wb") as large:
         large.truncate(1 << 32)

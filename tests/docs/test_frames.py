@@ -32,7 +32,7 @@ def _example(frame: frames.PaperFrame, **arrays: Shape) -> Example:
     sender = frame.sender
 
     def decode(payload: bytes) -> frames.PaperFrame:
-        frames._encoded.clear()  # else nothing would be decoded
+        frames.encoded.clear()  # else nothing would be decoded
         return frames.decode(sender, payload)
 
     names = [name for name in type(frame)._fields[1:] if getattr(frame, name) is not None or name != "averages"]

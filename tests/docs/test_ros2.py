@@ -15,12 +15,12 @@ from deltaswarm_board.settings import read_settings
 from deltaswarm_ros2.cdr import encode
 from deltaswarm_ros2.definitions import (
     CLOCK,
+    HASHES,
     ODOMETRY,
     POSE_ARRAY,
     POSE_STAMPED,
     TWIST,
     TWIST_STAMPED,
-    type_hash,
 )
 from deltaswarm_ros2.keys import (
     PUBLISHER,
@@ -117,7 +117,7 @@ def test_keys_and_tokens_are_those_of_the_code() -> None:
     assert rmw == [topic_key(RMW_ZENOH, DEFAULTS.domain, topic, kind) for kind, topic in TOPICS.items()]
     assert dds == [topic_key(ROS2DDS, DEFAULTS.domain, topic, kind) for kind, topic in TOPICS.items()]
     assert live == [topic_key(RMW_ZENOH, DEFAULTS.domain, topic, kind) for kind, topic in LIVE.items()]
-    assert all(f"| `{kind}` | `{type_hash(kind)}` |" in PAGE for kind in LIVE)
+    assert all(f"| `{kind}` | `{HASHES[kind]}` |" in PAGE for kind in LIVE)
     assert tokens == [
         node_token(node),
         endpoint_token(node, 1, PUBLISHER, TOPICS[TWIST], TWIST),
@@ -128,7 +128,7 @@ def test_keys_and_tokens_are_those_of_the_code() -> None:
 @in_one_test(("message_type", "message", "size"), SIZES)
 def test_every_message_has_its_hash_and_size(message_type: str, message: dict[str, Any], size: str) -> None:
     """In the tables of the page."""
-    assert f"| `{message_type}` | `{type_hash(message_type)}` |" in PAGE
+    assert f"| `{message_type}` | `{HASHES[message_type]}` |" in PAGE
     name = message_type.rpartition("/")[2]
     [row] = re.findall(rf"^\| {name} \|.*\| (.*) \|$", PAGE, flags=re.MULTILINE)
     assert row == size

@@ -223,7 +223,7 @@ SENDER = 7
 
 
 def _decode_paper(data: bytes) -> paper.PaperFrame:
-    paper._encoded.clear()  # else a frame that was encoded here would not be decoded at all
+    paper.encoded.clear()  # else a frame that was encoded here would not be decoded at all
     return paper.decode(SENDER, data)
 
 

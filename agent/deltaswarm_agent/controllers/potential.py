@@ -25,8 +25,6 @@ BEACON_BYTES = 16
 
 @dataclass(frozen=True)
 class PotentialSettings:
-    """How agents spread."""
-
     spacing_m: float = key(9.0, "distance below which neighbours and walls repel [m]", above=0)
     wall_share: float = key(0.5, "share of spacing_m below which a wall repels", low=0, high=1)
     gain_per_s: float = key(0.5, "velocity per metre by which a neighbour is nearer than spacing_m [1/s]", above=0)
@@ -37,8 +35,6 @@ class PotentialSettings:
 
 
 class PotentialController:
-    """One agent of a spreading swarm."""
-
     Settings: ClassVar[type[PotentialSettings]] = PotentialSettings
 
     def __init__(self, context: ControllerContext) -> None:
@@ -50,7 +46,6 @@ class PotentialController:
         self._beaconing = Recurring(self._settings.beacon_s, context.rng.uniform(0.0, self._settings.beacon_s))
 
     def step(self, percept: Percept) -> Decision:
-        """Take received frames, then observe, or move by the forces."""
         now_s = percept.time_s
         for sender, payload in percept.heard:
             place = _decode_beacon(payload)

@@ -88,11 +88,7 @@ class Receiver(Saved):
 class AgentCore(Saved):
     """One agent without input and output. `step`, or its two halves in turn, are its only mutating methods.
 
-    Args:
-        agent: its id.
-        step_s: length of a step [s].
-        controller: what decides.
-        verify: whether a command's signature is the operator's; without it every command is believed.
+    `verify` says whether a command's signature is the operator's; without it every command is believed.
     """
 
     def __init__(self, agent: int, step_s: float, controller: Controller, verify: Verify | None = None) -> None:
@@ -126,11 +122,7 @@ class AgentCore(Saved):
             return f"counts of the controller failed: {described(error)}"
 
     def step(self, frame: Frame) -> StepOutput:
-        """Decide. Frames come in order of their steps; steps may be missing between them.
-
-        Raises:
-            ControllerError: the controller raised, or returned an invalid decision.
-        """
+        """Decide. Frames come in order of their steps; steps may be missing between them."""
         return self.decide(self.perceive(frame))
 
     def perceive(self, frame: Frame) -> Percept:

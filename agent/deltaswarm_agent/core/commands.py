@@ -147,7 +147,6 @@ class CommandRelay(Saved):
         return max(1, round(seconds / self._step_s))
 
     def knows(self, number: int) -> bool:
-        """Whether the agent already knows a command."""
         return number in self._numbers
 
     def due(self, now: int, room_bytes: int) -> tuple[bytes, ...]:
@@ -178,5 +177,4 @@ class CommandRelay(Saved):
                     self.known[number].state = state
 
     def answers(self) -> tuple[Answer, ...]:
-        """Return the states of the newest commands that this agent knows."""
         return tuple([Answer(number, self.known[number].state) for number in sorted(self.known)[-MAX_ANSWERS:]])

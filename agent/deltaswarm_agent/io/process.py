@@ -40,8 +40,6 @@ GOODBYE_S = 3.0
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """Configuration of one agent process."""
-
     run: str
     agent: int
     link: RouterLink
@@ -91,8 +89,6 @@ class WorldWatch:
 
 
 class Outbox:
-    """The agent's publishers."""
-
     def __init__(self, session: zenoh.Session, keys: Keys, agent: int) -> None:
         def publisher(leaf: str, message: str) -> zenoh.Publisher:
             return session.declare_publisher(
@@ -130,7 +126,6 @@ class Outbox:
             self._act.put(output.act_bytes)
 
     def taken(self, step: int) -> None:
-        """Confirm that the agent's state after this step is saved."""
         self._taken.put(encode_taken(step))
 
 
@@ -165,10 +160,6 @@ def run_agent(
     """Run one agent until its last frame; return the exit code.
 
     `on_ready` is called once its token is declared, `on_step` after each step with what it sensed and does.
-
-    Raises:
-        ValueError: the controller's options have mistakes, or the user's own Zenoh settings are refused.
-        ControllerError: the controller failed.
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
@@ -218,11 +209,7 @@ def run_agent(
 
 
 def pickled(core: AgentCore, newest: int) -> bytes:
-    """Pickle an agent with the step of its newest frame (-1 before the first).
-
-    Raises:
-        ControllerError: pickle cannot save the controller.
-    """
+    """Pickle an agent with the step of its newest frame (-1 before the first)."""
     try:
         return pickle.dumps((core, newest))
     except BaseException as error:  # a controller may be a plug-in
@@ -238,11 +225,7 @@ def save_part(folder: Path, step: int, core: AgentCore, newest: int) -> None:
 
 
 def load_part(folder: Path, step: int, agent: int) -> tuple[AgentCore, int]:
-    """Load an agent's state after a step, and the step of its newest frame.
-
-    Raises:
-        ControllerError: its file cannot be read.
-    """
+    """Load an agent's state after a step, and the step of its newest frame."""
     file = folder / str(step) / checkpoint.agent_file(agent)
     try:
         core, newest = pickle.loads(file.read_bytes())

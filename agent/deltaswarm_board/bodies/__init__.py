@@ -1,4 +1,4 @@
-"""The bodies of a board, and how the one that its file names is found."""
+"""The bodies of a board, and how the name in its file is resolved."""
 
 from typing import Any, ClassVar
 
@@ -17,30 +17,19 @@ SHIPPED = {
 
 
 def find_body(kind: str, path: str = "body.kind") -> type[Body]:
-    """Find the class that `kind` names: a shipped body, an entry point, or `module:Class`.
-
-    Raises:
-        SettingsError: the name is unknown, cannot be imported, or is no body.
-    """
+    """Find the class that `kind` names: a shipped body, an entry point, or `module:Class`."""
     shipped = BODIES._replace(shipped=SHIPPED)
     body: type[Body] = find(shipped, kind, path, others=["world"])
     return body
 
 
 def options_of(body: type[Body], table: dict[str, Any], path: str = "body.options") -> Any:
-    """Check the body's own options.
-
-    Raises:
-        SettingsError: with every mistake.
-        PluginError: the class of the options raised.
-    """
+    """Check the body's own options."""
     name, passes = f"{name_of(body)}.Settings", (SettingsError,)
     return called(name, checked.load, body.Settings, table, path, at=body, passes=passes)
 
 
 class ForeignBody(Foreign):
-    """A body from outside."""
-
     CHECKS: ClassVar = {"sense": lambda _, value, time_s: checked_sensed(value)}
 
 

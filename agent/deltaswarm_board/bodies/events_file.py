@@ -33,11 +33,7 @@ class ScheduledEvent(NamedTuple):
 
 
 def read_events(text: str) -> tuple[ScheduledEvent, ...]:
-    """Read the rows of an events file.
-
-    Raises:
-        ValueError: a mistake, with its line.
-    """
+    """Read the rows of an events file."""
     names, lines_of_rows = rows_of(text)
     unknown = [name for name in names if name not in _NEEDED + _OPTIONAL]
     if unknown or any(name not in names for name in _NEEDED):
@@ -84,8 +80,6 @@ def _scheduled_event(row: dict[str, str], line: int) -> ScheduledEvent:
 
 
 class EventField:
-    """The events of a file for one agent."""
-
     def __init__(self, scheduled: Iterable[ScheduledEvent], sensing_range_m: float) -> None:
         self._scheduled = {entry.event: entry for entry in scheduled}
         self._reach_m2 = sensing_range_m**2
@@ -114,11 +108,7 @@ class EventField:
 
 
 def event_field(file: str, sensing_range_m: float) -> EventField:
-    """Read the events file for one agent; without a file there are no events.
-
-    Raises:
-        OSError, ValueError: the file cannot be read.
-    """
+    """Read the events file for one agent; without a file there are no events."""
     if not file:
         return EventField((), sensing_range_m)
     if not os.path.isfile(file) or os.path.getsize(file) > MAX_BYTES:
@@ -127,7 +117,6 @@ def event_field(file: str, sensing_range_m: float) -> EventField:
 
 
 def file_problems(file: str) -> list[Problem]:
-    """Check the file of the option `events`."""
     try:
         event_field(file, 1.0)
     except (OSError, ValueError) as error:

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from itertools import combinations
 
+from deltaswarm_wire.obstacles import is_inside
+
 Place = tuple[float, float]
 Edge = tuple[Place, Place]
 
@@ -11,15 +13,12 @@ TOUCH_M = 0.001
 
 
 class Fence:
-    """A simple polygon, its corners in order.
-
-    Raises:
-        ValueError: fewer than three corners, a repeated corner, or edges that cross or touch.
-    """
+    """A simple polygon, its corners in order."""
 
     def __init__(self, corners: Sequence[Place]) -> None:
         if len(corners) < 3:
             raise ValueError(f"must have at least 3 corners, not {len(corners)}")
+        self._corners = corners
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
         for index, corner in enumerate(corners):
             if corner in corners[:index]:
@@ -32,13 +31,7 @@ class Fence:
                 raise ValueError(f"must have edges that meet only at corners, unlike {edges}")
 
     def holds(self, at: Place) -> bool:
-        """Whether a position is inside."""
-        x_m, y_m = at
-        within = False
-        for (ax, ay), (bx, by) in self._edges:
-            if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) * (bx - ax) / (by - ay):
-                within = not within
-        return within
+        return is_inside(at, self._corners)
 
     def permits(self, at: Place, vx_mps: float, vy_mps: float, ahead_s: float) -> bool:
         """Whether a vehicle at this position may take this velocity, looking `ahead_s` [s] ahead.
@@ -51,7 +44,6 @@ class Fence:
         return (vx_mps, vy_mps) == (0.0, 0.0) or self.holds(to) or self._distance_m2(to) < self._distance_m2(at)
 
     def _distance_m2(self, at: Place) -> float:
-        """Squared distance to the nearest edge [m2]."""
         return min(_to_edge_m2(at, a, b) for a, b in self._edges)
 
 

@@ -22,8 +22,6 @@ LEAST_M = 1.0
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """Limits and expectations of a vehicle."""
-
     max_speed_mps: float
     command_s: float
     """Lifetime of a command; after it the agent has stalled, and the vehicle stands."""
@@ -69,7 +67,6 @@ class Obedience:
         """How the position jumped; "" if it did not. The frame may have moved, which only a person can see."""
 
     def locate(self, at: tuple[float, float], now_s: float) -> None:
-        """Take a position [m]."""
         before, before_s = self._at, self._at_s
         self._at, self._at_s = at, now_s
         if before is not None:
@@ -141,13 +138,11 @@ class Guard:
         self._is_stalled = False
 
     def locate(self, x_m: float, y_m: float, now_s: float) -> None:
-        """Take the vehicle's position [m; arena frame]."""
         if math.isfinite(x_m) and math.isfinite(y_m):
             self._at, self._at_s = (x_m, y_m), now_s
             self._obedience.locate((x_m, y_m), now_s)
 
     def set_uncertainty(self, std_m: float) -> None:
-        """Take the standard deviation of the vehicle's position [m]."""
         if math.isfinite(std_m) and std_m >= 0.0:
             self._std_m = std_m
 

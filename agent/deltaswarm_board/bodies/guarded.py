@@ -1,9 +1,11 @@
-"""What bodies with a real robot behind a guard share: options, and the calls of the agent's thread."""
+"""Options and behaviour shared by the bodies that drive a real robot through a guard."""
 
+import abc
 import logging
 import threading
 import time
 from dataclasses import dataclass
+from typing import ClassVar
 
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_board.bodies.events_file import event_field, file_problems
@@ -16,8 +18,6 @@ log = logging.getLogger("deltaswarm.body")
 
 @dataclass(frozen=True)
 class GuardedSettings:
-    """The limits of a robot."""
-
     max_speed_mps: float = key(1.0, "speed limit of set-points [m/s]", above=0, high=30)
     fence_m: tuple[tuple[float, ...], ...] = key(
         (), "corners of the geofence [m; arena frame]; none: the arena plus fence_margin_m"
@@ -33,7 +33,6 @@ class GuardedSettings:
     events: str = key("", "a CSV file of simulated events; empty: no events")
 
     def problems(self) -> list[Problem]:
-        """Check what involves several keys."""
         problems = file_problems(self.events)
         if self.fence_m:
             try:
@@ -48,7 +47,6 @@ class GuardedSettings:
         return [(corner[0], corner[1]) for corner in self.fence_m]
 
     def fence(self, width_m: float, height_m: float) -> Fence:
-        """Make the geofence for an arena of this size."""
         low, right, top = -self.fence_margin_m, width_m + self.fence_margin_m, height_m + self.fence_margin_m
         return Fence(self._corners() or [(low, low), (right, low), (right, top), (low, top)])
 
@@ -64,8 +62,11 @@ class GuardedSettings:
         )
 
 
-class GuardedBody:
+class GuardedBody(abc.ABC):
     """A robot whose thread sends what the guard permits; `sense` and `move` are calls of the agent's thread."""
+
+    CLOSE_S: ClassVar[float]
+    """Time that the robot's thread has to stop the robot [s]."""
 
     def __init__(self, options: GuardedSettings, context: BodyContext) -> None:
         agent = context.settings
@@ -78,9 +79,10 @@ class GuardedBody:
         self._no_link = ""
         """Why there is no link to the robot; "" if there is one."""
         self._told_stalls = 0
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="robot", daemon=True)
 
     def sense(self, time_s: float) -> Sensed:
-        """Return the robot's newest position and the events near it."""
         with self._lock:
             sensed = self._guard.sensed(time.monotonic())
         if self._no_link:
@@ -98,6 +100,20 @@ class GuardedBody:
         with self._lock:
             self._guard.command(vx_mps, vy_mps, time.monotonic())
 
+    def close(self) -> None:
+        """Stop the robot and its thread."""
+        with self._lock:
+            self._guard.command(0.0, 0.0, time.monotonic())
+        self._closing.set()
+        self._thread.join(self.CLOSE_S)
+        log.info(
+            "set-points refused at the fence: %d; stalls of the agent: %d", self._guard.refused, self._guard.stalls
+        )
+
+    @abc.abstractmethod
+    def _serve(self) -> None:
+        """Send set-points until the body is closed; the main function of the robot's thread."""
+
     def _next_velocity(self, now_s: float) -> Velocity:
         """Return the velocity to send now [m/s; arena frame], and log a stall of the agent."""
         with self._lock:
@@ -106,8 +122,3 @@ class GuardedBody:
             self._told_stalls = stalls
             log.warning("stall %d of the agent: the robot must stand", stalls)
         return velocity
-
-    def _log_counts(self) -> None:
-        log.info(
-            "set-points refused at the fence: %d; stalls of the agent: %d", self._guard.refused, self._guard.stalls
-        )

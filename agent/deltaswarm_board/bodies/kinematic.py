@@ -1,7 +1,7 @@
 """A body without hardware: a noisy unicycle whose odometry drifts and is corrected periodically.
 
-Only this file knows the true position; the agent gets the believed one. All chance comes from the given generator, so
-equal seeds and commands give equal motion.
+Only this file knows the true position; the agent gets the believed one. All randomness comes from the given generator,
+so equal seeds and commands give equal motion.
 """
 
 import math
@@ -32,7 +32,6 @@ class KinematicSettings:
     events: str = key("", "a CSV file of events; empty: no events")
 
     def problems(self) -> list[Problem]:
-        """The events must be readable."""
         return file_problems(self.events)
 
 
@@ -59,7 +58,6 @@ class KinematicBody:
         self._until_s = 0.0
 
     def sense(self, time_s: float) -> Sensed:
-        """Drive until `time_s`, and sense."""
         worked_s = max(0.0, min(time_s, self._until_s) - self._time_s)
         self._surroundings.observe(self._observed, *self.true_m, self._time_s, worked_s)
         while self._time_s < time_s:
@@ -81,7 +79,6 @@ class KinematicBody:
         self._until_s = self._time_s + self._hold_s
 
     def close(self) -> None:
-        """Stand."""
         self._velocity = (0.0, 0.0)
 
     def _fixed(self) -> tuple[float, float]:

@@ -11,7 +11,6 @@ This is the only file that speaks MAVLink. From pymavlink it uses only a dialect
 
 import logging
 import math
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
@@ -69,25 +68,20 @@ RESTARTED_MS = 1000
 TWO_VEHICLES = "two vehicles have its number: messages come from two addresses"
 NOT_IN_THE_AIR = "the vehicle is not in the air"
 RESTARTED = "the autopilot restarted, and its local frame may have moved: restart the agent"
-CLOSE_S = 1.0
 RETRY_S = 1.0
 
 
 class MavlinkBody(GuardedBody):
-    """One vehicle, which may appear later and disappear; meanwhile the body has a fault.
-
-    Raises:
-        ImportError: pymavlink is not installed, or pyserial for a serial device.
-    """
+    """One vehicle, which may appear later and disappear; meanwhile the body has a fault."""
 
     Settings: ClassVar[type[Any]] = MavlinkSettings
     REAL_TIME: ClassVar[bool] = True
+    CLOSE_S: ClassVar[float] = 1.0
 
     def __init__(self, options: MavlinkSettings, context: BodyContext) -> None:
         super().__init__(options, context)
         self._options = options
         self._frame = LocalFrame(options.origin_north_m, options.origin_east_m, options.heading_deg)
-        self._closing = threading.Event()
         self._target: tuple[int, int] | None = None
         self._flies = False
         self._landed_state: int | None = None
@@ -102,19 +96,13 @@ class MavlinkBody(GuardedBody):
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
         self._mav = self._parser()
-        self._thread = threading.Thread(target=self._serve, name="mavlink", daemon=True)
         self._thread.start()
 
     # The agent's thread
 
     def close(self) -> None:
-        """Stop the vehicle and close the link."""
-        with self._lock:
-            self._guard.command(0.0, 0.0, time.monotonic())
-        self._closing.set()
-        self._thread.join(CLOSE_S)
+        super().close()
         self._link.close()
-        self._log_counts()
 
     # The vehicle's thread
 
@@ -139,7 +127,7 @@ class MavlinkBody(GuardedBody):
                 self._no_link = ""
                 is_peer = self._link.sender == self._link.peer
                 for message in self._messages(self._mav if is_peer else self._parser(), data):
-                    self._take(message, time.monotonic())
+                    self._handle(message, time.monotonic())
             except OSError as error:
                 self._no_link = f"no link to {self._options.device}: {error.strerror or error}"
                 if is_last or self._closing.wait(RETRY_S):
@@ -162,7 +150,7 @@ class MavlinkBody(GuardedBody):
             if message is not None:
                 yield message
 
-    def _take(self, message: Any, now_s: float) -> None:
+    def _handle(self, message: Any, now_s: float) -> None:
         mavlink = self._mavlink
         source = (message.get_srcSystem(), message.get_srcComponent())
         match message.get_msgId():

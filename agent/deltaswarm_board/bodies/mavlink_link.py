@@ -32,11 +32,7 @@ class Device(NamedTuple):
 
 
 def parse_device(text: str, baud: int) -> Device:
-    """Parse a connection string. `baud` is the default for a serial device.
-
-    Raises:
-        ValueError: the string is malformed; the text says what it must be.
-    """
+    """Parse a connection string. `baud` is the default for a serial device."""
     kind, colon, rest = text.partition(":")
     if kind in (*UDP_IN, UDP_OUT, TCP) and colon:
         host, colon, port = rest.rpartition(":")
@@ -75,7 +71,6 @@ class MavlinkLink(abc.ABC):
         """The address to send to, where there is a choice; None: nobody is sent anything."""
 
     def open(self) -> None:
-        """Open the link if it is closed."""
         if self._end is not None:
             return
         try:
@@ -96,7 +91,6 @@ class MavlinkLink(abc.ABC):
                 self._send(data)
 
     def close(self) -> None:
-        """Close the link."""
         if self._end is not None:
             with contextlib.suppress(OSError):  # a device that was pulled out
                 self._end.close()
@@ -124,11 +118,7 @@ class MavlinkLink(abc.ABC):
 
 
 def open_link(device: Device) -> MavlinkLink:
-    """Make the link to a device, which need not exist yet.
-
-    Raises:
-        ImportError: pyserial is not installed.
-    """
+    """Make the link to a device, which need not exist yet."""
     if device.kind == "serial":
         return SerialLink(device.name, device.number)
     if device.kind == TCP:
@@ -175,8 +165,6 @@ class UdpLink(MavlinkLink):
 
 
 class TcpLink(MavlinkLink):
-    """A client."""
-
     def __init__(self, host: str, port: int) -> None:
         super().__init__()
         self._address = (host, port)

@@ -90,7 +90,6 @@ class MavlinkSettings(GuardedSettings):
     )
 
     def problems(self) -> list[Problem]:
-        """Check what involves several keys."""
         problems = super().problems()
         try:
             kind = parse_device(self.device, self.baud).kind
@@ -104,7 +103,6 @@ class MavlinkSettings(GuardedSettings):
         return problems
 
     def limits(self, step_s: float) -> GuardLimits:
-        """Make the guard's limits for an agent that commands once a step."""
         return replace(
             super().limits(step_s),
             heartbeat_s=self.heartbeat_s,

@@ -1,4 +1,4 @@
-"""Make a folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
+"""Make a folder that installs an agent on a board without internet: wheels for its platform, and an installer.
 
 The wheels are those of the agent, eclipse-zenoh and msgpack, in the versions that this machine runs; for boards that
 obey an operator, also cryptography and its dependencies, and where it is installed here, pycdr2 for ROS 2 robots. pip
@@ -58,17 +58,13 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
     """Make the folder `out`; return the names of its wheels.
 
     If given, the operator's public key is put into the example of a board's file.
-
-    Raises:
-        SettingsError: the folder exists.
-        BundleError: a wheel cannot be obtained or does not fit; nothing is left behind.
     """
     if out.exists():
         raise SettingsError([Problem("--out", str(out), "must be a new folder; nothing is overwritten")])
     with _beside(out) as folder, TemporaryFolder() as scratch:
         wheels = folder / "wheels"
         wheels.mkdir()
-        source = _source(scratch / "agent")
+        source = copy_source(scratch / "agent")
         _build(wheels, str(source))
         _fetch(ZENOH, platform, pythons[0], wheels)
         for python in pythons:
@@ -98,13 +94,9 @@ def wheel_platforms(platform: str) -> list[str]:
 
 
 def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[str, str] | None = None) -> None:
-    """Build a wheel that fits any board.
-
-    Raises:
-        BundleError: the wheel is not pure Python, or cannot be built.
-    """
+    """Build a wheel that fits any board."""
     before = set(wheels.iterdir())
-    _pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
+    run_pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
     for wheel in set(wheels.iterdir()) - before:
         if not wheel.name.endswith("-py3-none-any.whl"):
             raise BundleError(f"a wheel that is built here must be pure Python (got {wheel.name})")
@@ -113,7 +105,7 @@ def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[s
 def _fetch(package: str, platform: str, python: str, wheels: Path) -> None:
     """Fetch the wheel of a package in the version that this machine runs."""
     platforms = [option for tag in wheel_platforms(platform) for option in ("--platform", tag)]
-    _pip(
+    run_pip(
         *("download", "--no-deps", "--only-binary", ":all:", "--implementation", "cp", "--python-version", python),
         *(*platforms, "--dest", str(wheels), f"{package}=={version(package)}"),
     )
@@ -131,12 +123,8 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
         _build(wheels, f"{MSGPACK}=={wanted}", *options, environment={"MSGPACK_PUREPYTHON": "1"})
 
 
-def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
-    """Run pip.
-
-    Raises:
-        BundleError: pip failed; the text has its last errors or output.
-    """
+def run_pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
+    """Run pip."""
     argv = bound_to_this("pip", command, "--quiet", "--disable-pip-version-check", *arguments)
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
     if done.returncode:
@@ -145,7 +133,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
         raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join((errors or lines)[-TAIL_LINES:]))
 
 
-def _source(folder: Path) -> Path:
+def copy_source(folder: Path) -> Path:
     """Copy what the board's wheel is made of, from the source tree or this installation, into the folder."""
     origins = [Path(_origin(package)).parent for package in PACKAGES]
     data = origins[0].parent

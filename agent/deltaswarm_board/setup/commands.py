@@ -44,7 +44,6 @@ def _public_key(text: str) -> str:
 
 
 def bundle(arguments: argparse.Namespace) -> int:
-    """Make the folder, and print its files and its name."""
     from deltaswarm_board.setup import bundle as bundles
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
@@ -88,7 +87,6 @@ def add_certificates(command: argparse.ArgumentParser) -> None:
 
 
 def certificates(arguments: argparse.Namespace) -> int:
-    """Make the certificates and the key that are missing."""
     from deltaswarm_orchestrator.processes.certificates import make, revoke
 
     agents: list[int] = arguments.agents or []

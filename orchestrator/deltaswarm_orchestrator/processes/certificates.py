@@ -104,17 +104,17 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
             raise ValueError(f"{folder}: its authority has expired; make certificates in a new folder")
     else:
         authority = Authority.create(days)
-        _write(folder / CA, authority.key, authority.certificate)
+        write_pair(folder / CA, authority.key, authority.certificate)
         new.append(CA)
     revoked = revoked_beside(str(folder / "ca.pem"))
     for user in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
         path = folder / f"{user}.pem"
         wanted = server if user in (WORLD, OPERATOR) else (user,)
-        known = _hosts_in(path) if user in (WORLD, OPERATOR) and path.exists() else ()
+        known = hosts_in(path) if user in (WORLD, OPERATOR) and path.exists() else ()
         name = certified_name(user, revoked)
         is_of_use = path.exists() and _name_in(path) == name and not _has_ended(path)
         if not is_of_use or (known and not {*wanted} <= {*known}):
-            _write(folder / user, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
+            write_pair(folder / user, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
             new.append(user)
     return [folder / f"{name}.{ending}" for name in new for ending in ("pem", "key")]
 
@@ -150,7 +150,8 @@ def _name_in(path: Path) -> str:
     return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
 
-def _hosts_in(path: Path) -> tuple[str, ...]:
+def hosts_in(path: Path) -> tuple[str, ...]:
+    """Return the names and addresses that a certificate is for."""
     extensions = x509.load_pem_x509_certificate(path.read_bytes()).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(name.value) for name in names)
@@ -195,7 +196,7 @@ def pem_of(key: Key, certificate: x509.Certificate) -> tuple[bytes, bytes]:
     return secret, certificate.public_bytes(pem)
 
 
-def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
+def write_pair(stem: Path, key: Key, certificate: x509.Certificate) -> None:
     """Write the key before the certificate, so that every certificate has its key."""
     secret, public = pem_of(key, certificate)
     write_whole(stem.with_name(f"{stem.name}.key"), secret, 0o600)

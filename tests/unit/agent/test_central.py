@@ -73,7 +73,6 @@ def test_the_nearest_free_agents_go_to_events() -> None:
 
 
 def test_an_event_where_somebody_stands_needs_nobody_else() -> None:
-    """Until it is completed; then its agent is free for another."""
     planner, agents = a_planner(), {0: (0.0, 0.0), 1: (50.0, 50.0)}
     agents[0] = planner.plan(0.0, agents, {7: (10.0, 0.0)})[0]
     both = {7: (10.0, 0.0), 8: (12.0, 0.0), 9: (8.0, 4.0)}  # agent 0 senses the last one, too
@@ -108,7 +107,6 @@ def test_agents_wait_where_many_events_occurred(step_s: float) -> None:
 
 
 def test_patrols_pass_everywhere() -> None:
-    """Where nothing is known, no place stays unseen for long."""
     planner, agents = a_planner(), spread(25)
     seen: set[tuple[int, int]] = set()
     for step in range(400):
@@ -159,7 +157,6 @@ def test_an_agent_leaves_its_post_if_every_patrol_is_20_m_farther(patrol_m: floa
 
 
 def test_an_agent_that_works_at_its_post_is_not_sent_elsewhere() -> None:
-    """A patrol is sent, though it is more than 20 m farther away."""
     planner, agents = a_planner_that_knows(1 / 100), {0: POST_M, 1: (5.0, 50.0)}
     assert planner.plan(0.0, agents, {})[0] == POST_M
     goals = planner.plan(1.0, agents, {7: (52.0, 50.0), 8: (70.0, 50.0)})
@@ -169,7 +166,6 @@ def test_an_agent_that_works_at_its_post_is_not_sent_elsewhere() -> None:
 
 @pytest.mark.parametrize(("away_m", "helps"), [(19.0, True), (21.0, False)])
 def test_a_patrol_helps_within_20_m(away_m: float, helps: bool) -> None:
-    """Farther away it goes on looking for other events."""
     agents = {0: (50.0, 50.0), 1: (50.0, 50.0 + away_m)}
     goals = a_planner(agents_per_event=2).plan(0.0, agents, {7: (50.0, 50.0)})
     assert (distance_m(goals[1], (50.0, 50.0)) <= RANGE_M) == helps
@@ -190,7 +186,6 @@ def test_patrols_keep_their_goals_for_20_s_and_apart() -> None:
 
 @given(st.lists(places, min_size=1, max_size=40), st.integers(0, 12))
 def test_posts_are_among_their_places(around: list[Pose], count: int) -> None:
-    """As many as asked for, within the places' extent."""
     at_m = np.array(around)
     found_m = posts(at_m, count, RANGE_M, Random(1))
     assert found_m.shape == (count, 2)
@@ -199,7 +194,6 @@ def test_posts_are_among_their_places(around: list[Pose], count: int) -> None:
 
 
 def test_two_clusters_get_posts_in_both() -> None:
-    """So that no event has a long way to a post."""
     rng = np.random.default_rng(5)
     at_m = np.concatenate([rng.normal((30, 30), 3, (80, 2)), rng.normal((70, 70), 3, (20, 2))])
     found_m = posts(at_m, 4, RANGE_M, Random(1))
@@ -229,7 +223,6 @@ def test_no_post_is_drawn_to_what_is_out_of_its_reach_anyway() -> None:
 
 
 def test_what_is_learnt_fades() -> None:
-    """After a jump of the density, posts follow."""
     learnt = LearntMap(Cells(TASK))
     learnt.learn(0.0, 20.0, 20.0)
     fresh = learnt.weights(0.0).max()
@@ -266,7 +259,6 @@ sensed_frames = st.builds(
 
 @given(sensed_frames, st.dictionaries(st.integers(0, 0xFFFF), st.just((12.34, 0.0)), max_size=20))
 def test_frames_return_as_they_were(sensed: SensedFrame, goals: dict[int, Pose]) -> None:
-    """Both kinds, and neither is taken for the other."""
     assert frames.decode_sensed(frames.encode_sensed(sensed)) == sensed
     assert frames.decode_plan(frames.encode_plan(goals)) == goals
     with pytest.raises(WireError):
@@ -277,7 +269,6 @@ def test_frames_return_as_they_were(sensed: SensedFrame, goals: dict[int, Pose])
 
 @given(st.binary(max_size=60))
 def test_rubbish_on_the_air_is_counted(data: bytes) -> None:
-    """By the planner and by the others; nobody fails."""
     for agent in (PLANNER, 1):
         one = CentralController(ControllerContext(agent, "central", CentralSettings(), TASK, agent_rng(1, agent)))
         decision = one.step(Percept(0, 0.0, (50.0, 50.0), (), (), [(1 - agent, data)]))
@@ -296,7 +287,6 @@ def test_an_event_that_is_not_sensed_any_more_is_gone() -> None:
 
 @pytest.mark.parametrize("step_s", [0.5, 2.0])
 def test_agents_are_expected_where_they_were_sent(step_s: float) -> None:
-    """Until they are silent for too long."""
     overview = Overview(AgentSettings(step_s=step_s), 15.0)
     overview.update(1, SensedFrame((10.0, 10.0), ()), 0.0)
     for step in range(1, round(10 / step_s) + 1):
@@ -317,7 +307,6 @@ def waiting_s(*overrides: str) -> float:
 
 
 def test_more_knowledge_means_less_waiting() -> None:
-    """Decentralised, central, and with all events known."""
     shared = ["run.duration_s=1200", "metrics.horizon_s=300", "events.rate_hz=0.1"]
     decentralised = waiting_s(*shared, "control.mode=decentralised")
     central = waiting_s(*shared, *SHORT[1:])
@@ -364,7 +353,6 @@ def test_the_planner_alone_reports() -> None:
     ],
 )
 def test_what_central_control_and_bounds_need(overrides: list[str], said: str) -> None:
-    """One line, before anything starts."""
     with pytest.raises(SettingsError, match=said):
         load_scenario("paper-25", overrides)
 

@@ -45,15 +45,12 @@ class GuideSettings:
 
 
 class Guide:
-    """A controller of somebody else's."""
-
     Settings: ClassVar[type[GuideSettings]] = GuideSettings
 
     def __init__(self, context: ControllerContext) -> None:
         self.context = context
 
     def step(self, percept: Percept) -> Decision:
-        """Walk along x."""
         return Decision((self.context.settings.pace_mps, 0.0))
 
 
@@ -61,7 +58,6 @@ class WithoutSettings:
     """No controller."""
 
     def step(self, percept: Percept) -> Decision:
-        """Stand."""
         return Decision()
 
 

@@ -37,8 +37,6 @@ class NoSettings:
 
 
 class Scripted:
-    """Gives the decisions that it was made with, one after the other, and keeps what it was told."""
-
     Settings: ClassVar[type[NoSettings]] = NoSettings
 
     def __init__(self, *decisions: Any) -> None:
@@ -46,7 +44,6 @@ class Scripted:
         self.percepts: list[Percept] = []
 
     def step(self, percept: Percept) -> Decision:
-        """The next decision; an exception is raised."""
         self.percepts.append(percept)
         found = self._decisions.pop(0)
         if isinstance(found, BaseException):
@@ -80,7 +77,6 @@ def test_a_controller_is_told_what_is_sensed_and_heard() -> None:
 
 
 def test_a_decision_becomes_an_act() -> None:
-    """Its bytes are those of the act."""
     decision = Decision((0.5, -0.25), (4,), None, None, "guide", 2, 3, 1, 9)
     out = outbound(decision)
     assert out.act == decode_act(out.act_bytes)
@@ -219,7 +215,6 @@ def test_a_bad_decision_is_one_line_with_controller_and_step(bad: str) -> None:
 
 
 def test_an_interrupt_is_not_a_controllers_failure() -> None:
-    """Ctrl-C goes through."""
     with pytest.raises(KeyboardInterrupt):
         core_of(KeyboardInterrupt())[0].step(frame(3))
 
@@ -243,7 +238,6 @@ decisions = st.builds(
 
 @given(decisions)
 def test_every_good_decision_is_sent_as_it_is(decision: Decision) -> None:
-    """And what is sent can be decoded."""
     out = outbound(decision)
     assert decode_act(out.act_bytes) == out.act
     assert ((out.act.vx_mps, out.act.vy_mps), out.act.observed) == (decision.velocity, decision.observed)
@@ -271,7 +265,6 @@ def test_late_and_duplicate_frames_are_dropped() -> None:
 
 
 def test_own_frames_are_dropped() -> None:
-    """An echo is no neighbour."""
     assert Receiver(ME, 1.0).newest_of([sample(ME, 0), sample(8, 0)], 0)[0] == [(8, b"hello")]
 
 
@@ -285,7 +278,6 @@ def test_malformed_frames_are_counted_and_dropped(data: bytes) -> None:
 
 
 def test_a_malformed_frame_does_not_hide_its_senders_good_one() -> None:
-    """It is as if it had not been heard."""
     receiver = Receiver(ME, 1.0)
     assert receiver.newest_of([(5, b"\xc1"), sample(5, 0), (5, b"")], 0)[0] == [(5, b"hello")]
     assert receiver.rejected == 2
@@ -293,7 +285,6 @@ def test_a_malformed_frame_does_not_hide_its_senders_good_one() -> None:
 
 @pytest.mark.parametrize("step_s", [0.25, 1.0, 5.0])
 def test_a_counter_may_begin_anew_after_20_s_of_silence(step_s: float) -> None:
-    """A sender that was restarted is believed then, and not before."""
     silence = round(FORGET_SENDER_S / step_s)
     for waited, believed in ((silence, False), (silence + 1, True)):
         receiver = Receiver(ME, step_s)

@@ -118,9 +118,9 @@ def test_a_walk_stays_outside_and_within_the_speed_limit(
 def test_an_obstacle_is_a_mirror() -> None:
     """Specular: along the edge a walk goes on as before, across it goes back, at the same speed."""
     walk = Walk(on_map(SQUARE, speed_mps=2.0), 100.0, random.Random(1))
-    walk._vx, walk._vy, walk._ends = 1.6, 1.2, 100
+    walk.vx_mps, walk.vy_mps, walk.ends = 1.6, 1.2, 100
     assert walk.velocity(0, 9.0, 14.0) == pytest.approx((0.4, 1.2))
-    assert (walk._vx, walk._vy) == pytest.approx((-1.6, 1.2))
+    assert (walk.vx_mps, walk.vy_mps) == pytest.approx((-1.6, 1.2))
     assert walk.velocity(1, 9.4, 15.2) == pytest.approx((-1.6, 1.2))
 
 

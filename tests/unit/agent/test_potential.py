@@ -25,7 +25,6 @@ def percept(step: int, pose: Pose, heard: list[tuple[int, bytes]], events: tuple
 
 
 def beacon_of(pose: Pose) -> bytes:
-    """What an agent broadcasts at a place."""
     sender = an_agent(2, beacon_s=1.0)
     return next(filter(None, (sender.step(percept(step, pose, [])).payload for step in range(3))))
 
@@ -44,7 +43,6 @@ def test_a_neighbour_pushes_straight_away(direction: float, distance_m: float) -
 
 
 def test_a_neighbour_unheard_is_forgotten() -> None:
-    """After its time nobody pushes any more."""
     agent = an_agent(memory_s=3.0)
     assert agent.step(percept(0, (50.0, 50.0), [(2, beacon_of((52.0, 50.0)))])).velocity != (0.0, 0.0)
     assert agent.step(percept(4, (50.0, 50.0), [])).velocity == (0.0, 0.0)
@@ -52,13 +50,11 @@ def test_a_neighbour_unheard_is_forgotten() -> None:
 
 @given(st.binary(max_size=40))
 def test_rubbish_on_the_air_moves_nobody(data: bytes) -> None:
-    """Unless it is a beacon by chance."""
     decision = an_agent().step(percept(0, (50.0, 50.0), [(2, data)]))
     assert all(map(math.isfinite, decision.velocity))
 
 
 def test_an_agent_that_senses_an_event_stands_and_reports_it() -> None:
-    """The nearest, which it observes."""
     near, far = Event(7, 51.0, 50.0), Event(8, 54.0, 50.0)
     decision = an_agent().step(percept(0, (50.0, 50.0), [(2, beacon_of((52.0, 50.0)))], (far, near)))
     assert (decision.velocity, decision.observed, decision.role) == ((0.0, 0.0), (7,), "attending")

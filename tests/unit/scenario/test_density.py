@@ -47,14 +47,12 @@ def test_the_mean_follows_the_path(time_s: float, mean_m: tuple[float, float]) -
 
 @given(st.floats(0, 1e8))
 def test_without_a_path_the_mean_stays(time_s: float) -> None:
-    """At `mean_m`; with one, `mean_m` counts for nothing."""
     assert ComponentSettings(mean_m=(3.0, 4.0)).mean_at(time_s) == (3.0, 4.0)
     moved = ComponentSettings(mean_m=(3.0, 4.0), path_m=((8.0, 9.0),), path_s=(5.0,))
     assert moved.mean_at(time_s) == (8.0, 9.0)
 
 
 def test_a_mean_that_a_path_replaces_may_be_anywhere() -> None:
-    """Its default would be outside a smaller arena."""
     density = {"path_m": [[10, 10]], "path_s": [0]}
     assert load(Scenario, {"events": {"density": density}, "arena": {"width_m": 40, "height_m": 40}})
 
@@ -80,7 +78,6 @@ MISTAKES: list[tuple[Any, list[tuple[str, str]]]] = [
 
 @in_one_test(("density", "found"), MISTAKES)
 def test_each_mistake_is_a_message_with_its_key(density: Any, found: list[tuple[str, str]]) -> None:
-    """In the path of a gaussian and in that of a mixture's component."""
     assert mistakes(density) == [(f"events.density.{path}", value) for path, value in found]
     mixture = {"kind": "mixture", "components": [{}, density]}
     assert mistakes(mixture) == [(f"events.density.components[1].{path}", value) for path, value in found]
@@ -88,7 +85,6 @@ def test_each_mistake_is_a_message_with_its_key(density: Any, found: list[tuple[
 
 @pytest.mark.parametrize("kind", [{"kind": "uniform"}, {"kind": "grid", "file": "a.csv"}, {"kind": "mixture"}])
 def test_only_a_normal_distribution_moves(kind: dict[str, Any]) -> None:
-    """A path of another kind is refused; one of a mixture belongs to a component."""
     parts = {"components": [{}]} if kind["kind"] == "mixture" else {}
     assert mistakes({**kind, **parts, **WAY}) == [
         ("events.density.path_m", "[[10.0, 50.0], [90.0, 50.0]]"),
@@ -97,7 +93,6 @@ def test_only_a_normal_distribution_moves(kind: dict[str, Any]) -> None:
 
 
 def test_a_path_through_a_wall_is_refused() -> None:
-    """Although both waypoints are free; the message says when."""
     [(path, found)] = mistakes({**WAY, **NARROW}, (WALL,))
     assert path == "events.density"
     share, time_s = (float(found.split()[index]) for index in (0, 3))
@@ -118,7 +113,6 @@ def test_a_path_through_a_wall_is_refused() -> None:
     ],
 )
 def test_a_path_may_jump_over_a_wall(path_m: Any, path_s: Any, is_refused: bool) -> None:
-    """No event occurs on a jump; but at no time may the density be in the wall, and be it just before a jump."""
     density = {"path_m": path_m, "path_s": path_s, **NARROW}
     if is_refused:
         assert [path for path, _ in mistakes(density, (WALL,))] == ["events.density"]
@@ -166,7 +160,6 @@ def test_the_check_is_cheap(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_example_of_the_documentation_is_a_scenario() -> None:
-    """The block in SWEEPS.md, through TOML and back, with or without comments."""
     table = tomllib.loads(files((ROOT / "docs" / "SWEEPS.md").read_text())["moving.toml"])
     scenario = load(Scenario, table)
     assert scenario.events.density.path_s == (0.0, 3600.0, 3600.0)
@@ -175,6 +168,5 @@ def test_the_example_of_the_documentation_is_a_scenario() -> None:
 
 
 def test_a_path_can_be_set_on_the_command_line() -> None:
-    """As one value a key."""
     scenario = load_scenario("smoke", ["events.density.path_m=[[5, 5], [35, 5]]", "events.density.path_s=[0, 60]"])
     assert scenario.events.density.normals_at(30.0)[0][1] == (20.0, 5.0)

@@ -45,13 +45,11 @@ KILL = {"kind": "kill", "at_s": 5.0}
     ],
 )
 def test_a_mistake_is_one_message(fault: dict[str, Any], said: tuple[str, str]) -> None:
-    """With its path and what was found."""
     table = {"run": {"duration_s": 300}, "agents": {"count": 6}, "fault": [{**KILL, "agents": [0]}, fault]}
     assert mistakes(table) == [(f"fault[1].{said[0]}", said[1])]
 
 
 def test_a_timeline_survives_the_way_through_toml() -> None:
-    """The effective scenario, written back, is the same scenario."""
     timeline = 'fault=[{kind="freeze",at_s=1,duration_s=2.5,agents=[3,1]},{kind="lying",at_s=0,roots=true,phantoms=2}]'
     scenario = load_scenario("smoke", [timeline])
     assert [fault.kind for fault in scenario.fault] == ["freeze", "lying"]
@@ -59,7 +57,6 @@ def test_a_timeline_survives_the_way_through_toml() -> None:
 
 
 def test_each_kind_and_detail_is_explained() -> None:
-    """In docs/FAULTS.md."""
     page = (Path(__file__).parents[3] / "docs" / "FAULTS.md").read_text()
     for name in (*FAULTS.shipped, "noise_m", "miss", "factor", "phantoms", "duration_s"):
         assert f"`{name}`" in page
@@ -83,7 +80,6 @@ def test_a_fault_begins_with_the_first_step_at_its_time_and_lasts_a_step_at_leas
     st.dictionaries(st.sampled_from(["kind", "at_s", "duration_s", "agents", "fraction", "roots", "miss"]), st.none())
 )
 def test_nothing_is_no_value(table: dict[str, Any]) -> None:
-    """A key that is given must have a value."""
     made, found = check(FaultSettings, table)
     assert made is None
     assert found

@@ -80,7 +80,6 @@ def test_a_scenario_has_what_the_file_says(file: Path, tmp_path: Path) -> None:
     ],
 )
 def test_mistakes_are_told_when_the_scenario_is_loaded(tmp_path: Path, line: str, hint: str) -> None:
-    """An entry that the page does not have, other placeholders, no text."""
     file = tmp_path / "x.toml"
     file.write_text(f"schema = 1\n[page]\n{line}\n")
     with pytest.raises(SettingsError) as error:
@@ -91,7 +90,6 @@ def test_mistakes_are_told_when_the_scenario_is_loaded(tmp_path: Path, line: str
 
 
 def test_a_file_that_is_not_there_is_told() -> None:
-    """With the built-in languages."""
     with pytest.raises(SettingsError, match="must be a TOML file or one of de"):
         load_scenario("smoke", ["operator.page.language=xx.toml"])
 
@@ -125,7 +123,6 @@ def test_a_session_has_one_language(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_the_conductor_reads_english_and_consent_is_what_was_read(file: Path) -> None:
-    """The participant's hello has the language; the sheet's digest is that of the shown text."""
     settings = ["operator.probes.consent='Do you agree?'", "operator.probes.participant=P1"]
     console = Console(load_scenario(str(file), settings).for_operator((), 1.0))
     assert console.hello("a run", LIVE)["language"]["tag"] == "fr"
@@ -139,10 +136,8 @@ def test_the_conductor_reads_english_and_consent_is_what_was_read(file: Path) ->
 
 
 def test_a_run_of_an_older_version_can_be_loaded() -> None:
-    """Though its page had a text that is no longer there."""
     assert not LanguageSettings("de", {"Outbox": "Postausgang"}).problems()
 
 
 def test_a_language_that_says_nothing_is_english() -> None:
-    """Nothing is sent to the page."""
     assert LanguageSettings("", {"Inbox": ""}).told is None

@@ -26,14 +26,12 @@ RIGHT: dict[str, dict[str, Any]] = {
 
 
 def test_the_console_carries_out_what_participant_and_conductor_may_send() -> None:
-    """Each type has its function, and no other."""
     assert INTENTS.keys() == {kind for kind, form in FROM_PAGE.items() if {PARTICIPANT, CONDUCTOR} & {*form.pages}}
 
 
 @pytest.mark.parametrize("page", page_messages.EVERYBODY)
 @pytest.mark.parametrize("kind", FROM_PAGE)
 def test_a_page_is_answered_whatever_it_sends(page: str, kind: str) -> None:
-    """What it may not send is refused with its reason; a notice is dropped without a word."""
     data = json.dumps({"type": kind, "from": 7, "extra": 1, **RIGHT.get(kind, {})}).encode()
     carried_out: list[Any] = []
 
@@ -66,7 +64,6 @@ def test_a_page_is_answered_whatever_it_sends(page: str, kind: str) -> None:
     ],
 )
 def test_a_wrong_field_is_named(kind: str, field: str, value: Any, why: str) -> None:
-    """With what it must be."""
     with pytest.raises(RefusedError, match=why) as refused:
         checked({"type": kind, **RIGHT.get(kind, {}), field: value})
     assert field in str(refused.value)
@@ -74,12 +71,10 @@ def test_a_wrong_field_is_named(kind: str, field: str, value: Any, why: str) -> 
 
 
 def test_long_texts_are_cut() -> None:
-    """A note to 2000 characters."""
     assert checked({"type": "note", "text": "a" * 3000})["text"] == "a" * 2000
 
 
 def test_a_message_to_the_page_has_the_fields_of_its_type() -> None:
-    """Those that are left out have their defaults; one that is missing or unknown is a mistake of ours."""
     told = {"inbox": (), "counts": (), "read": [1], "history": ()}
     assert made("catch_up", to=3, read=[1]) == {"type": "catch_up", "to": 3, **told}
     for kind, fields in (("read", {}), ("read", {"items": [], "more": 1}), ("act", {"acts": []})):

@@ -76,7 +76,6 @@ from tests.support.tiers import in_one_test
     ],
 )
 def test_a_mistake_gives_one_clear_message(table: dict[str, Any], said: tuple[str, str]) -> None:
-    """It has the key's path and what was found."""
     part = said[0].partition(".")[0]
     assert mistakes({"agents": {"count": 5}, part: table}) == [said]
 
@@ -90,37 +89,31 @@ def test_a_mistake_gives_one_clear_message(table: dict[str, Any], said: tuple[st
     ],
 )
 def test_a_zone_that_touches_the_arena_is_none_outside(jammer: dict[str, Any]) -> None:
-    """At its edge, or on its way."""
     assert load(Scenario, {"radio": {"jammers": [jammer]}}).radio.jammers
 
 
 @given(radios)
 def test_any_air_survives_the_way_through_a_table(table: dict[str, Any]) -> None:
-    """Reading what was written gives the same settings."""
     scenario = load(Scenario, {"radio": table})
     assert load(Scenario, plain(scenario)) == scenario
 
 
 def test_everything_at_once_is_a_scenario_file(tmp_path: Path) -> None:
-    """Tables in lists are written out as TOML, and read back."""
     scenario = load_scenario("smoke", EVERYTHING)
     (tmp_path / "all.toml").write_text(to_toml(scenario))
     assert load_scenario(str(tmp_path / "all.toml")) == scenario
 
 
 def test_no_frame_is_shorter_than_the_least() -> None:
-    """By which a bandwidth is judged."""
     assert len(encode_sample(Sample(0, b""))) == LEAST_FRAME_BYTES
 
 
 def test_the_reference_names_the_keys_of_tables_in_lists() -> None:
-    """What a wall or a jammer is made of can be looked up."""
     for key in ("burst.p_good_to_bad", "walls[].a_m", "jammers[].waypoints_m", "ranges[].agents"):
         assert f"| `radio.{key}` |" in reference()
 
 
 def test_all_is_off_by_default() -> None:
-    """The plain disc."""
     radio = RadioSettings()
     assert (radio.ranges, radio.walls, radio.jammers, radio.blackouts) == ((), (), (), ())
     assert (radio.burst.is_on, radio.asymmetry.dead_share, radio.asymmetry.range_factor_low) == (False, 0, 1)
@@ -142,7 +135,6 @@ def test_all_is_off_by_default() -> None:
     ],
 )
 def test_any_piece_turns_the_uplink_on(uplink: dict[str, Any]) -> None:
-    """Without one it is off; and a table survives being written and read."""
     made = load(UplinkSettings, uplink)
     assert made.is_on
     assert load(UplinkSettings, plain(made)) == made
@@ -150,12 +142,10 @@ def test_any_piece_turns_the_uplink_on(uplink: dict[str, Any]) -> None:
 
 
 def test_no_report_is_shorter_than_the_bound() -> None:
-    """The smallest one is as long."""
     assert len(encode_report(Report(0, 0, 0, "root", 0.0, 0.0, 0, ()))) == LEAST_REPORT_BYTES
 
 
 def test_the_operator_hears_the_world_and_no_agent() -> None:
-    """And no agent may send as the world."""
     keys = Keys("r")
     rules = world_rules(keys, range(3))["rules"]
     allowed = {rule["id"]: rule["key_exprs"] for rule in rules}

@@ -41,14 +41,12 @@ NO_CASTS: dict[Any, tuple[Any, ...]] = {int: (True, False, "1", 2.0), float: (Tr
 
 
 def table_with(path: Path, value: Any) -> dict[str, Any]:
-    """A table that gives one key."""
     for name in reversed(path):
         value = {name: value}
     return dict(value)
 
 
 def problems(table: Any, cls: type[Any] = Scenario) -> list[str]:
-    """The mistakes in a table, as texts."""
     with pytest.raises(SettingsError) as caught:
         load(cls, table)
     assert str(caught.value) == "\n".join(map(str, caught.value.problems))
@@ -76,14 +74,12 @@ def test_an_empty_table_is_the_papers_scenario() -> None:
 
 @in_one_test("path", LEAVES)
 def test_every_key_says_what_it_is(path: Path) -> None:
-    """Each key has a meaning, and one that has a source names the paper or our reading of it."""
     _, limits = LEAVES[path]
     assert limits["doc"]
     assert limits["source"].startswith(("paper", "our reading")) or not limits["source"]
 
 
 def test_settings_survive_the_way_through_a_table() -> None:
-    """What is written back is what was read, mixtures and matrices included."""
     component = {"weight": 2, "mean_m": [10, 20], "covariance_m2": [[9, 1], [1, 4]]}
     table = {
         "seed": 2**63 - 1,
@@ -112,7 +108,6 @@ def test_settings_survive_the_way_through_a_table() -> None:
     )
 )
 def test_any_valid_scenario_survives_too(table: dict[str, Any]) -> None:
-    """Reading what was written gives the same settings."""
     scenario = load(Scenario, table)
     assert load(Scenario, plain(scenario)) == scenario
     assert scenario.run.steps >= 1
@@ -145,14 +140,12 @@ def test_an_agent_is_told_its_task_and_its_body_alone() -> None:
     ],
 )
 def test_an_unknown_key_is_a_mistake_with_a_suggestion(table: Any, path: str, hint: str) -> None:
-    """A mistyped key never passes in silence."""
     (text,) = problems(table)
     assert path in text.split(": ")
     assert hint in text
 
 
 def test_all_mistakes_are_found_at_once() -> None:
-    """One run of the check shows every mistake, each with its path and value."""
     table = {
         "sed": 3,
         "record": "all",
@@ -184,7 +177,6 @@ NO_VALUES: tuple[Any, ...] = (
 
 @in_one_test("path", LEAVES)
 def test_no_key_takes_what_is_no_value_of_its(path: Path) -> None:
-    """NaN, infinities, tables, and integers beyond every float or too long to print."""
     for value in NO_VALUES:
         (text,) = problems(table_with(path, value))
         assert text.startswith(f"{of_key(path)} must ")
@@ -248,7 +240,6 @@ EVERYWHERE = {"corners_m": [[0, 0], [100, 0], [100, 100], [0, 100]]}
     ],
 )
 def test_keys_that_do_not_fit_together_are_mistakes(table: Any, path: str) -> None:
-    """What no single key can show is found once each key is well."""
     (text,) = problems(table)
     assert text.startswith(f"{path} must ")
     assert len(text) < 300
@@ -262,19 +253,16 @@ def test_a_name_makes_the_name_of_a_run() -> None:
 
 @in_one_test("table", [None, [], "x", 5, [("seed", 1)]])
 def test_what_is_no_table_is_one_mistake(table: Any) -> None:
-    """Whatever a file held instead."""
     assert paths_of(problems(table)) == ["settings"]
     assert check(OperatorSettings, table, "operator")[1][0].path == "operator"
 
 
 def test_a_problem_reads_as_one_line() -> None:
-    """The key, what must hold, and what was got; anything else comes after the key."""
     assert str(Problem("a.b", "7", "must be at most 5")) == "a.b must be at most 5 (got 7)"
     assert str(Problem("a.c", "unknown", "use a.b")) == "a.c: unknown; use a.b"
 
 
 def test_mistakes_are_found_below_a_path() -> None:
-    """A part that is started by hand names its own table."""
     with pytest.raises(SettingsError, match=r"^run\.step_s must .*0\.01.*60.*got 0"):
         load(RunSettings, {"step_s": 0}, "run")
 
@@ -284,14 +272,12 @@ NAMES = sorted({name for path in LEAVES for name in path} | {"x", "components", 
 
 @given(tables_of(NAMES, ["hybrid", "decentralised", "grid", "mixture", "realtime", 10**400]))
 def test_no_table_breaks_the_check(table: dict[str, Any]) -> None:
-    """Any table gives settings or mistakes, never both, never neither, and no other exception."""
     made, found = check(Scenario, table)
     assert (made is None) == bool(found)
     assert all(problem.path and problem.allowed and len(str(problem)) < 500 for problem in found)
 
 
 def test_a_table_as_deep_as_you_like_is_a_mistake_like_any_other() -> None:
-    """What cannot be printed is named by its type."""
     value: list[Any] = []
     for _ in range(5000):
         value = [value]

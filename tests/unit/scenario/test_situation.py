@@ -51,7 +51,6 @@ def scored(
 def test_an_answer_is_compared_with_the_truth(
     item: str, value: str, truth: str, is_right: int | None, error: float | None
 ) -> None:
-    """Of the step at which it was shown; a missing answer is neither right nor wrong."""
     rows = scored([(item, value)], [event(1, 10.0, 50.0)], events_open=7, agents_in_trees=12, trees=3)
     asked = ("sagat", 2, item, 10.0, value)
     assert rows == [SituationRow(*asked, "", truth, None, None, is_right, error, None, None)]
@@ -71,13 +70,11 @@ def test_an_answer_is_compared_with_the_truth(
 def test_an_answer_is_right_by_what_the_page_showed(
     item: str, value: str, known: str, scores: tuple[float | None, ...]
 ) -> None:
-    """Beside it by the truth, and whether the page showed the truth, which is the swarm's part."""
     [row] = scored([(item, value)], [event(1, 10.0, 50.0)], known, events_open=7)
     assert row[7:] == scores
 
 
 def test_what_the_page_shows_is_known() -> None:
-    """Events that are reported, agents in trees with their roots, trees, and quarters by reported places."""
     seen = Seen([(10.0, 50.0), (90.0, 50.0), (80.0, 40.0)], [4, 4, 4, 7], 100.0, 60.0)
     assert [known(item, seen) for item in SITUATION] == ["3", "4", "2", "top right"]
     nothing = [known(item, Seen((), (), 100.0, 60.0)) for item in SITUATION]
@@ -114,7 +111,6 @@ def test_the_quarter_with_most_events(places: list[tuple[float, float]], truth: 
 def test_an_event_is_open_from_its_arrival_until_it_is_complete(
     arrived_s: float, completed_s: float | None, is_counted: bool
 ) -> None:
-    """At the end of the step, not before or after it."""
     one = event(1, 10.0, 50.0, arrived_s, completed_s)
     assert is_open(one, 10.0) == is_counted
     [row] = scored([("most_events", "top left")], [one, event(2, 90.0, 50.0)])
@@ -122,7 +118,6 @@ def test_an_event_is_open_from_its_arrival_until_it_is_complete(
 
 
 def test_an_answer_of_an_unknown_moment_is_left_out() -> None:
-    """A run without questions about the situation has no rows, also if it has other answers."""
     asked = {"probe": "spam", "number": "0", "item": "trees", "asked_s": "10.5", "value": "1"}
     assert score(Recorded({"probes": [asked]}.get, [step(10.0)], **ARENA)) == []
     assert score(Recorded({"probes": [{**asked, "probe": "isa"}]}.get, [step(10.0)], **ARENA)) is None
@@ -131,7 +126,6 @@ def test_an_answer_of_an_unknown_moment_is_left_out() -> None:
 
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
 def test_what_is_open_is_what_the_world_calls_open(step_s: float) -> None:
-    """In each step of a run."""
     scenario = load_scenario("smoke", ["run.duration_s=150", f"run.step_s={step_s}", "control.mode=decentralised"])
     outcome = run_in_process(scenario)
     assert any(record.events_completed for record in outcome.step_records)

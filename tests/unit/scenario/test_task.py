@@ -15,7 +15,6 @@ from tests.support.tiers import in_one_test
 
 
 def rows(hits: int, misses: int, false_alarms: int, rejections: int, unjudged: int = 0) -> list[JudgementRow]:
-    """So many events of each kind."""
     kinds = {(TARGET, TARGET): hits, (TARGET, DECOY): misses, (DECOY, TARGET): false_alarms, (DECOY, DECOY): rejections}
     kinds[DECOY, ""] = unjudged
     return [JudgementRow(0, 0, *kind, None, 0) for kind, count in kinds.items() for _ in range(count)]
@@ -44,7 +43,6 @@ def test_all_is_counted_once_and_mirrored_answers_mirror_the_scores(
 
 
 def test_sensitivity_and_criterion_are_those_of_the_textbook() -> None:
-    """With many events the correction vanishes; with few it keeps them finite."""
     z = NormalDist().inv_cdf
     many = score(rows(8000, 2000, 1000, 9000))
     assert many["d_prime"] == pytest.approx(z(0.8) - z(0.1), abs=1e-3)
@@ -53,8 +51,6 @@ def test_sensitivity_and_criterion_are_those_of_the_textbook() -> None:
 
 
 def test_the_last_judgement_counts() -> None:
-    """Each reported event has a row, also one that was not judged; other acts are passed over."""
-
     def act(time_s: float, event: int, name: str) -> Mapping[str, Any]:
         return {"kind": "judge", "time_s": str(time_s), "event": str(event), "name": name}
 
@@ -69,7 +65,6 @@ def test_the_last_judgement_counts() -> None:
 
 
 def test_the_person_is_told_the_score() -> None:
-    """If there was a task."""
     form = score_form({"task": score(rows(3, 1, 2, 4, 5))})
     assert form is not None
     assert "7 of 15" in form.text
@@ -101,7 +96,6 @@ def test_scores_of_few_events(
 
 
 def test_the_table_is_there_if_there_was_a_task_and_somebody_to_do_it() -> None:
-    """Also if nothing was judged."""
     numbers = [{"number": "1", "event": "77"}, {"number": "2", "event": "78"}]
     acts = [{"kind": "judge", "time_s": f"{at}", "event": "1", "name": name} for at, name in enumerate("aab")]
     scored = JudgementTask.scored

@@ -35,7 +35,6 @@ NEEDED = "an answer to each of mental, physical, temporal, performance, effort, 
 
 
 def technique(**settings: Any) -> Any:
-    """The only technique that a run with these settings uses."""
     [one] = ProbeSettings(**{"isa_every_s": 0.0, **settings}).techniques
     return one
 
@@ -54,12 +53,10 @@ def technique(**settings: Any) -> Any:
     ],
 )
 def test_the_settings_say_which_techniques_a_run_uses(settings: dict[str, Any], names: list[str]) -> None:
-    """In the order in which they are asked if several are due."""
     assert [one.name for one in ProbeSettings(**settings).techniques] == names
 
 
 def test_the_names_and_the_scored_tables_follow_from_the_list() -> None:
-    """A form may have none of the names."""
     assert {"sagat", "spam", "isa", "tlx"} <= {*NAMED}
     assert {"judgements", "situation"} <= SCORED.keys()
     for name in (*NAMED, "f"):
@@ -76,7 +73,6 @@ def test_the_names_and_the_scored_tables_follow_from_the_list() -> None:
     ],
 )
 def test_who_asks_about_the_situation_asks_something(settings: dict[str, Any], path: str) -> None:
-    """Without times no question is needed."""
     assert [problem.path for problem in ProbeSettings(**settings).problems()] == [path]
     assert not ProbeSettings(sagat_questions=(), spam_questions=()).problems()
 
@@ -84,7 +80,6 @@ def test_who_asks_about_the_situation_asks_something(settings: dict[str, Any], p
 @pytest.mark.parametrize(("at_s", "late"), [((9.0, 10.0, 12.0), "10, 12"), ((9.9,), None)])
 @pytest.mark.parametrize("name", ["sagat", "spam"])
 def test_times_are_before_the_end_of_the_run(name: str, at_s: tuple[float, ...], late: str | None) -> None:
-    """The last step asks no question about a moment."""
     problems = technique(**{f"{name}_at_s": at_s}).problems_within(10.0)
     assert [(problem.path, problem.given) for problem in problems] == (
         [(f"operator.probes.{name}_at_s", late)] if late else []
@@ -101,7 +96,6 @@ def test_times_are_before_the_end_of_the_run(name: str, at_s: tuple[float, ...],
     ],
 )
 def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None:
-    """ISA an interval after the last one; others at their times."""
     assert [technique(**settings).due_s(number, 100.0, Random(1)) for number in range(len(due_s))] == due_s
 
 
@@ -123,7 +117,6 @@ def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None
     ],
 )
 def test_a_question_of_a_form_can_be_answered(question: QuestionSettings, path: str | None) -> None:
-    """2 to 11 points, bounds in order, two different choices, a name and a text."""
     assert [problem.path for problem in question.problems()] == ([path] if path else [])
 
 
@@ -139,17 +132,14 @@ def test_a_question_of_a_form_can_be_answered(question: QuestionSettings, path: 
     ],
 )
 def test_a_form_has_a_name_and_something_to_show(form: FormSettings, is_right: bool) -> None:
-    """Questions of different names, or a text."""
     assert [problem.path for problem in form.problems()] == ([] if is_right else ["question"])
 
 
 def test_the_longest_text_is_taken() -> None:
-    """2000 characters."""
     assert technique(form=(FORM,)).answers(0, {"answers": {**GIVEN, "why": "x" * 2000}})["why"] == "x" * 2000
 
 
 def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
-    """Uniform, and no less than the interval."""
     rng = Random(1)
     times_s = [technique(isa_every_s=30.0, isa_jitter_s=10.0).due_s(0, 0.0, rng) for _ in range(200)]
     assert 30.0 <= min(times_s) < 31.0
@@ -180,7 +170,6 @@ def test_the_jitter_of_isa_is_added_to_its_interval() -> None:
 def test_answers_that_are_taken(
     settings: dict[str, Any], number: int, message: dict[str, Any], answers: dict[str, Any], act: dict[str, Any]
 ) -> None:
-    """By item, with the columns of the act."""
     one = technique(**settings)
     assert one.answers(number, message) == answers
     assert one.act(answers) == act
@@ -239,7 +228,6 @@ def test_answers_that_are_taken(
     ],
 )
 def test_answers_that_are_refused(settings: dict[str, Any], message: dict[str, Any], why: str) -> None:
-    """With a text for the person."""
     with pytest.raises(ValueError, match=rf".*{why.replace('?', '[?]')}"):
         technique(**settings).answers(0, message)
 
@@ -260,7 +248,6 @@ def test_answers_that_are_refused(settings: dict[str, Any], message: dict[str, A
     ],
 )
 def test_scores(given: list[dict[str, Any]], isa: dict[str, Any] | None, tlx: dict[str, Any] | None) -> None:
-    """ISA: the mean answer. NASA-TLX: the last form, raw and weighted."""
     assert isa is None or Isa.scores(given) == isa
     assert tlx is None or Tlx.scores(given) == tlx
     assert Sagat.scores([ANSWERS]) == Form.scores([GIVEN]) == {}
@@ -268,7 +255,6 @@ def test_scores(given: list[dict[str, Any]], isa: dict[str, Any] | None, tlx: di
 
 @in_one_test(("load", "answer"), [(0.0, 1), (0.19, 1), (0.2, 2), (0.39, 2), (0.5, 3), (0.79, 4), (0.8, 5), (1.0, 5)])
 def test_a_simulated_person_answers_isa_by_its_load(load: float, answer: int) -> None:
-    """In five equal bands; it answers nothing else."""
     assert Isa.simulated(load) == {"isa": answer}
     assert Tlx.simulated(load) is Spam.simulated(load) is None
 
@@ -288,7 +274,6 @@ def test_a_simulated_person_answers_isa_by_its_load(load: float, answer: int) ->
     ],
 )
 def test_the_outline_of_a_session_says_what_is_asked(settings: dict[str, Any], words: str | None) -> None:
-    """Forms and the sheet are listed elsewhere."""
     assert technique(**settings).outline == words
 
 
@@ -304,7 +289,6 @@ def test_the_outline_of_a_session_says_what_is_asked(settings: dict[str, Any], w
     ],
 )
 def test_the_numbers_that_a_technique_gives_a_run(settings: dict[str, Any], keys: list[str]) -> None:
-    """Weighted scores only with weights."""
     assert [measure.key for measure in technique(**settings).measures] == keys
 
 
@@ -365,7 +349,6 @@ def test_drawn_times_fit_into_the_run(settings: dict[str, Any], problem: str | N
 
 
 def test_the_pairs_of_nasa_tlx_have_a_drawn_order() -> None:
-    """All 15, each way round; none without weights."""
     orders = set()
     for seed in range(20):
         tlx = technique(tlx=True, tlx_weights=True)

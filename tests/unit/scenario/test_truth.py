@@ -22,9 +22,7 @@ from deltaswarm_scenario.truth import (
 )
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
-from tests.support.strategies import (
-    step_records,
-)
+from tests.support.strategies import step_records
 from tests.support.tiers import in_one_test
 
 TALLY = StepRecord.of(dict.fromkeys(COLUMNS, 0))
@@ -32,7 +30,6 @@ TALLY = StepRecord.of(dict.fromkeys(COLUMNS, 0))
 
 @given(step_records, st.sampled_from(COLUMNS))
 def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
-    """Every count of the record is checked under its own name."""
     wrong: Any = {name: value for name, value in record.columns().items() if name in COLUMNS} | {field: "many"}
     raw = {
         "v": PROTOCOL_VERSION,
@@ -59,7 +56,6 @@ def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
     ],
 )
 def test_a_wrong_value_in_a_row_is_named(place: str, row: Any, field: str) -> None:
-    """Unknown roles, negative times, NaN, a bool for an agent."""
     step = Truth(0, 0.0, (), (), (), TALLY)._replace(**{place: (row,)})
     with pytest.raises(WireError, match=rf"^truth\.{place}\.{field} must"):
         decode_truth(encode_truth(step))
@@ -77,7 +73,6 @@ def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
 
 
 def test_oversized_truth_is_refused_at_both_ends() -> None:
-    """The sender gets an error; a receiver does not even look."""
     body = AgentState(65535, 1 / 3, 1 / 3, "relocating", 1, 1, 0)
     with pytest.raises(WireError, match=rf"^sample must .*{MAX_ORDINARY_BYTES}"):
         encode_truth(Truth(1, 1.0, (body,) * 300_000, (), (), TALLY))
@@ -97,7 +92,6 @@ def test_the_drops_are_on_the_wire_in_their_order() -> None:
 
 @in_one_test("drops", [{}, {"dropped_fog": -1}, {"dropped_fog": "3"}, {"fog": 3}, [], 3])
 def test_wrong_drops_of_models_from_outside_are_refused(drops: Any) -> None:
-    """They are a map of counts."""
     row = [*TALLY.columns().values(), drops]
     raw = {"v": PROTOCOL_VERSION, "step": 0, "time_s": 0.0, "bodies": [], "events": [], "links": []}
     with pytest.raises(WireError, match=r"^truth\.step_record"):
@@ -109,12 +103,10 @@ SAID = st.tuples(st.integers(0, 0xFFFF), st.sampled_from([RADIO, REPORT]), st.bi
 
 @given(st.integers(0, 2**32 - 1), st.lists(SAID, max_size=20))
 def test_what_was_said_survives(step: int, samples: list[Sample]) -> None:
-    """As its senders encoded it."""
     assert decode_wire(encode_wire(step, samples)) == (step, samples)
 
 
 @given(st.binary(max_size=60))
 def test_rubbish_was_said_by_nobody(data: bytes) -> None:
-    """One error, whatever is wrong."""
     with suppress(WireError):
         decode_wire(data)

@@ -52,7 +52,6 @@ def test_numeric_options_take_only_finite_numbers_that_make_sense() -> None:
 
 
 def test_a_refused_number_is_named_with_what_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
-    """In one line below the usage."""
     with pytest.raises(SystemExit):
         parser("branch").parse_args(["branch", "run", "--at", "inf"])
     assert re.search(r"--at: must be a number from 0 to 1000000000 \(got 'inf'\)", capsys.readouterr().err)

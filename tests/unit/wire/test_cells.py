@@ -24,12 +24,10 @@ from deltaswarm_wire.cells import guarded, raw
     ],
 )
 def test_a_text_that_begins_like_a_formula_is_one_no_longer(value: object, cell: object) -> None:
-    """Numbers and other texts stay."""
     assert guarded(value) == cell
     assert raw(cell) == value
 
 
 @given(st.text("'=+-@ \t\n1a", max_size=8))
 def test_no_text_is_lost(text: str) -> None:
-    """Each is read as it was written."""
     assert raw(guarded(text)) == text

@@ -41,7 +41,6 @@ each = pytest.mark.parametrize("codec", commanding.CODECS, ids=str)
 @each
 @given(data=st.data())
 def test_what_is_encoded_is_decoded(codec: Codec, data: st.DataObject) -> None:
-    """Every field, and by the same bytes."""
     message = data.draw(codec.strategy)
     encoded = codec.encode(message)
     assert codec.decode(encoded) == message
@@ -51,7 +50,6 @@ def test_what_is_encoded_is_decoded(codec: Codec, data: st.DataObject) -> None:
 @each
 @given(data=st.data())
 def test_a_decoder_takes_a_message_or_complains(codec: Codec, data: st.DataObject) -> None:
-    """Of any bytes: nothing but a WireError, in a line of bounded length."""
     error = complaint(codec, data.draw(strange(codec)))
     assert error is None or len(str(error)) < 2500
 
@@ -59,7 +57,6 @@ def test_a_decoder_takes_a_message_or_complains(codec: Codec, data: st.DataObjec
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, True, None, "1", 2**63, [], {}])
 @pytest.mark.parametrize("place", ["number", "name", "target", "arguments", "life_s"])
 def test_no_field_of_a_command_takes_what_it_is_not(place: str, value: Any) -> None:
-    """A wrong value is refused, whichever field it is in; a name may be any text, and arguments may be none."""
     data = encode_command(a_command())
     if (place, value) in (("name", "1"), ("arguments", {})):
         return
@@ -84,7 +81,6 @@ def test_no_field_of_a_command_takes_what_it_is_not(place: str, value: Any) -> N
     ],
 )
 def test_a_target_is_somebody_or_somewhere(raw: Any) -> None:
-    """The number of an agent is a whole one, a radius is not negative, a place is finite."""
     with pytest.raises(WireError):
         make_target(raw)
 
@@ -106,13 +102,11 @@ def test_a_target_is_somebody_or_somewhere(raw: Any) -> None:
     ],
 )
 def test_what_nobody_could_decode_is_not_encoded(command: Command) -> None:
-    """The sender is told, not the receiver."""
     with pytest.raises(WireError):
         encode_command(command)
 
 
 def test_a_turn_has_so_many_commands_and_no_broken_one() -> None:
-    """It is refused as a whole."""
     many = tuple([sign(a_command(number)) for number in range(wire.MAX_IN_TURN)])
     assert decode_turn(encode_turn(Turn(3, many))).commands == many
     for bad in ((*many, many[0]), (Signed(b"broken"),), (Signed(b"x" * 301),), (Signed(many[0].body, b"x" * 65),)):
@@ -121,7 +115,6 @@ def test_a_turn_has_so_many_commands_and_no_broken_one() -> None:
 
 
 def test_the_largest_turn_fits_on_a_link() -> None:
-    """And the largest report that names members and answers commands."""
     body = max(
         (encode_command(Command(2**32 - 1, "n" * 64, Target(), {"a": "x" * k}, 1.0)) for k in range(65)), key=len
     )
@@ -149,7 +142,6 @@ def test_the_largest_turn_fits_on_a_link() -> None:
     ],
 )
 def test_a_form_refuses_a_wrong_argument(name: str, value: Any) -> None:
-    """Its problem names the argument; with a right value there is none."""
     assert FORM.problem(Target(), RIGHT) is None
     problem = FORM.problem(Target(), {**RIGHT, name: value})
     assert problem is not None
@@ -159,12 +151,10 @@ def test_a_form_refuses_a_wrong_argument(name: str, value: Any) -> None:
 
 @in_one_test("arguments", [{}, {**RIGHT, "more": 1}, {"whole": 3}, [], None, "whole", {**RIGHT, 3: 3}])
 def test_a_form_wants_just_its_arguments(arguments: Any) -> None:
-    """Neither fewer nor more, nor something else."""
     assert FORM.problem(Target(), arguments)
 
 
 def test_a_form_refuses_other_targets() -> None:
-    """It names those that it has."""
     assert "tree" in (wire.CommandForm("recall", (TREE,)).problem(Target(), {}) or "")
 
 
@@ -204,21 +194,18 @@ def test_a_target_covers_whom_it_names(target: Target, agent: int, root: int) ->
     ],
 )
 def test_a_script_says_what_is_wrong_with_a_command(table: dict[str, Any]) -> None:
-    """As a problem of the scenario, before anything is started."""
     made, problems = check(CommandSettings, {"name": "go", **table})
     assert made is None
     assert problems
 
 
 def test_a_range_of_the_downlink_needs_a_base() -> None:
-    """Its own or the uplink's."""
     assert check(Scenario, {"downlink": {"range_m": 5}})[1]
     assert not check(Scenario, {"downlink": {"range_m": 5, "base_m": [1, 1]}})[1]
     assert not check(Scenario, {"downlink": {"range_m": 5}, "uplink": {"base_m": [1, 1], "range_m": 9}})[1]
 
 
 def test_a_frame_without_payload_relays_something() -> None:
-    """Else it is refused."""
     for raw in ((2, 0, None), (2, 0, None, ()), (2, 0, None, (b"",) * 9), (2, 0, b"x", (None,)), (2, 0, "x", (b"",))):
         with pytest.raises(WireError):
             commanding.RELAYING.decode(pack(raw))
@@ -226,7 +213,6 @@ def test_a_frame_without_payload_relays_something() -> None:
 
 @in_one_test("wrong", [3, ("gather",), "gather", property(lambda self: ())])
 def test_what_a_controller_declares_must_be_commands(wrong: Any) -> None:
-    """Else its class is named, with its place; one that declares none has none."""
     kind = type("Own", (), {"Commands": wrong, "__module__": __name__})
     with pytest.raises(PluginError, match=rf"{__name__}:Own\.Commands must be a tuple of CommandForm"):
         wire.forms_of(kind)

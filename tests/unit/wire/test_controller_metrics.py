@@ -41,7 +41,6 @@ class Declares:
     ],
 )
 def test_a_wrong_declaration_is_refused(metrics: Any, wrong: str) -> None:
-    """With what must hold, and what was given."""
     Declares.Metrics = metrics
     with pytest.raises(SettingsError) as raised:
         declared(f"{__name__}:Declares")
@@ -61,13 +60,11 @@ def test_a_wrong_declaration_is_refused(metrics: Any, wrong: str) -> None:
     ],
 )
 def test_a_wrong_value_is_refused(values: Any, error: type[Exception]) -> None:
-    """Not a mapping, not declared, not a finite number."""
     with pytest.raises(error):
         values_of([LEG], values)
 
 
 def test_a_value_may_be_absent() -> None:
-    """None, and no entry at all, stand for no number; a whole number is one."""
     assert values_of([LEG], {"leg_m": None}) == values_of([LEG], {}) == ()
     assert values_of([LEG, ControllerMetric("legs", "")], {"legs": True, "leg_m": 3}) == (("leg_m", 3.0), ("legs", 1.0))
 
@@ -81,7 +78,6 @@ def test_the_swarms_number_is_a_mean() -> None:
 
 
 def test_an_act_carries_them() -> None:
-    """And an act without them has the bytes that it always had."""
     own = ACT._replace(metrics=(("leg_m", 1.5), ("legs", -2.0)))
     assert decode_act(encode_act(own)) == own
     assert decode_act(encode_act(ACT)) == ACT
@@ -103,7 +99,6 @@ def test_an_act_carries_them() -> None:
     ],
 )
 def test_a_hostile_agents_are_refused(metrics: Any) -> None:
-    """Whatever does not keep the limits."""
     raw = unpack(encode_act(ACT))
     with pytest.raises(WireError):
         decode_act(pack((*raw, metrics)))

@@ -22,13 +22,11 @@ PLAIN = Sample(5, b"whatever a controller says")
     ],
 )
 def test_a_wrong_value_is_refused(place: int, value: Any, said: str) -> None:
-    """Other versions, also the one whose frames were not opaque; counters beyond 32 bits; payloads not encoded."""
     with pytest.raises(WireError, match=f"^{said}"):
         decode_sample(repacked(encode_sample(PLAIN), place, value))
 
 
 def test_commands_are_bytes_and_few() -> None:
-    """As many as the limit pass, one more does not, and nothing else does."""
     full = Sample(5, b"", (b"go",) * MAX_COMMANDS)
     assert decode_sample(encode_sample(full)) == full
     for wrong in ((b"go",) * (MAX_COMMANDS + 1), ("go",), (5,)):
@@ -44,7 +42,6 @@ def test_a_frame_without_commands_does_not_pay_for_them() -> None:
 
 @in_one_test("length", [*range(3), *range(5, 9)])
 def test_a_sample_has_three_or_four_items(length: int) -> None:
-    """No fewer and no more."""
     raw = [PROTOCOL_VERSION, 5, b"", [], 0, 0, 0, 0][:length]
     with pytest.raises(WireError, match=r"^radio must .*3 or 4"):
         decode_sample(msgpack.packb(raw))

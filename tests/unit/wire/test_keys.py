@@ -16,23 +16,8 @@ KEYS = Keys("run-1")
 NO_NUMBERS = ["", "-1", "+1", "01", "007", "1.0", " 1", "1_0", "x", "*", "\u0663", "\u00b2", "65536", "9" * 5000]
 
 
-def test_keys_are_as_the_protocol_page_says() -> None:
-    """Below `deltaswarm/<run>/`."""
-    assert KEYS.agent(3, FRAME) == "deltaswarm/run-1/agent/3/frame"
-    assert KEYS.clock == "deltaswarm/run-1/clock"
-    assert KEYS.truth == "deltaswarm/run-1/world/truth"
-    assert KEYS.status == "deltaswarm/run-1/world/status"
-    assert KEYS.forwarded == "deltaswarm/run-1/world/report"
-    assert KEYS.workload == "deltaswarm/run-1/operator/workload"
-    assert KEYS.counted == "deltaswarm/run-1/world/workload"
-    assert KEYS.all_reports == "deltaswarm/run-1/agent/*/report"
-    assert KEYS.token(AGENT, 3) == "deltaswarm/run-1/@lv/agent/3"
-    assert KEYS.token(WORLD) == "deltaswarm/run-1/@lv/world/0"
-
-
 @given(st.text(string.printable + "\u00e4\u0663", max_size=70))
 def test_a_run_name_is_one_chunk_or_an_error(name: str) -> None:
-    """No slash, no wildcard, nothing that Zenoh gives a meaning."""
     try:
         keys = Keys(name)
     except ValueError as error:
@@ -45,20 +30,17 @@ def test_a_run_name_is_one_chunk_or_an_error(name: str) -> None:
 
 @in_one_test("name", ["", "a/b", "*", "**", "a*", "$*", "@lv", "a b", "-a", ".", "a\n", "\u00e4", "x" * 65])
 def test_a_run_name_that_is_no_chunk_is_refused(name: str) -> None:
-    """With the name in the error."""
     with pytest.raises(ValueError, match="must be"):
         Keys(name)
 
 
 @given(agents, st.sampled_from([FRAME, RADIO, REPORT, ACT]))
 def test_an_agents_key_leads_back_to_it(agent: int, leaf: str) -> None:
-    """The key alone says who sent a sample, and what it is."""
     assert parse_agent_key(KEYS.agent(agent, leaf)) == (agent, leaf)
 
 
 @given(agents, st.sampled_from([AGENT, OPERATOR, WORLD]))
 def test_a_token_leads_back_to_its_process(number: int, role: str) -> None:
-    """A token's key says which process lives or has died."""
     assert parse_token(KEYS.token(role, number)) == (role, number)
 
 
@@ -72,7 +54,6 @@ def test_an_agents_number_is_spelled_in_one_way(number: str) -> None:
 
 @given(st.text(alphabet="/0129agentlv@rx*", max_size=40))
 def test_any_other_key_is_none(key: str) -> None:
-    """No key raises."""
     parsed, token = parse_agent_key(key), parse_token(key)
     assert parsed is None or f"/agent/{parsed[0]}/" in key
     assert token is None or f"/@lv/{token[0]}/" in key
@@ -80,5 +61,4 @@ def test_any_other_key_is_none(key: str) -> None:
 
 @in_one_test("key", ["", "agent/1/act", "x/agents/1/act", "x/agent/1", "x/agent/1/act/y"])
 def test_a_key_of_another_form_is_none(key: str) -> None:
-    """Too short, too long, or of something else."""
     assert parse_agent_key(key) is None

@@ -45,7 +45,6 @@ each = pytest.mark.parametrize("codec", [*MESSAGES, RADIO, TRUTH], ids=str)
 @each
 @given(data=st.data())
 def test_what_is_encoded_is_decoded(codec: Codec, data: st.DataObject) -> None:
-    """Every message comes out as it went in."""
     message = data.draw(codec.strategy)
     assert codec.decode(codec.encode(message)) == message
 
@@ -53,14 +52,12 @@ def test_what_is_encoded_is_decoded(codec: Codec, data: st.DataObject) -> None:
 @each
 @given(data=st.data())
 def test_what_is_strange_is_refused_by_name(codec: Codec, data: st.DataObject) -> None:
-    """Damaged or reshaped messages and random bytes decode to something valid or name a field."""
     assert_decodes_or_complains(codec, data.draw(strange(codec)))
 
 
 @each
 @given(data=st.data())
 def test_a_wrong_field_is_named(codec: Codec, data: st.DataObject) -> None:
-    """One bad value in one field: the error says which."""
     message = data.draw(codec.strategy)
     for field in codec.places:
         assert_field_is_named(codec, message, field, data.draw(st.sampled_from(NASTY)))
@@ -69,7 +66,6 @@ def test_a_wrong_field_is_named(codec: Codec, data: st.DataObject) -> None:
 @pytest.mark.parametrize("codec", [codec for codec in CODECS if codec.places], ids=str)
 @given(data=st.data())
 def test_nesting_of_any_depth_in_any_field_is_refused(codec: Codec, data: st.DataObject) -> None:
-    """A value as deep as MessagePack allows neither passes nor breaks the decoder."""
     raw = msgpack.unpackb(codec.encode(data.draw(codec.strategy)))
     field = data.draw(st.sampled_from(list(codec.places)))
     raw[codec.places[field]] = "here"
@@ -81,7 +77,6 @@ def test_nesting_of_any_depth_in_any_field_is_refused(codec: Codec, data: st.Dat
 @pytest.mark.parametrize("codec", MESSAGES, ids=str)
 @given(data=st.data())
 def test_every_field_is_needed_and_no_other_is_taken(codec: Codec, data: st.DataObject) -> None:
-    """A message with one field less or one more is refused; some fields may be absent."""
     message = data.draw(codec.strategy)
     less: Any = msgpack.unpackb(codec.encode(message))
     more: Any = msgpack.unpackb(codec.encode(message))
@@ -119,7 +114,6 @@ def test_more_frames_than_may_be_heard_do_not_fit_into_a_frame() -> None:
 
 
 def test_a_frame_with_all_events_that_may_be_sensed_passes() -> None:
-    """A thousand sensed events, all places and nothing heard stay below the limit."""
     poses = ((1 / 3, 1 / 3),) * messages.MAX_POSES
     frame = Frame(1, 1.0, False, 0.0, 0.0, poses, (Event(2**32 - 1, 1e5, 1e5),) * messages.MAX_SENSED, ())
     assert decode_frame(encode_frame(frame)) == frame

@@ -28,14 +28,12 @@ TRIANGLE = {"corners_m": [[1, 1], [9, 1], [5, 9]]}
     ],
 )
 def test_a_mistake_is_one_message(obstacle: dict[str, Any], said: tuple[str, str]) -> None:
-    """With its path and what was found."""
     arena = {"width_m": 40, "height_m": 40, "obstacles": [TRIANGLE, obstacle]}
     found = mistakes({"arena": arena, "events": {"density": {"mean_m": [20, 20]}}})
     assert found == [(f"arena.obstacles[1]{said[0]}", said[1])]
 
 
 def test_agents_know_the_same_obstacles() -> None:
-    """As they know the arena's size; through TOML and back."""
     sets = ["arena.obstacles=[{corners_m=[[1,1],[9,1],[5,9]],attenuation_db=3},{corners_m=[[20,20],[30,20],[30,30]]}]"]
     scenario = load_scenario("smoke", sets)
     assert load(Scenario, tomllib.loads(to_toml(scenario))) == scenario

@@ -33,20 +33,17 @@ GOOD = ProcessOrder(0, 3, 3.0, "kill", (1, 2), "kill of the roots")
 
 @given(ORDERS)
 def test_an_order_survives(order: ProcessOrder) -> None:
-    """Whatever it says."""
     assert decode_order(encode_order(order)) == order
     assert str(order.step) in order.text
 
 
 @given(st.integers(0, MAX_ID))
 def test_the_word_that_it_is_done_survives(number: int) -> None:
-    """It is the order's number."""
     assert decode_done(encode_done(number)) == number
 
 
 @given(st.integers(-1, MAX_STEP))
 def test_the_word_of_what_is_taken_survives(step: int) -> None:
-    """Also before the first step."""
     assert decode_taken(encode_taken(step)) == step
 
 
@@ -55,7 +52,6 @@ def test_the_word_of_what_is_taken_survives(step: int) -> None:
     [("action", "burn"), ("agents", 3), ("agents", [-1]), ("agents", ["1"]), ("step", 1.5), ("number", -1), ("why", 7)],
 )
 def test_a_wrong_field_is_named(field: str, value: Any) -> None:
-    """As in every message."""
     with pytest.raises(WireError) as caught:
         decode_order(pack({"v": PROTOCOL_VERSION, **GOOD._asdict(), field: value}))
     assert caught.value.field == f"order.{field}"
@@ -63,7 +59,6 @@ def test_a_wrong_field_is_named(field: str, value: Any) -> None:
 
 @given(st.binary(max_size=40))
 def test_rubbish_is_refused(data: bytes) -> None:
-    """With the one error that all decoders raise."""
     for decode in (decode_order, decode_done, decode_taken):
         with pytest.raises(WireError):
             decode(data)

@@ -41,7 +41,6 @@ def chained(error):
 
 @pytest.fixture
 def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """A module that was loaded as a plug-in."""
     (tmp_path / "own_plugin.py").write_text(PLUGIN)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(plugin_errors, "_plugins", set())  # other tests load plug-ins from the package of tests
@@ -51,7 +50,6 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def caught(call: Callable[[Any], object], error: BaseException | None = None) -> BaseException:
-    """What a call raises."""
     try:
         call(error)
     except BaseException as raised:
@@ -89,8 +87,6 @@ def test_whatever_a_plugin_raises_is_the_plugins(plugin: Any, error: BaseExcepti
 
 
 def test_what_no_plugin_raised_is_not_blamed_on_one(plugin: Any) -> None:
-    """An error of ours keeps its meaning."""
-
     def ours(_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -116,7 +112,6 @@ def test_a_signal_in_a_plugin_is_an_interruption(plugin: Any) -> None:
     ],
 )
 def test_the_traceback_begins_with_the_plugins_frame(plugin: Any, name: str, last: str, where: int) -> None:
-    """It ends with the exception, and is of bounded length; the line names the plug-in's last own frame."""
     error = blamed(caught(getattr(plugin, name), ValueError("mine")))
     assert error is not None
     lines = error.trace.splitlines()
@@ -138,14 +133,12 @@ def test_an_error_that_is_raised_again_shows_the_last_time_alone(plugin: Any) ->
 
 
 def test_equal_tracebacks_are_shown_once() -> None:
-    """They may differ in the text of the exception."""
     frame = 'Traceback (most recent call last):\n  File "a.py", line 1, in step\n'
     traces = {"a": frame + "KeyError: 1", "b": frame + "KeyError: 2", "c": frame.replace("1,", "2,") + "KeyError: 1"}
     assert list(distinct(traces).values()) == [["a", "b"], ["c"]]
 
 
 def test_it_survives_the_way_between_processes(plugin: Any) -> None:
-    """With its traceback."""
     error = blamed(caught(plugin.raises, ValueError("mine")))
     assert error is not None
     assert pickle.loads(pickle.dumps(error)).report == error.report
@@ -164,7 +157,6 @@ def test_it_survives_the_way_between_processes(plugin: Any) -> None:
 def test_a_module_that_raises_at_import_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, said: str
 ) -> None:
-    """The problem carries the traceback from the module's own line on."""
     (tmp_path / "broken_plugin.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -180,6 +172,5 @@ def test_a_module_that_raises_at_import_is_shown(
 
 
 def test_an_error_without_an_exception_is_its_text() -> None:
-    """And has no traceback."""
     error = PluginError("a text")
     assert (str(error), error.report, error.trace, error.where, error.kind) == ("a text", "a text", "", "", "")

@@ -31,14 +31,12 @@ def test_every_editors_layout_is_read(data: bytes, tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_utf_8_is_named_by_its_place(data: bytes, place: str) -> None:
-    """With what to do."""
     with pytest.raises(ValueError, match=f"{place}.*save it as UTF-8"):
         decoded(data)
 
 
 @pytest.mark.parametrize("text", ["a = 1\na = 2", "[t]\n[t]", "a = {b = 1, b = 2}", "a = " + "[" * 5000])
 def test_doubled_keys_and_endless_nesting_are_refused(text: str, tmp_path: Path) -> None:
-    """By an error that a command shows in a line."""
     (tmp_path / "a.toml").write_text(text)
     with pytest.raises(ValueError, match=r"line|nested|document"):
         read_toml(tmp_path / "a.toml")
@@ -64,7 +62,6 @@ def test_a_table_is_read_with_its_lines() -> None:
     ],
 )
 def test_what_is_no_table_is_named_by_its_line(text: str, told: str) -> None:
-    """Columns given twice, and rows of another length."""
     with pytest.raises(ValueError, match=told):
         rows_of(text)
 
@@ -84,14 +81,12 @@ def test_what_is_no_table_is_named_by_its_line(text: str, told: str) -> None:
     ],
 )
 def test_a_wrong_cell_of_a_grid_is_named(data: bytes, told: str, tmp_path: Path) -> None:
-    """By row and column, as a spreadsheet counts them."""
     (tmp_path / "grid.csv").write_bytes(data)
     with pytest.raises(ValueError, match=told):
         read_grid(str(tmp_path / "grid.csv"))
 
 
 def test_a_grid_of_a_spreadsheet_or_of_numpy_is_read(tmp_path: Path) -> None:
-    """With a byte order mark and CRLF; an array with a wrong cell is refused, too."""
     (tmp_path / "grid.csv").write_bytes(BOM + b"1, 2\r\n3 ,4\r\n")
     assert read_grid(str(tmp_path / "grid.csv")).tolist() == [[1.0, 2.0], [3.0, 4.0]]
     np.save(tmp_path / "grid.npy", np.array([[1, 2]]))
@@ -103,7 +98,6 @@ def test_a_grid_of_a_spreadsheet_or_of_numpy_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a", "A b-1.x", "é", "x" * 100])
 def test_a_name_for_a_file(name: str) -> None:
-    """In any language, with spaces and dots inside."""
     assert is_file_name(name)
 
 
@@ -112,7 +106,6 @@ def test_a_name_for_a_file(name: str) -> None:
     ["", ".", "..", "../x", "a/b", "/a", "a\\b", "a\0", "a\n", "\x1b[2J", " a", "a ", "a.", ".a", "x" * 101, "é" * 51],
 )
 def test_a_name_that_leaves_its_folder_or_breaks_a_line_is_none(name: str) -> None:
-    """Or that is too long once endings are added."""
     assert not is_file_name(name)
 
 
@@ -135,6 +128,5 @@ def test_a_folder_that_is_not_utf_8_is_refused_by_every_parser(
 
 
 def test_a_file_that_is_not_there_is_an_error_of_the_system(tmp_path: Path) -> None:
-    """Which its reader tells apart from a wrong content."""
     with pytest.raises(FileNotFoundError):
         read_text(tmp_path / "none.toml")

@@ -24,7 +24,6 @@ LINK = RouterLink("tcp/127.0.0.1:7447")
 
 
 def test_shared_memory_is_off_unless_the_user_asks_for_it() -> None:
-    """Whatever else a session sets."""
     assert json.loads(configured(zenoh.Config, [], LINK).get_json(SHARED_MEMORY)) is False
     asked = RouterLink(LINK.endpoint, overrides=((SHARED_MEMORY, "true"),))
     assert json.loads(configured(zenoh.Config, client_pairs(asked), asked).get_json(SHARED_MEMORY)) is True
@@ -32,7 +31,6 @@ def test_shared_memory_is_off_unless_the_user_asks_for_it() -> None:
 
 @pytest.mark.parametrize("setting", [("no/such", "1"), ("mode", "}")], ids=["unknown", "malformed"])
 def test_a_refused_setting_shows_no_rust_source(setting: tuple[str, str]) -> None:
-    """The setting and the reason are enough."""
     with pytest.raises(ValueError, match="Zenoh") as refusal:
         configured(zenoh.Config, [], RouterLink(LINK.endpoint, overrides=(setting,)))
     assert ".rs" not in str(refusal.value)
@@ -40,7 +38,6 @@ def test_a_refused_setting_shows_no_rust_source(setting: tuple[str, str]) -> Non
 
 
 def test_a_log_shows_no_rust_source() -> None:
-    """Neither in a message nor in the traceback below it; all else is kept, also where errors are nested."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         pairs = [("mode", "router"), ("listen/endpoints", [endpoint])]
@@ -65,14 +62,12 @@ def test_a_log_shows_no_rust_source() -> None:
     ],
 )
 def test_host_and_port_are_found(endpoint: str, parts: tuple[str, int]) -> None:
-    """With or without what Zenoh takes behind them."""
     assert host_and_port(endpoint) == parts
     assert endpoint_problem(endpoint) == ""
 
 
 @pytest.mark.parametrize("endpoint", ["unixsock-stream//tmp/x", "serial//dev/ttyUSB0#baudrate=115200", "vsock/-1:7447"])
 def test_what_has_no_port_needs_none(endpoint: str) -> None:
-    """A socket's file, a serial line."""
     assert endpoint_problem(endpoint) == endpoint_problem(endpoint, connects=True) == ""
 
 
@@ -98,7 +93,6 @@ def test_what_has_no_port_needs_none(endpoint: str) -> None:
     ],
 )
 def test_what_is_no_endpoint_is_told(endpoint: str, word: str) -> None:
-    """By an argument's own error."""
     assert word in endpoint_problem(endpoint)
     for kind in (connects_to, listens_on):
         with pytest.raises(argparse.ArgumentTypeError, match=re.escape(word)):
@@ -125,7 +119,6 @@ def test_over_tls_nobody_connects_to_an_ipv6_address() -> None:
     ],
 )
 def test_every_command_checks_its_endpoints(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 2, and what an endpoint must be."""
     with pytest.raises(SystemExit) as ended:
         main([*command.split(), "tpc/127.0.0.1:1"])
     assert ended.value.code == 2
@@ -136,7 +129,6 @@ def test_every_command_checks_its_endpoints(command: str, capsys: pytest.Capture
 
 @given(st.sampled_from(WITH_PORT), st.text(max_size=20))
 def test_anything_is_taken_or_told(protocol: str, address: str) -> None:
-    """And what is taken has a host and a port."""
     endpoint = f"{protocol}/{address}"
     if not endpoint_problem(endpoint):
         host, port = host_and_port(endpoint)

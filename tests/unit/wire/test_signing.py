@@ -46,12 +46,10 @@ class Keys:
         self._sign = {"operator": signer(self.file, RUN), "other": signer(folder / "other.key", RUN)}
 
     def relayed(self, number: int, left_steps: int = 10, life_s: float = 60.0, by: str = "operator") -> bytes:
-        """A command as it is relayed."""
         body = encode_command(Command(number, "hold", Target(), {}, life_s))
         return encode_relayed(Relayed(left_steps, Signed(body, self._sign[by](body))))
 
     def relay(self) -> CommandRelay:
-        """An agent's, with steps of 1 s."""
         return CommandRelay(1.0, FORMS, self.verify)
 
 
@@ -62,7 +60,6 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Keys:
 
 @given(body=st.binary(max_size=MAX_COMMAND_BYTES), place=st.integers(0, 10_000), bit=st.integers(0, 7))
 def test_a_signature_holds_for_its_bytes_and_its_run_alone(keys: Keys, body: bytes, place: int, bit: int) -> None:
-    """One altered bit, another run or another key, and it is wrong."""
     signature = signer(keys.file, RUN)(body)
     assert keys.verify(Signed(body, signature))
     both = bytearray(body + signature)
@@ -73,7 +70,6 @@ def test_a_signature_holds_for_its_bytes_and_its_run_alone(keys: Keys, body: byt
 
 @given(body=st.binary(max_size=MAX_COMMAND_BYTES), signature=st.binary(max_size=MAX_SIGNATURE_BYTES))
 def test_no_bytes_at_random_are_a_signature(keys: Keys, body: bytes, signature: bytes) -> None:
-    """Of whatever length: refused, and nothing raised."""
     assert not keys.verify(Signed(body, signature))
 
 
@@ -92,7 +88,6 @@ def test_a_key_is_its_owners_alone(tmp_path: Path) -> None:
 
 
 def test_what_is_no_key_is_refused(tmp_path: Path) -> None:
-    """Another kind of key, no PEM at all, and a public part of another form."""
     file = tmp_path / "key"
     pem = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     for data in (b"", b"no key", ec.generate_private_key(ec.SECP256R1()).private_bytes(*pem)):
@@ -122,7 +117,6 @@ def test_without_cryptography_the_package_is_named(keys: Keys, tmp_path: Path, m
 
 
 def test_the_command_makes_a_key_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And prints its public part each time."""
     file = tmp_path / "keys" / "operator.key"
     for _ in range(2):
         assert main(["certificates", "--operator-key", str(file)]) == 0
@@ -168,7 +162,6 @@ def test_a_command_that_is_played_again_is_old(keys: Keys) -> None:
 
 
 def test_a_forged_number_does_not_make_others_old(keys: Keys) -> None:
-    """Only what is signed counts."""
     relay = keys.relay()
     relay.hear([keys.relayed(4_000_000_000, by="other")], 0)
     assert len(relay.hear([keys.relayed(5)], 0)) == 1
@@ -198,7 +191,6 @@ def _unsigned(number: int) -> bytes:
 
 
 def _held(relay: CommandRelay) -> int:
-    """Everything that it remembers."""
     containers: list[Any] = [value for value in vars(relay).values() if isinstance(value, dict | set | list)]
     return sum(map(len, containers))
 

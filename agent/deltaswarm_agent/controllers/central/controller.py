@@ -80,7 +80,7 @@ class CentralController:
     def step(self, percept: Percept) -> Decision:
         """Plan, or hear the plan; go to the own goal, and observe what is sensed there."""
         is_planner = self._agent == PLANNER
-        payload = self._plan(percept) if is_planner else self._tell(percept)
+        payload = self._plan(percept) if is_planner else self._report_sensed(percept)
         velocity, stands = (STAND, True) if self._goal is None else way(percept.pose, self._goal, self._task)
         observed = tuple([event.event for event in percept.events]) if stands else ()
         report = self._report(percept.time_s) if is_planner else None
@@ -101,7 +101,7 @@ class CentralController:
         is_new, self._goals = goals != self._goals, goals
         return encode_plan(goals) if self._beaconing.is_due(now_s) or is_new else None
 
-    def _tell(self, percept: Percept) -> bytes | None:
+    def _report_sensed(self, percept: Percept) -> bytes | None:
         """Take the own goal from the plan; return what is sensed if that is new, or due again."""
         for sender, payload in percept.heard:
             if sender == PLANNER:

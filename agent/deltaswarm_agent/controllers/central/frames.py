@@ -34,23 +34,17 @@ class SensedFrame(NamedTuple):
 
 
 def encode_sensed(frame: SensedFrame) -> bytes:
-    """Encode a sensed frame."""
     rows = [cell for event in frame.events[:MAX_EVENTS] for cell in (event.event, *_cm((event.x_m, event.y_m)))]
     return pack([SENSED, *_cm(frame.pose), rows], MAX_RADIO_BYTES)
 
 
 def encode_plan(goals: dict[int, Pose]) -> bytes:
-    """Encode the goal of each agent [m]."""
     rows = [cell for agent, goal in [*goals.items()][:MAX_GOALS] for cell in (agent, *_cm(goal))]
     return pack([PLAN, rows], MAX_RADIO_BYTES)
 
 
 def decode_sensed(payload: bytes) -> SensedFrame:
-    """Decode a sensed frame.
-
-    Raises:
-        WireError: the payload is no such frame.
-    """
+    """Decode a sensed frame."""
     kind, x_cm, y_cm, rows = array(unpack(payload, MAX_RADIO_BYTES), 4, "sensed")
     integer(kind, SENSED, SENSED, "kind")
     events = [
@@ -60,11 +54,7 @@ def decode_sensed(payload: bytes) -> SensedFrame:
 
 
 def decode_plan(payload: bytes) -> dict[int, Pose]:
-    """Decode a plan: the goal of each agent [m].
-
-    Raises:
-        WireError: the payload is no plan.
-    """
+    """Decode a plan: the goal of each agent [m]."""
     kind, rows = array(unpack(payload, MAX_RADIO_BYTES), 2, "plan")
     integer(kind, PLAN, PLAN, "kind")
     return {

@@ -7,7 +7,6 @@ patrols.
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,22 +29,6 @@ PRIOR_EVENTS = 2.0
 
 MAX_CELLS = 2500
 """Cells are at least as wide as the sensing range, and wider in an arena that would have more of them than this."""
-
-
-class Expected(Protocol):
-    """What a planner needs to know of the events to come."""
-
-    def learn(self, time_s: float, x_m: float, y_m: float) -> None:
-        """Take the place of an event that becomes known [m]."""
-
-    def places_m(self, time_s: float) -> Floats:
-        """Return places (n, 2) at which events occur [m]."""
-
-    def rate_near_hz(self, time_s: float, posts_m: Floats, range_m: float) -> Floats:
-        """Return the rate of events within a range of each post [1/s]."""
-
-    def weights(self, time_s: float) -> Floats:
-        """Return the rate of events in each cell, in any unit."""
 
 
 class Cells:
@@ -113,13 +96,9 @@ class LearntMap:
 
 
 class KnownMap:
-    """A map of a density that is known.
+    """A map of a density that is known: events occur at `rate_hz`, at places (n, 2) [m] like those that `sample` draws.
 
-    Args:
-        cells: the cells to weigh.
-        rate_hz: rate of all events [1/s].
-        sample: draws many places (n, 2) [m] from the density at a time [s].
-        anew_s: a density that moves is sampled anew this often [s].
+    A density that moves is sampled again every `anew_s`.
     """
 
     def __init__(
@@ -133,12 +112,10 @@ class KnownMap:
         """Learn nothing: the density is known."""
 
     def places_m(self, time_s: float) -> Floats:
-        """Return places drawn from the density."""
         self._draw(time_s)
         return self._places_m
 
     def rate_near_hz(self, time_s: float, posts_m: Floats, range_m: float) -> Floats:
-        """Return the rate of events within a range of each post [1/s]."""
         near = np.hypot(*(self.places_m(time_s)[:, None] - posts_m).transpose(2, 0, 1)) <= range_m
         rates: Floats = near.mean(axis=0) * self._rate_hz
         return rates
@@ -155,3 +132,7 @@ class KnownMap:
         cells = ((self._places_m[:, None] - self._centres_m) ** 2).sum(axis=2).argmin(axis=1)
         counts = np.bincount(cells, minlength=len(self._centres_m)) + 1.0 / len(self._centres_m)
         self._weights = counts * self._rate_hz / len(cells)
+
+
+Expected = LearntMap | KnownMap
+"""What a planner knows of the events to come."""

@@ -1,4 +1,4 @@
-"""Where the agents of the swarm are and which events they sense, and the way of an agent to its goal."""
+"""Positions of agents and open events as the planner knows them, and an agent's way to its goal."""
 
 import math
 
@@ -38,7 +38,6 @@ class Overview:
         self._task, self._forget_s = task, forget_s
 
     def update(self, agent: int, frame: SensedFrame, now_s: float) -> None:
-        """Take what an agent senses."""
         self.agents[agent], self._heard_s[agent] = frame.pose, now_s
         within_m = self._task.sensing_range_m - GONE_MARGIN_M
         sensed = {event.event: (event.x_m, event.y_m) for event in frame.events}

@@ -1,4 +1,4 @@
-"""A planner that knows where all agents are and what all of them sense, and says where each goes.
+"""The planner of central control: from all positions and all sensed events it gives every agent a goal.
 
 An agent that stands works on all events that it senses. So the planner sends the nearest free agents to events at which
 nobody stands (a linear sum assignment), lets some agents wait at posts where many events occur, and lets the rest
@@ -108,13 +108,8 @@ class _Patrol:
 class Planner:
     """Says where agents go. Call `plan` once a step.
 
-    Args:
-        task: arena, speed and sensing range of every agent.
-        expected: where events are expected.
-        cells: the arena in cells, for patrols.
-        rng: chooses the places that are tried as posts.
-        agents_per_event: patrols nearby help at an event until this number works there.
-        help_within_m: how near these patrols are [m].
+    Patrols within `help_within_m` of an event help there until `agents_per_event` agents work at it. `rng` chooses the
+    places that are tried as posts.
     """
 
     def __init__(
@@ -142,13 +137,7 @@ class Planner:
         self._finds, self._patrol_s = FIRST_FINDS, FIRST_PATROL_S
 
     def plan(self, time_s: float, agents: Mapping[int, Pose], events: Mapping[int, Pose]) -> dict[int, Pose]:
-        """Return the goal of each agent [m].
-
-        Args:
-            time_s: the time [s]; later than that of the call before.
-            agents: where each agent is now [m].
-            events: where each event is that is known and open [m].
-        """
+        """Return the goal of each agent [m] for places of agents and of known open events [m]. Time must increase."""
         ids = sorted(agents)
         at_m = np.array([agents[agent] for agent in ids])
         for other in (self._jobs, self._posts, self._helps, self._patrols):

@@ -14,8 +14,6 @@ from deltaswarm_wire.checked import with_default
 
 @dataclass(frozen=True)
 class AdaptiveSettings(PaperSettings):
-    """The options of hybrid control."""
-
     adapts_delta: bool = with_default(PaperSettings, "adapts_delta", True)
     patience_finds: float = with_default(PaperSettings, "patience_finds", 0.3)
     return_to_finds: bool = with_default(PaperSettings, "return_to_finds", True)
@@ -23,6 +21,4 @@ class AdaptiveSettings(PaperSettings):
 
 
 class AdaptiveController(PaperController):
-    """One agent of an adaptive swarm."""
-
     Settings: ClassVar[type[PaperSettings]] = AdaptiveSettings

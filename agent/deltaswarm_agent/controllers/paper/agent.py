@@ -22,8 +22,6 @@ GOLDEN_RATIO = (5**0.5 - 1) / 2
 
 
 class Agent(Saved):
-    """One agent's state."""
-
     def __init__(self, context: ControllerContext) -> None:
         settings: PaperSettings = context.settings
         self.id = context.agent
@@ -111,7 +109,6 @@ class Agent(Saved):
         self.sensed, self.sensed_step = frozenset([event.event for event in sensed]), self.now
 
     def steps(self, seconds: float | str) -> int:
-        """A time in steps."""
         return round(float(seconds) / self.shared.step_s)
 
     def end_errand(self, outcome: list[int]) -> None:

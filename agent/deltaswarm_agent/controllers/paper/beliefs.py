@@ -57,7 +57,6 @@ class Beliefs(Saved):
                 places.pop(event, None)
 
     def hear_tree(self, heard: list[PaperFrame], root: int, now: int) -> None:
-        """Take the frames of members of the tree with this root."""
         for frame in heard:
             if type(frame) is Member and frame.path[0] == root:
                 self.hear(frame.events, frame.gone, now)
@@ -79,7 +78,6 @@ class Beliefs(Saved):
         return bool(self._places)
 
     def sightings(self, now: int) -> tuple[Sighting, ...]:
-        """The freshest events believed present, as in frames."""
         last_update = self._last_update_step
         rows = [sighting((event, x_cm, y_cm, now - last_update[event])) for event, (x_cm, y_cm) in self._places.items()]
         if len(rows) > MAX_EVENTS:

@@ -34,7 +34,6 @@ class PaperController:
 
     @property
     def state(self) -> State:
-        """The agent's state."""
         return self.agent.state
 
     @property
@@ -43,5 +42,4 @@ class PaperController:
         return self.agent.membership
 
     def step(self, percept: Percept) -> Decision:
-        """Decide."""
         return decide(self.agent, percept)

@@ -73,7 +73,6 @@ def _observed(agent: Agent, sensed: tuple[Event, ...]) -> tuple[int, ...]:
 
 
 def _frame(agent: Agent, score: int) -> PaperFrame | None:
-    """Return the frame for the neighbours, or None."""
     membership = agent.membership
     attends = agent.state is ATTENDING
     if membership is None and not attends and agent.leave_frames_left == 0:

@@ -1,4 +1,4 @@
-"""How often walkers find events, and how much of the time agents work: what `patience`, `returning` and `delta` need.
+"""Averages of how often walkers find events and how busy agents are, for `patience`, `returning` and `delta`.
 
 Each agent keeps its own averages, in which old finds count less and less, and mixes in those that it hears. So
 agents that meet soon agree, and an agent that stands in a tree for a long time still learns what walkers find.
@@ -72,7 +72,6 @@ class Finds(Saved):
             self._walked_s[self._leg] += FADING_S * (1.0 - kept)
 
     def begin(self, leg: int | None, works: bool, now: int) -> None:
-        """Say what the agent does from this step on."""
         if leg != self._leg or works != self._works:
             self.update(now)
             self._leg, self._works = leg, works
@@ -97,7 +96,6 @@ class Finds(Saved):
         self.busy = kept * self.busy + means[4] / 1000
 
     def told(self, now: int) -> Averages:
-        """The averages for a frame."""
         self.update(now)
         finds = [min(MAX_ID, round(1000 * finds)) for finds in self._finds]
         walked_ds = [round(10 * walked_s) for walked_s in self._walked_s]

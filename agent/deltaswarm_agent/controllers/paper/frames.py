@@ -5,9 +5,8 @@ frame. An agent without information sends nothing. The key of the frame identifi
 payload.
 """
 
-import struct
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from itertools import chain, cycle
 from typing import Any, NamedTuple
 
@@ -17,6 +16,7 @@ from deltaswarm_wire.codec import (
     MAX_ID,
     MAX_RADIO_BYTES,
     WireError,
+    all_fit,
     array,
     arrays,
     boolean,
@@ -147,7 +147,6 @@ _WITH_AVERAGES = {ATTENDING: 7, MEMBER: 12}
 """Items of a payload that ends with averages."""
 _BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 """The C types that the integers fit, and their bounds."""
-_ONLY_INT = {int}
 
 _flat = chain.from_iterable
 _descendant: Callable[[tuple[int, ...]], Descendant] = partial(tuple_of, Descendant)
@@ -155,10 +154,10 @@ sighting: Callable[[tuple[int, int, int, int]], Sighting] = partial(tuple_of, Si
 """A sighting of its four fields."""
 _gone: Callable[[tuple[int, ...]], Gone] = partial(tuple_of, Gone)
 
-_KEPT = 8
+KEPT = 8
 """Frames kept of each sender that this process encodes for."""
 
-_encoded: dict[int, dict[bytes, PaperFrame]] = {}
+encoded: dict[int, dict[bytes, PaperFrame]] = {}
 """By sender and payload: receivers in the same process need not decode again."""
 
 
@@ -174,17 +173,13 @@ def encode(frame: PaperFrame) -> bytes:
         items = (_KIND_OF[type(frame)], *frame[1:])
         items = items[:-1] if items[-1] is None else items
     payload = pack(items, MAX_RADIO_BYTES)
-    keep(_encoded.setdefault(sender, {}), payload, frame, _KEPT)
+    keep(encoded.setdefault(sender, {}), payload, frame, KEPT)
     return payload
 
 
 def decode(sender: int, payload: bytes) -> PaperFrame:
-    """Check and decode one frame of a sender.
-
-    Raises:
-        WireError: anything that breaks the protocol, naming the field.
-    """
-    kept = _encoded.get(sender)
+    """Check and decode one frame of a sender. Raises WireError."""
+    kept = encoded.get(sender)
     if kept is not None and payload in kept:
         return kept[payload]
     raw = unpack(payload, MAX_RADIO_BYTES)
@@ -232,7 +227,6 @@ def _decode_member(sender: int, raw: list[Any], averages: Averages | None) -> Me
 
 
 def _rows(raw: Any, row: Callable[[Any], Any], codes: str, limit: int, field: str) -> tuple[Any, ...]:
-    """Decode rows of integers from a flat array."""
     flat = arrays(raw, limit * len(codes), field)
     if not flat:
         return ()
@@ -252,18 +246,7 @@ def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
     """Raise for the first value that is no integer of its C type; `fields` names each, or all of them."""
     if len(values) != len(codes):
         raise WireError("frame", f"have {len(codes)} integers", len(values))
-    if values and set(map(type, values)) == _ONLY_INT:
-        try:
-            _layout(codes).pack(*values)
-        except struct.error:
-            pass
-        else:
-            return
+    if all_fit(values, codes):
+        return
     for value, code, field in zip(values, codes, cycle(fields)):
         integer(value, *_BOUNDS[code], field)
-
-
-@lru_cache(512)
-def _layout(codes: str) -> struct.Struct:
-    """Packing is the fastest check of many integers."""
-    return struct.Struct("<" + codes)

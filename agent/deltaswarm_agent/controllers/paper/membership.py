@@ -10,8 +10,6 @@ from deltaswarm_wire.saved import Saved
 
 
 class Branch(Saved):
-    """A child, and its own table."""
-
     __slots__ = ("heard", "row", "table")
 
     def __init__(self, row: Descendant, table: tuple[Descendant, ...], heard: int) -> None:
@@ -60,7 +58,6 @@ class Membership(Saved):
 
     @property
     def root(self) -> int:
-        """The root of this agent."""
         return self.path[0]
 
     @property
@@ -148,7 +145,6 @@ class Membership(Saved):
         return tuple(rows.values())[:MAX_TABLE]
 
     def has_below(self, agent: int) -> bool:
-        """Whether an agent is a descendant."""
         return any(row.agent == agent for row in self.table())
 
 

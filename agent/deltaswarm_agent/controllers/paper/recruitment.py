@@ -111,15 +111,10 @@ def weakest_leaf(table: Sequence[Descendant], rng: Random) -> Descendant | None:
 
 
 class Legal:
-    """Where a leaf may be sent: on a 1 m grid in the arena, within range of a member, and far enough from all.
+    """Where a leaf may be sent: on a 1 m grid in the arena, `margin_m` from its edge.
 
-    Args:
-        members: all of the tree but the leaf [m].
-        taken: where agents under way are going [m].
-        range_m: a place is within this of a member.
-        d_min_m: and at least this far from each member and from the places taken.
-        size_m: width and height of the arena.
-        margin_m: least distance to its edge.
+    A place is within `range_m` of some member of the tree but the leaf, and at least `d_min_m` from each of them and
+    from the places taken, to which agents are under way.
     """
 
     def __init__(

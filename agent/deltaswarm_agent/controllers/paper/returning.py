@@ -28,27 +28,20 @@ def return_probability(ratio: float) -> float:
 
 
 class FoundPlaces(Saved):
-    """The places at which an agent newly sensed an event, or met an attending agent.
-
-    Args:
-        memory_steps: a place is remembered this long.
-        finds: what legs of either kind find.
-        context: the agent's settings and chance.
-    """
+    """The places at which an agent newly sensed an event, or met an attending agent, each for `memory_steps`."""
 
     def __init__(self, memory_steps: int, finds: Finds, context: ControllerContext) -> None:
         self._memory_steps = memory_steps
         self._finds = finds
         self._rng = context.rng
         self._size_m = (context.shared.width_m, context.shared.height_m)
-        self._places: deque[tuple[float, float, int]] = deque(maxlen=MAX_PLACES)
+        self.places: deque[tuple[float, float, int]] = deque(maxlen=MAX_PLACES)
         """Positions [m] and steps of finds."""
         self._goal: tuple[float, float, int] | None = None
         """Where the present leg leads back to, as long as nothing has been found on it."""
 
     def add(self, x_m: float, y_m: float, now: int) -> None:
-        """Remember a place."""
-        self._places.append((x_m, y_m, now))
+        self.places.append((x_m, y_m, now))
         self._goal = None
 
     def give_up_goal(self) -> None:
@@ -57,10 +50,10 @@ class FoundPlaces(Saved):
 
     def next_goal(self, now: int) -> Pose | None:
         """End the present leg, and return where in the arena the next one leads [m]; None: it is a random one."""
-        if self._goal is not None and self._goal in self._places:
-            self._places.remove(self._goal)
+        if self._goal is not None and self._goal in self.places:
+            self.places.remove(self._goal)
         self._goal = None
-        places = [place for place in self._places if now - place[2] <= self._memory_steps]
+        places = [place for place in self.places if now - place[2] <= self._memory_steps]
         if not places or self._rng.random() >= return_probability(self._finds.ratio):
             return None
         self._goal = self._rng.choice(places)

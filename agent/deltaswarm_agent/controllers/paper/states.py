@@ -52,21 +52,6 @@ class Cause(StrEnum):
     TAKEN_OFF = "no longer among those that work alone"
 
 
-PAPER_SECTION = {
-    Cause.EVENT_SENSED: "Baseline coordination algorithm",
-    Cause.NEIGHBOUR_ATTENDS: "Baseline coordination algorithm",
-    Cause.AT_THE_EVENT: "Baseline coordination algorithm",
-    Cause.EVENT_COMPLETE: "Baseline coordination algorithm",
-    Cause.ANOTHER_SENSED: "Baseline coordination algorithm",
-    Cause.THRESHOLD_REACHED: "Root Formation; Hybrid coordination",
-    Cause.MEMBER_MET: "Tree Growth",
-    Cause.DISSOLVED: "Dissolution",
-    Cause.PARENT_LEFT: "Dissolution",
-    Cause.ORDERED: "Active Recruitment",
-    Cause.ADOPTED: "Active Recruitment",
-}
-"""The paper's causes; the others are additions that real messages require."""
-
 TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.WALKING, Cause.EVENT_SENSED): State.GOING,
     (State.WALKING, Cause.NEIGHBOUR_ATTENDS): State.GOING,

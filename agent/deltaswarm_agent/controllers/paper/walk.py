@@ -54,14 +54,13 @@ class Walk(Saved):
         self._radius_m = shared.radius_m
         self._size_m = (shared.width_m, shared.height_m)
         self._obstacles = ObstacleMap(shared)
-        self._vx = self._vy = 0.0
-        self._ends = -1
+        self.vx_mps = self.vy_mps = 0.0
+        self.ends = -1
         """The step in which the next leg begins."""
         self.leg = RANDOM
         """The kind of the present leg."""
 
     def turn(self, now: int, x_m: float, y_m: float) -> None:
-        """Begin a new leg."""
         goal = self._found.next_goal(now) if self._found is not None else None
         if goal is not None and not self._obstacles.first_crossing(x_m, y_m, goal[0] - x_m, goal[1] - y_m):
             self.leg = RETURNING
@@ -71,31 +70,30 @@ class Walk(Saved):
             self.leg = RANDOM
             heading = self._rng.uniform(0.0, math.tau)
             time_s = leg_s(self._rng, self._leg_max_s, self._leg_exponent)
-        self._vx = self._speed_mps * math.cos(heading)
-        self._vy = self._speed_mps * math.sin(heading)
-        self._ends = now + max(1, math.ceil(time_s / self._step_s))
+        self.vx_mps = self._speed_mps * math.cos(heading)
+        self.vy_mps = self._speed_mps * math.sin(heading)
+        self.ends = now + max(1, math.ceil(time_s / self._step_s))
 
     def velocity(self, now: int, x_m: float, y_m: float) -> Velocity:
-        """The velocity of this step, from where the agent is."""
-        if now >= self._ends:
+        if now >= self.ends:
             self.turn(now, x_m, y_m)
-        vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0], self._radius_m)
-        vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1], self._radius_m)
+        vx_mps, self.vx_mps = _reflect(x_m, self.vx_mps, self._step_s, self._size_m[0], self._radius_m)
+        vy_mps, self.vy_mps = _reflect(y_m, self.vy_mps, self._step_s, self._size_m[1], self._radius_m)
         to_x_m, to_y_m = x_m + vx_mps * self._step_s, y_m + vy_mps * self._step_s
         if not self._obstacles:
             return vx_mps, vy_mps
-        mirrored = self._obstacles.reflect(x_m, y_m, Stride(to_x_m, to_y_m, self._vx, self._vy))
+        mirrored = self._obstacles.reflect(x_m, y_m, Stride(to_x_m, to_y_m, self.vx_mps, self.vy_mps))
         if mirrored is None:
             return vx_mps, vy_mps
-        self._vx, self._vy = mirrored.dx_m, mirrored.dy_m
+        self.vx_mps, self.vy_mps = mirrored.dx_m, mirrored.dy_m
         return (mirrored.to_x_m - x_m) / self._step_s, (mirrored.to_y_m - y_m) / self._step_s
 
     def straight_until(self, now: int, x_m: float, y_m: float, velocity: Velocity) -> int:
         """The step until which this step's `velocity` holds: the end of the leg, or the stride that is reflected."""
-        if velocity != (self._vx, self._vy):
+        if velocity != (self.vx_mps, self.vy_mps):
             return now + 1
-        dx_m, dy_m = self._vx * self._step_s, self._vy * self._step_s
-        most = min(self._ends - now, MAX_POSES)
+        dx_m, dy_m = self.vx_mps * self._step_s, self.vy_mps * self._step_s
+        most = min(self.ends - now, MAX_POSES)
         return now + max(1, self._obstacles.free_strides(x_m, y_m, dx_m, dy_m, most))
 
 

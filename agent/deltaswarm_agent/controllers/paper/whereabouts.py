@@ -44,19 +44,15 @@ class Whereabouts(Saved):
         self._trail.append((self.x_m, self.y_m))
 
     def distance_m2(self, x_m: float, y_m: float) -> float:
-        """Squared distance to a place [m2]."""
         return (x_m - self.x_m) ** 2 + (y_m - self.y_m) ** 2
 
     def is_at(self, x_m: float, y_m: float) -> bool:
-        """Whether the agent has arrived at a position."""
         return self.distance_m2(x_m, y_m) <= AT_PLACE_M**2
 
     def is_at_event(self, x_m: float, y_m: float) -> bool:
-        """Whether the agent has arrived at an event."""
         return self.distance_m2(x_m, y_m) <= self._at_event_m2
 
     def sender_m2(self, frame: PaperFrame) -> float:
-        """Squared distance to a frame's sender [m2]."""
         return (frame.x_cm * 0.01 - self.x_m) ** 2 + (frame.y_cm * 0.01 - self.y_m) ** 2
 
     def is_newly_met(self, frame: PaperFrame) -> bool:

@@ -12,8 +12,6 @@ from deltaswarm_wire.messages import FREE, Act, Frame, TreeStatus
 
 
 class Point:
-    """A body that takes each velocity at once, up to a limit."""
-
     Settings: Any = None
     REAL_TIME = True
 
@@ -26,7 +24,6 @@ class Point:
         self._velocity = (0.0, 0.0)
 
     def sense(self, time_s: float) -> Any:
-        """Move until then."""
         if isinstance(self.fault, Exception):
             raise self.fault
         for_s, self._time_s = time_s - self._time_s, time_s
@@ -34,7 +31,6 @@ class Point:
         return NOWHERE._replace(fault=self.fault) if self.fault else Sensed(*self.at, 0.1)
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Take a velocity."""
         share = min(1.0, self._top_mps / (math.hypot(vx_mps, vy_mps) or 1.0))
         self._velocity = (vx_mps * share, vy_mps * share)
 
@@ -54,7 +50,6 @@ def walked(follower: Follower, steps: int, step_s: float, start: int = 0) -> tup
 
 @pytest.mark.parametrize("step_s", [0.1, 1.0, 10.0])
 def test_a_robot_catches_up_and_stays_beside(step_s: float, caplog: pytest.LogCaptureFixture) -> None:
-    """However long a step is; it says so once."""
     body = Point(top_mps=2.0)
     follower = Follower(body, step_s)
     with caplog.at_level(logging.INFO):
@@ -65,7 +60,6 @@ def test_a_robot_catches_up_and_stays_beside(step_s: float, caplog: pytest.LogCa
 
 
 def test_a_robot_that_is_too_slow_is_lost(caplog: pytest.LogCaptureFixture) -> None:
-    """It says how far behind it is."""
     body = Point(top_mps=0.5)
     body.at = [5.0, 3.0]
     with caplog.at_level(logging.INFO):
@@ -80,7 +74,6 @@ def test_a_robot_that_is_too_slow_is_lost(caplog: pytest.LogCaptureFixture) -> N
     [("no position", "no position"), (OSError("gone"), "body failed: OSError: gone")],
 )
 def test_a_fault_is_told_once_and_its_end_too(fault: Any, text: str, caplog: pytest.LogCaptureFixture) -> None:
-    """The agent is not concerned."""
     body = Point(top_mps=2.0)
     body.at = [5.0, 3.0]
     follower = Follower(body, 1.0)

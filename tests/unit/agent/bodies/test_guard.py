@@ -32,7 +32,6 @@ within, slow = st.tuples(st.floats(0.1, 9.9), st.floats(0.1, 2.9)), st.tuples(st
 
 @given(within, slow, st.sampled_from([SQUARE, HORSESHOE]))
 def test_nothing_permitted_leads_out(at: Place, velocity: Place, fence: Fence) -> None:
-    """At no time of the look ahead."""
     assume(fence.permits(at, *velocity, 2.0))
     for tenth in range(11):
         share = 2.0 * tenth / 10
@@ -63,7 +62,6 @@ def test_no_way_leads_across_a_gap() -> None:
 
 @given(places, speeds)
 def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place) -> None:
-    """Or to stand."""
     assume(not SQUARE.holds(at) and min(abs(at[0]), abs(at[0] - 10), abs(at[1]), abs(at[1] - 10)) > 0.01)
 
     def beyond_m(place: Place) -> float:
@@ -109,7 +107,6 @@ def test_a_fence_whose_corners_are_seen_in_order_from_within_is_allowed(spokes: 
 
 @given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-360, 360), st.floats(-100, 100), st.floats(-100, 100))
 def test_frames_turn_forth_and_back(north_m: float, east_m: float, heading_deg: float, x: float, y: float) -> None:
-    """Without change of length."""
     frame = LocalFrame(north_m, east_m, heading_deg)
     north, east = frame.turned_to_ned(x, y)
     assert math.hypot(north, east) == pytest.approx(math.hypot(x, y))
@@ -121,7 +118,6 @@ def test_frames_turn_forth_and_back(north_m: float, east_m: float, heading_deg: 
     ("heading_deg", "north", "east"), [(0.0, 1.0, 0.0), (90.0, 0.0, 1.0), (180.0, -1.0, 0.0), (-90.0, 0.0, -1.0)]
 )
 def test_the_heading_is_the_compass_direction_of_y(heading_deg: float, north: float, east: float) -> None:
-    """0 north, 90 east."""
     assert LocalFrame(0.0, 0.0, heading_deg).turned_to_ned(0.0, 1.0) == pytest.approx((north, east))
 
 
@@ -134,7 +130,6 @@ def a_guard(now_s: float = 0.0) -> Guard:
 
 
 def test_a_command_is_cut_to_the_limit_and_keeps_its_direction() -> None:
-    """3-4-5, at 2 m/s."""
     guard = a_guard()
     guard.command(3.0, 4.0, 0.0)
     assert guard.velocity(0.0) == pytest.approx((1.2, 1.6))
@@ -157,7 +152,6 @@ def test_a_stalled_agents_vehicle_stands_and_each_stall_counts_once() -> None:
 
 
 def test_no_velocity_without_a_position() -> None:
-    """Neither before the first one, nor on an old one, nor on one that is no number."""
     guard = Guard(LIMITS, SQUARE, 0.1)
     guard.command(1.0, 0.0, 0.0)
     guard.locate(math.nan, 5.0, 0.0)
@@ -168,7 +162,6 @@ def test_no_velocity_without_a_position() -> None:
 
 
 def test_what_leads_out_is_refused_and_counted() -> None:
-    """The vehicle is told to stand."""
     guard = a_guard()
     guard.locate(9.0, 5.0, 0.0)
     guard.command(1.5, 0.0, 0.0)
@@ -179,7 +172,6 @@ def test_what_leads_out_is_refused_and_counted() -> None:
 
 
 def test_the_body_says_what_is_wrong() -> None:
-    """One thing after the other, the gravest first; and how certain the place is."""
     guard = Guard(LIMITS, SQUARE, 0.1)
     assert "heartbeat" in guard.sensed(0.0).fault
     guard.beat(False, "LOITER", 0.0)
@@ -201,7 +193,6 @@ def test_the_body_says_what_is_wrong() -> None:
 
 
 def test_a_vehicle_that_objects_stands_and_says_why() -> None:
-    """Until it objects no more."""
     guard = a_guard()
     guard.command(1.0, 0.0, 0.0)
     guard.inhibit("on the ground")
@@ -230,13 +221,11 @@ def flown(guard: Guard, share: float, steps: int, begin_s: float = 0.0, wish: Pl
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_a_vehicle_that_follows_is_not_doubted(share: float) -> None:
-    """Though it is slow, or lags behind."""
     assert not any(flown(Guard(CHECKED, SQUARE, 0.1), share, 85))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, -1.0])
 def test_a_vehicle_that_does_not_follow_stands_and_says_so(share: float) -> None:
-    """It stands for a while, and is tried again."""
     guard = Guard(CHECKED, Fence([(-50, -50), (50, -50), (50, 50), (-50, 50)]), 0.1)
     faults = flown(guard, share, 130)
     assert not any(faults[:50])
@@ -266,7 +255,6 @@ def jumped(**limits: Any) -> Guard:
 
 
 def moves(guard: Guard, now_s: float) -> bool:
-    """Whether it moves in a place that it has just told."""
     guard.locate(16.0, 1.0, now_s)
     guard.command(0.1, 0.0, now_s)
     return guard.velocity(now_s) != STAND
@@ -300,7 +288,6 @@ def test_a_pilot_who_gives_it_back_says_so(between: list[tuple[bool, str]], goes
 
 
 def test_a_second_jump_stops_it_again() -> None:
-    """After a pilot gave it back."""
     guard = jumped(modes=("GUIDED",))
     guard.beat(True, "LOITER", 60.0)
     guard.beat(True, "GUIDED", 60.0)

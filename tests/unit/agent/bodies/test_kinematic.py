@@ -30,7 +30,6 @@ def a_body(seed: int = 1, **options: Any) -> KinematicBody:
 
 @given(drives, st.integers(0, 3))
 def test_the_same_seed_and_commands_give_the_same_drive(drive: Any, seed: int) -> None:
-    """Errors and all."""
     one, other = a_body(seed), a_body(seed)
     now_s = 0.0
     for velocity, for_s in drive:
@@ -42,7 +41,6 @@ def test_the_same_seed_and_commands_give_the_same_drive(drive: Any, seed: int) -
 
 @given(drives, st.integers(0, 3))
 def test_it_is_never_faster_than_its_agents_speed(drive: Any, seed: int) -> None:
-    """Whatever is commanded, and with noise."""
     body = a_body(seed, speed_noise=0.5)
     now_s = 0.0
     for velocity, for_s in drive:
@@ -120,7 +118,6 @@ def test_events_come_and_go_by_the_file(tmp_path: Path) -> None:
 
 
 def test_an_event_is_complete_after_its_own_observers_work(tmp_path: Path) -> None:
-    """Only what is in range and observed is worked on."""
     body = a_body(events=an_events_file(tmp_path, "1,3,0,,,5", "2,30,0,,,1"), **QUIET)
     for now_s in range(1, 5):
         body.move(0.0, 0.0, (1, 2))
@@ -161,14 +158,12 @@ def test_an_event_is_seen_from_the_believed_place(tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_events_file_is_refused_with_its_line(text: str, word: str) -> None:
-    """With what must hold and what was found."""
     with pytest.raises(ValueError, match=r"^line \d+") as caught:
         read_events(text)
     assert word in str(caught.value)
 
 
 def test_options_name_a_file_that_is_not_there(tmp_path: Path) -> None:
-    """As a mistake among others."""
     made, problems = check(KinematicSettings, {"events": str(tmp_path / "none.csv"), "drift": -1})
     assert made is None
     assert [problem.path for problem in problems] == ["drift"]

@@ -43,10 +43,8 @@ TASK = {
 
 
 class Flight:
-    """The scripted vehicle under way."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self.process = process
+    def __init__(self, process: subprocess.Popen[str], port: int) -> None:
+        self.process, self.port = process, port
         self.track: list[list[float]] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -57,7 +55,6 @@ class Flight:
             self.track.append(json.loads(line))
 
     def tell(self, word: str) -> None:
-        """A word to the vehicle."""
         assert self.process.stdin is not None
         self.process.stdin.write(word + "\n")
         self.process.stdin.flush()
@@ -69,7 +66,6 @@ class Flight:
 
     @property
     def speed_mps(self) -> float:
-        """How fast it is."""
         return math.hypot(*self.track[-1][3:5]) if self.track else math.nan
 
     def hears_what_was_sent(self) -> None:
@@ -78,7 +74,6 @@ class Flight:
         wait_until(lambda: len(self.track) >= rows, "two further rows of the vehicle")
 
     def end(self) -> None:
-        """Land, and wait."""
         assert self.process.stdin is not None
         self.process.stdin.close()
         self.process.wait(PATIENCE_S)
@@ -90,7 +85,7 @@ def flying(port: int, kind: str = "copter") -> Iterator[Flight]:
     """A vehicle that speaks to a port, with nothing left of it afterwards."""
     command = [sys.executable, "-m", "tests.support.vehicle", str(port), kind]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    flight = Flight(process)
+    flight = Flight(process, port)
     try:
         yield flight
     finally:
@@ -113,8 +108,6 @@ def a_body(kind: str = "copter", **options: Any) -> Iterator[tuple[MavlinkBody, 
 
 
 def go(body: MavlinkBody, vx_mps: float, vy_mps: float, until: Any, what: str) -> None:
-    """Command each time that is waited, as an agent does each step."""
-
     def commanded() -> bool:
         body.move(vx_mps, vy_mps, ())
         return bool(until())
@@ -133,7 +126,6 @@ def test_x_is_east_and_y_is_north_and_no_faster_than_allowed() -> None:
 
 
 def test_a_turned_arena_turns_both_ways() -> None:
-    """With +y to the east, +x points south."""
     with a_body(heading_deg=90.0, origin_north_m=8.0, origin_east_m=-8.0) as (body, flight):
         go(body, 1.0, 0.0, lambda: flight.at[1] < -0.5, "half a metre to the south")
         wait_until(lambda: body.sense(0.0).x_m > 8.4, "the same along x")
@@ -315,10 +307,7 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
 
 
 class Stalling(MavlinkBody):
-    """A vehicle's body whose agent hangs while a file is there."""
-
     def sense(self, time_s: float) -> Any:
-        """Hang, or go on."""
         wait_until(lambda: not Path("stall").exists(), "the end of the stall")
         return super().sense(time_s)
 
@@ -361,7 +350,6 @@ def flying_from(root: str, port: int) -> Iterator[Flight]:
 
 
 def test_events_of_a_file_are_sensed_from_the_vehicles_place(tmp_path: Path) -> None:
-    """What is near it by the file, and has work left."""
     file = tmp_path / "events.csv"
     file.write_text("event,x_m,y_m,work_s\n4,1,1,2\n5,19,19,2\n")
     with a_body(events=str(file)) as (body, _):

@@ -71,7 +71,6 @@ def test_connection_strings_mean_what_they_do_elsewhere(text: str, device: Devic
 
 
 def received(link: MavlinkLink, length: int) -> bytes:
-    """So many bytes."""
     data = b""
     while len(data) < length:
         more = link.receive(PATIENCE_S)
@@ -162,7 +161,6 @@ def test_a_serial_line_that_is_pulled_out_is_told_of_and_found_again() -> None:
 
 @contextmanager
 def a_body(device: str) -> Iterator[MavlinkBody]:
-    """A body by itself, closed afterwards."""
     body = MavlinkBody(load(MavlinkSettings, {"device": device}), BodyContext(1, AgentSettings(), Random(1)))
     try:
         yield body

@@ -45,7 +45,7 @@ def telling(averages: Averages | None) -> Attending:
 
 def found(lone: Lone) -> list[tuple[float, float]]:
     assert lone.core.controller.agent.found is not None
-    return [(x_m, y_m) for x_m, y_m, _ in lone.core.controller.agent.found._places]
+    return [(x_m, y_m) for x_m, y_m, _ in lone.core.controller.agent.found.places]
 
 
 def rate_hz(lone: Lone) -> float:
@@ -54,7 +54,6 @@ def rate_hz(lone: Lone) -> float:
 
 
 def test_a_walker_expects_one_event_in_300_s_at_first() -> None:
-    """Of both kinds of legs as many."""
     assert finds().rate_hz == pytest.approx(1 / 300)
     assert finds().ratio == pytest.approx(1.0)
     assert pytest.approx(1 / 300) == 2 * FIRST_FINDS / (2 * FIRST_S)
@@ -133,7 +132,6 @@ def test_who_hears_another_for_long_comes_to_know_what_it_knows() -> None:
 
 @given(RATES)
 def test_what_is_told_can_be_told_again(averages: Averages) -> None:
-    """Whatever was heard, an agent's own averages fit into a frame."""
     one = finds()
     for now in range(50):
         one.hear([telling(averages)] * 3, now)
@@ -171,7 +169,6 @@ def test_an_event_that_somebody_attends_is_no_find(frame: Attending | Member) ->
 
 
 def test_who_newly_meets_an_attending_agent_remembers_its_event() -> None:
-    """Where that event is, not where the agent stands; and once."""
     lone = Lone(at=OUTSIDE, mode="decentralised", return_to_finds=True)
     lone.step()
     lone.step(attending(SENDER, PARENT_AT, 1, (49.0, 50.0)), at=INSIDE)
@@ -179,7 +176,6 @@ def test_who_newly_meets_an_attending_agent_remembers_its_event() -> None:
 
 
 def test_the_memory_is_bounded() -> None:
-    """The newest places stay."""
     lone = adaptive(mode="hierarchical", rho=9, return_to_finds=True)
     for number in range(50):
         lone.step(events=[event(number, 50 + number % 3, 50)])
@@ -233,7 +229,6 @@ def test_a_place_is_forgotten_after_a_return_in_vain() -> None:
 
 
 def test_a_place_is_forgotten_with_time() -> None:
-    """After `find_memory_s` no leg leads back there."""
     lone = Lone(mode="hierarchical", rho=9, return_to_finds=True, find_memory_s=100)
     lone.step(events=[event(1, 52, 50)])
     lone.step(skip=101)
@@ -254,7 +249,6 @@ def test_a_member_leaves_when_a_walker_would_have_found_enough(level: int, step_
 
 
 def test_an_event_renews_patience() -> None:
-    """As it renews gamma."""
     lone = a_member((100,), patience_finds=0.2)
     for step in range(200):
         lone.step(member((100,), PARENT_AT, pulse=101 + step), events=[event(1, *INSIDE)] if step % 50 == 0 else [])
@@ -262,7 +256,6 @@ def test_an_event_renews_patience() -> None:
 
 
 def test_a_root_leaves_too_and_its_tree_with_it() -> None:
-    """The paper's root never leaves; this one does, and says so."""
     root = a_root(patience_finds=0.2)
     said = root.steps(60)
     assert root.core.state is State.WALKING
@@ -270,7 +263,6 @@ def test_a_root_leaves_too_and_its_tree_with_it() -> None:
 
 
 def test_without_dissolution_nobody_loses_patience() -> None:
-    """The ablation holds here, too."""
     root = a_root(patience_finds=0.2, dissolution=False)
     root.steps(500)
     assert root.core.state is State.ROOT
@@ -289,7 +281,6 @@ def test_who_learns_that_walkers_find_much_leaves_sooner() -> None:
 
 @in_one_test(("busy", "delta"), [(0.0, 4), (0.2499, 4), (0.25, 3), (0.4999, 3), (0.5, 2), (1.0, 2)])
 def test_delta_falls_as_agents_are_busier(busy: float, delta: int) -> None:
-    """Where there is much work, trees are founded early."""
     assert delta_for(busy) == delta
 
 
@@ -307,7 +298,6 @@ def test_an_agent_chooses_its_delta_and_says_so() -> None:
 
 
 def test_the_modes_of_the_paper_say_their_threshold() -> None:
-    """delta, rho, or none."""
     deltas = [
         Lone(mode=mode, delta=5, rho=7).step().act.tree_status.delta
         for mode in ("hybrid", "hierarchical", "decentralised")
@@ -316,14 +306,12 @@ def test_the_modes_of_the_paper_say_their_threshold() -> None:
 
 
 def test_an_operator_who_sets_delta_ends_the_agents_own_choice() -> None:
-    """Until the end of the run."""
     lone = adaptive()
     obey(lone.core.controller.agent, [Command(1, "set delta", Target("all"), {"delta": 7}, 60.0)])
     assert lone.step().act.tree_status.delta == 7
 
 
 def test_adaptive_is_hybrid_control_with_other_defaults() -> None:
-    """Each part can be switched off by its key."""
     own, hybrid = find_controller("adaptive").Settings(), find_controller("hybrid").Settings()
     changed = {name for name in vars(hybrid) if getattr(own, name) != getattr(hybrid, name)}
     assert changed == {"adapts_delta", "patience_finds", "return_to_finds", "member_observes"}

@@ -60,7 +60,6 @@ def test_the_freshest_word_wins(told: Words) -> None:
 
 @given(words, st.randoms(use_true_random=False))
 def test_words_may_come_in_any_order_and_twice(told: Words, order: random.Random) -> None:
-    """Merging is commutative and idempotent."""
     one, other = some(), some()
     hear(one, told.items())
     hear(other, order.sample([*told.items()] * 2, 2 * len(told)))
@@ -91,7 +90,6 @@ def test_an_event_that_should_be_sensed_and_is_not_is_gone(distance_m: float, is
 
 
 def test_a_sensing_range_below_the_margin_finds_nothing_gone() -> None:
-    """The margin does not turn into a range of its own."""
     beliefs = some(0.02)
     beliefs.sense([event(3, 50, 50)], 50.0, 50.0, NOW)
     beliefs.sense([], 50.0, 50.0, NOW + 1)
@@ -100,7 +98,6 @@ def test_a_sensing_range_below_the_margin_finds_nothing_gone() -> None:
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
 def test_places_are_told_to_the_nearest_centimetre(x_m: float, y_m: float) -> None:
-    """Within half of one, and the same when told on."""
     beliefs = some()
     beliefs.sense([event(1, x_m, y_m)], x_m, y_m, NOW)
     (sighting,) = beliefs.sightings(NOW)
@@ -137,7 +134,6 @@ def test_of_many_events_the_freshest_are_told(told: list[tuple[int, int]]) -> No
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 29)), min_size=9, max_size=40, unique_by=lambda w: w[0]))
 def test_of_many_departures_the_freshest_are_told(told: list[tuple[int, int]]) -> None:
-    """8 at most, by id among equals."""
     beliefs = some()
     hear(beliefs, (((number, age), False) for number, age in told))
     expected = sorted((age + 1, number) for number, age in told)[:MAX_GONE]

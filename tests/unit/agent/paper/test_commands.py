@@ -22,7 +22,6 @@ BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off
 
 
 def play(found: InProcess, steps: int) -> Iterator[tuple[int, StepRecord]]:
-    """The steps, each answered by the scripted operator."""
     for step in range(steps):
         record = found.step(step, step == steps - 1)
         yield step, record
@@ -35,7 +34,6 @@ def places(found: InProcess) -> list[list[float]]:
 
 
 def roots(found: InProcess) -> dict[int, int]:
-    """The tree of each agent that is in one."""
     standings = found.world._tree_statuses.items()
     return {agent: status.root for agent, status in standings if status.root >= 0}
 
@@ -83,7 +81,6 @@ def test_who_is_taken_off_leaves_its_event() -> None:
 
 
 def test_a_tree_and_a_circle_have_their_own_delta() -> None:
-    """Who is not meant keeps what it had."""
     circle = script([10, "set delta", "circle", [0, 20, 20], {"delta": 9}])
     found = swarm("smoke", *QUIET, circle)
     for step, _ in play(found, 12):
@@ -97,14 +94,12 @@ def test_a_tree_and_a_circle_have_their_own_delta() -> None:
 
 @pytest.mark.parametrize("mode", ["decentralised", "hierarchical"])
 def test_only_hybrid_control_has_a_delta(mode: str) -> None:
-    """The others refuse it."""
     found = swarm("smoke", *QUIET, f"control.mode={mode}", script([5, "set delta", "all", [], {"delta": 1}]))
     assert list(play(found, 8))
     assert states(found) == [REFUSED] * 6
 
 
 def test_a_tree_that_is_recalled_dissolves_and_founds_no_new_one_for_the_pause() -> None:
-    """Neither its root nor its members, whatever they sense."""
     busy = ("agents.count=12", "events.rate_hz=0.3", "control.delta=1", "record=off", "control.gamma_max=500")
     at, pause, root, tree = 0, 70, -1, set[int]()
     free = swarm("smoke", *busy)
@@ -156,7 +151,6 @@ def test_an_errand_ends_with_the_life_of_its_command() -> None:
 
 @pytest.mark.parametrize("after", [("attend", "place", [30, 8], {"within_m": 60}), ("resume", "all", [], {})])
 def test_a_later_command_replaces_an_errand(after: tuple[Any, ...]) -> None:
-    """And the operator is told so."""
     found = swarm("smoke", *QUIET, script([20, "attend", "place", [8, 30], {"within_m": 60}], [25, *after]))
     assert list(play(found, 40))
     assert set(states(found)) <= {DONE, SUPERSEDED}
@@ -176,7 +170,6 @@ def test_who_is_pushed_behind_an_obstacle_gives_the_errand_up() -> None:
 
 
 def test_a_place_outside_the_arena_is_refused() -> None:
-    """Nobody could get there."""
     found = swarm("smoke", *QUIET, script([5, "attend", "place", [-9, 30], {"within_m": 1000}]))
     assert list(play(found, 10))
     assert states(found) == [REFUSED] * 6
@@ -184,7 +177,6 @@ def test_a_place_outside_the_arena_is_refused() -> None:
 
 @pytest.mark.parametrize("resumed", [False, True])
 def test_who_is_held_stands_still_until_its_time_or_resume(resumed: bool) -> None:
-    """Then it walks on."""
     rows: list[Sequence[Any]] = [[10, "hold", "all", [], {"for_s": 40}]]
     rows += [[30, "resume", "agent", [2], {}]] if resumed else []
     found = swarm("smoke", *QUIET, script(*rows))

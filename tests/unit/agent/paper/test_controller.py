@@ -52,7 +52,6 @@ def at_event(number: int = 1, **control: Any) -> Lone:
 
 
 def test_the_nearest_sensed_event_is_gone_to() -> None:
-    """Straight, at full speed, and by id among equals."""
     lone = Lone(mode="decentralised")
     assert velocity(lone.step(events=[event(1, 50, 53), event(2, 48, 50)])) == (-1.0, 0.0)
     lone = Lone(mode="decentralised")
@@ -96,7 +95,6 @@ def test_a_find_is_reported_once_by_whoever_is_outside_trees(mode: str, step_s: 
 
 
 def test_an_agent_at_an_event_reports_another_beside_it_once() -> None:
-    """Its own event goes on in each step."""
     lone, own, other = at_event(mode="decentralised", report_finds=True), event(1, 50, 50), event(2, 51, 50)
     assert [reported(one) for one in lone.steps(3, events=[own, other])] == [[1, 2], [1], [1]]
     assert reported(Lone(mode="decentralised", report_finds=True).step(events=[own])) == [1]
@@ -126,7 +124,6 @@ def test_another_event_does_not_call_an_agent_away() -> None:
 
 
 def test_after_completion_another_sensed_event_is_gone_to_at_once() -> None:
-    """In the step in which the agent finds its event gone."""
     decision = at_event().step(events=[event(2, 50, 53), event(3, 48, 50)])
     assert velocity(decision) == (-1.0, 0.0)
     assert (decision.act.observed, decision.radio, decision.report) == ((), None, None)
@@ -184,7 +181,6 @@ def test_an_event_that_the_agent_senses_itself_wins() -> None:
 
 
 def test_an_agent_walks_on_where_an_event_should_be_and_is_not() -> None:
-    """As soon as it should sense the event that it was told of."""
     lone = Lone(at=OUTSIDE)
     lone.step()
     lone.step(attending(PARENT, PARENT_AT, 4, PARENT_AT), at=INSIDE)
@@ -220,7 +216,6 @@ def test_no_root_is_founded_where_a_member_is_heard(orphan: bool) -> None:
 
 
 def test_decentralised_agents_found_no_trees() -> None:
-    """However many events they sense."""
     lone = Lone(mode="decentralised", delta=1, rho=1)
     lone.steps(20, events=[event(number, 50, 50 + number / 10) for number in range(10)])
     assert lone.core.state is State.ATTENDING
@@ -242,7 +237,6 @@ def test_a_parent_is_at_least_d_min_away_and_2_cm_within_range(distance_m: float
 
 @pytest.mark.parametrize("before", [State.WALKING, State.GOING, State.ATTENDING])
 def test_any_free_agent_joins(before: State) -> None:
-    """Walking, going or observing."""
     lone = Lone(at=OUTSIDE)
     sensed = {State.WALKING: [], State.GOING: [event(1, 60, 50)], State.ATTENDING: [event(1, *OUTSIDE)]}[before]
     lone.step(events=sensed)
@@ -317,7 +311,6 @@ def test_tree_agents_stand_and_observe_what_they_sense(member_observes: str, obs
 
 
 def test_members_report_to_nobody() -> None:
-    """Whatever they sense: their tree hears it, with their score."""
     for decision in a_member().steps(5, events=[event(1, *INSIDE), event(2, *INSIDE)]):
         assert decision.report is None
         assert isinstance(decision.radio, Member)
@@ -338,7 +331,6 @@ def test_a_root_reports_while_its_tree_believes_in_an_event() -> None:
 
 
 def test_the_longest_table_can_be_said() -> None:
-    """A frame with all 350 rows, and more offered, is within the limit of the air."""
     wide = [Descendant(60_000 + row, 2, -(2**31) + 1, 2**31 - 1, 65_535) for row in range(600)]
     broods = [child(2, (ME,), (58, 50), table=wide[:300]), child(3, (ME,), (58, 50), table=wide[300:])]
     decision = a_root().step(*broods, events=[event(1, 50, 50)])

@@ -80,7 +80,6 @@ def test_arrival_renews_a_recruited_agents_gamma() -> None:
 
 
 def test_a_sensed_event_restores_gamma() -> None:
-    """To the whole of it, however little is left."""
     lone = a_member()
     for pulse in range(101, 121):
         lone.step(parent_says(pulse))
@@ -90,7 +89,6 @@ def test_a_sensed_event_restores_gamma() -> None:
 
 
 def test_dissolution_can_be_switched_off() -> None:
-    """The paper's ablation: members stay without any event."""
     lone = a_member(dissolution=False)
     for pulse in range(101, 400):
         lone.step(parent_says(pulse))

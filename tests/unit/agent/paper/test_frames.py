@@ -60,20 +60,19 @@ FULL = Member(
 @pytest.fixture(autouse=True)
 def nothing_kept() -> Iterator[None]:
     """Begin and end without frames kept from encoding: they would not be decoded at all."""
-    frames._encoded.clear()
+    frames.encoded.clear()
     yield
-    frames._encoded.clear()
+    frames.encoded.clear()
 
 
 def decoded(payload: bytes, sender: int = SENDER) -> PaperFrame:
     """A payload of another process, so that it must be decoded."""
-    frames._encoded.clear()
+    frames.encoded.clear()
     return decode(sender, payload)
 
 
 @given(PAPER.strategy)
 def test_what_is_sent_is_heard(frame: PaperFrame) -> None:
-    """Every frame comes out as it went in, and as the same kind."""
     heard = decoded(encode(frame))
     assert heard == frame
     assert type(heard) is type(frame)
@@ -93,19 +92,17 @@ def test_few_frames_are_kept_of_each_sender() -> None:
     """Memory does not grow with the length of a run."""
     for x_cm in range(100):
         encode(Leaving(SENDER, x_cm, 0))
-    assert len(frames._encoded[SENDER]) == frames._KEPT
+    assert len(frames.encoded[SENDER]) == frames.KEPT
 
 
 @given(strange(PAPER))
 def test_what_is_strange_is_refused_by_name(data: bytes) -> None:
-    """Damaged or reshaped frames and random bytes decode to something valid or name a field."""
     assert_decodes_or_complains(MEMBER if data[1:2] == b"\x01" else ATTENDING, data)
 
 
 @pytest.mark.parametrize("codec", [MEMBER, ATTENDING], ids=["member", "attending"])
 @given(data=st.data())
 def test_a_wrong_field_is_named(codec: Codec, data: st.DataObject) -> None:
-    """One bad value in one field: the error says which."""
     frame = data.draw(codec.strategy)
     for field in codec.places:
         assert_field_is_named(codec, frame, field, data.draw(st.sampled_from(NASTY)))
@@ -124,7 +121,6 @@ def test_one_bad_number_in_a_row_is_found(frame: Member, field: str, data: st.Da
 
 @given(MEMBER.strategy, st.sampled_from(["table", "events", "gone"]))
 def test_rows_are_whole(frame: Member, field: str) -> None:
-    """Rows stand one after the other in a flat array; one number too many is no row."""
     raw: Any = msgpack.unpackb(encode(frame))
     raw[MEMBER.places[field]].append(0)
     with pytest.raises(WireError, match=rf"^frame\.{field} must .*multiple"):
@@ -156,7 +152,6 @@ def test_a_payload_does_not_say_who_sent_it() -> None:
 
 @pytest.mark.parametrize("field", ["table", "events", "gone"])
 def test_rows_are_limited_in_number(field: str) -> None:
-    """As many as the limit pass, one more does not."""
     rows = getattr(FULL, field)
     assert decoded(encode(PLAIN._replace(**{field: rows})))
     with pytest.raises(WireError, match=rf"^frame\.{field} must .*at most"):
@@ -164,7 +159,6 @@ def test_rows_are_limited_in_number(field: str) -> None:
 
 
 def test_a_path_is_limited_in_length() -> None:
-    """The longest path passes; one agent more does not."""
     longest = tuple(range(1000, 1000 + frames.MAX_PATH - 1))
     assert decoded(encode(PLAIN._replace(path=(*longest, SENDER)))) == PLAIN._replace(path=(*longest, SENDER))
     with pytest.raises(WireError, match=r"^frame\.path must .*at most"):
@@ -204,7 +198,6 @@ def test_frames_are_short_on_the_air(frame: PaperFrame, most_bytes: int) -> None
 
 
 def test_a_frame_of_one_kind_with_the_length_of_another_is_refused() -> None:
-    """The kind says how many fields there are."""
     lengths = {frames.ATTENDING: 6, frames.RELOCATING: 3, frames.LEAVING: 3}
     for kind in (frames.ATTENDING, frames.MEMBER, frames.RELOCATING, frames.LEAVING):
         for length in range(15):

@@ -4,13 +4,11 @@ import math
 import random
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import PaperFrame, RecruitmentOrder, Sighting, decode, encode
 from deltaswarm_agent.controllers.paper.states import State
-from deltaswarm_agent.core.agent_core import FORGET_SENDER_S
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Event, decode_act, encode_act
@@ -40,17 +38,6 @@ in_arena = st.floats(0.0, 100.0)
 far_cm = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
 
 
-@pytest.mark.parametrize("step_s", [0.5, 1.0])
-@pytest.mark.parametrize(("silent_s", "believed"), [(FORGET_SENDER_S, False), (FORGET_SENDER_S + 1, True)])
-def test_a_restarted_counter_is_believed_after_silence(silent_s: float, believed: bool, step_s: float) -> None:
-    """A sender that begins anew is heard again after more than 20 s, whatever the length of a step."""
-    lone = Lone(at=OUTSIDE, step_s=step_s)
-    lone.step(on_air(attending(PARENT, PARENT_AT, 1, PARENT_AT), 500))
-    lone.steps(round(silent_s / step_s) - 1)
-    lone.step(on_air(member((PARENT,), PARENT_AT), 0), at=INSIDE)
-    assert (lone.path != ()) == believed
-
-
 BEGINNINGS = {
     "free": lambda: Lone(mode="hybrid", delta=2),
     "adaptive": lambda: Lone(mode="adaptive"),
@@ -64,7 +51,6 @@ beginnings = st.sampled_from(sorted(BEGINNINGS))
 
 @given(lives(st.builds(on_air, near_frames(), st.integers(0, 60))), beginnings, st.randoms(use_true_random=False))
 def test_the_order_of_arrival_does_not_matter(life: list[Any], begin: str, order: random.Random) -> None:
-    """Shuffled, every frame twice: the same decisions."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
     for heard, sensed in life:
         samples = list({(sender, decode_sample(data).counter): (sender, data) for sender, data in heard}.values())
@@ -91,7 +77,6 @@ bad_payloads = (
 
 @given(lives(bad_samples | bad_payloads | near_frames(), steps=6), beginnings)
 def test_malformed_frames_are_counted_and_harmless(life: list[Any], begin: str) -> None:
-    """An agent that hears them among others decides as one that does not: neither envelopes nor payloads matter."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
     samples, senders = 0, set()
     for heard, sensed in life:
@@ -116,7 +101,6 @@ def assert_sound(decision: StepAnswer, sensed: list[Event]) -> None:
 
 @given(lives(paper_frames | near_frames(far_cm)), beginnings, in_arena, in_arena)
 def test_no_valid_frame_of_a_stranger_upsets_an_agent(life: list[Any], begin: str, x_m: float, y_m: float) -> None:
-    """Whatever places, paths, ages and orders it claims, and wherever the agent is."""
     lone = BEGINNINGS[begin]()
     home = lone.at
     for number, (heard, sensed) in enumerate(life):
@@ -141,7 +125,6 @@ def test_what_a_root_was_told_can_be_reported() -> None:
 
 
 def test_no_place_outside_the_arena_is_gone_to() -> None:
-    """Events occur within it, so such a frame is wrong."""
     lone = Lone(at=OUTSIDE)
     lone.step()
     lone.step(attending(PARENT, PARENT_AT, 4, (500, 50)), at=INSIDE)
@@ -149,7 +132,6 @@ def test_no_place_outside_the_arena_is_gone_to() -> None:
 
 
 def test_no_order_leads_outside_the_arena() -> None:
-    """Places to go to are within it, so such an order is wrong."""
     lone = a_member()
     lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101, order=RecruitmentOrder(ME, 50_000, 5000, 1, 12)))
     assert lone.core.state is State.MEMBER

@@ -107,7 +107,6 @@ def test_a_living_roots_pulse_is_fresh_unless_it_comes_late(known: int, elapsed:
 
 
 def test_a_roots_first_pulse_on_the_air_is_0() -> None:
-    """And one more with each step."""
     root = Lone(mode="hierarchical", rho=1)
     pulses_said = []
     for _ in range(4):
@@ -148,7 +147,6 @@ def test_an_orphaned_parent_is_still_the_parent() -> None:
 
 
 def test_who_is_in_its_parents_path_is_an_orphan() -> None:
-    """A cycle ends where it is first seen."""
     lone = a_member()
     lone.step(member((ROOT, ME, PARENT), PARENT_AT, pulse=101))
     assert lone.core.state is State.ORPHAN

@@ -46,7 +46,6 @@ def test_an_order_is_relayed_only_towards_its_leaf(leaf: int, ttl: int, relayed:
 
 
 def test_an_order_from_elsewhere_is_neither_obeyed_nor_relayed() -> None:
-    """Only the own parent's frame counts."""
     lone = a_member()
     stranger = member((ROOT, 5), (59, 42), pulse=101, order=order_to(ME))
     lone.step(stranger, parent_says(101, None))
@@ -63,14 +62,12 @@ def test_an_order_under_way_ends_with_its_tree() -> None:
 
 
 def test_an_agent_with_children_refuses() -> None:
-    """It is no leaf any more."""
     lone = a_member()
     lone.step(parent_says(101, order_to(ME)), child(4, lone.path, (59, 58)))
     assert lone.core.state is State.MEMBER
 
 
 def sent(place: Place = (56.0, 56.0), number: int = 1) -> Lone:
-    """A member that has just been ordered to a place."""
     lone = a_member()
     decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place, number)))
     assert isinstance(decision.radio, Relocating)
@@ -112,7 +109,6 @@ def test_a_restarted_roots_first_order_is_followed() -> None:
 
 
 def a_root_since(step: int, **control: Any) -> Lone:
-    """A root that founded its tree in some step of the run."""
     root = Lone(mode="hierarchical", rho=1, **control)
     root.step(events=[event(1, 50, 50)], skip=step)
     assert root.path == (ME,)

@@ -45,8 +45,6 @@ shares = st.sampled_from([0.0, 0.1, 0.3, 0.5])
 
 
 class Swarm:
-    """Agents, their bodies, the events and the air."""
-
     def __init__(self, seed: int, latency_steps: int, started: int, **control: Any) -> None:
         self.rng = Random(seed)
         self.settings = agent_settings(
@@ -69,11 +67,9 @@ class Swarm:
             self.start(agent)
 
     def anywhere(self) -> Place:
-        """A place in the arena."""
         return self.rng.uniform(0, SIZE_M), self.rng.uniform(0, SIZE_M)
 
     def start(self, agent: int) -> None:
-        """A process begins, knowing nothing."""
         self.cores[agent] = Core(agent, self.settings, self.starts[agent])
         self.starts[agent] += 1
         self.frozen.discard(agent)
@@ -85,18 +81,15 @@ class Swarm:
 
     @property
     def awake(self) -> list[tuple[int, Core]]:
-        """Those that take part in a step."""
         return [(agent, core) for agent, core in sorted(self.cores.items()) if agent not in self.frozen]
 
     def add_events(self, count: int, x_m: float, y_m: float) -> None:
-        """Near a place."""
         for _ in range(count):
             self._events_made += 1
             place = (min(max(c + self.rng.uniform(-3, 3), 0.0), SIZE_M) for c in (x_m, y_m))
             self.events[self._events_made] = [*place, WORK_AGENT_STEPS]
 
     def advance(self) -> None:
-        """One step of all."""
         self.step += 1
         flying = self._flying.pop(self.step, [])
         for agent, core in self.awake:
@@ -141,8 +134,6 @@ class Swarm:
 
 
 class TreeProtocol(RuleBasedStateMachine):
-    """What happens, and what must hold all the while."""
-
     swarm: Swarm
 
     @initialize(
@@ -165,17 +156,14 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(loss=shares, duplication=shares)
     def change_the_air(self, loss: float, duplication: float) -> None:
-        """From now on."""
         self.swarm.loss, self.swarm.duplication = loss, duplication
 
     @rule(agent=agents)
     def die(self, agent: int) -> None:
-        """In the middle of whatever it does."""
         self.swarm.cores.pop(agent, None)
 
     @rule()
     def lose_a_root(self) -> None:
-        """The death that matters most."""
         roots = [agent for agent, core in self.swarm.members.items() if core.state is State.ROOT]
         if roots:
             self.die(self.swarm.rng.choice(roots))
@@ -187,7 +175,6 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(agent=agents)
     def thaw(self, agent: int) -> None:
-        """It goes on."""
         self.swarm.frozen.discard(agent)
 
     @rule(agent=agents)
@@ -197,27 +184,22 @@ class TreeProtocol(RuleBasedStateMachine):
 
     @rule(sides=st.lists(st.integers(0, 1), min_size=AGENTS, max_size=AGENTS))
     def part(self, sides: list[int]) -> None:
-        """Two halves that do not hear each other."""
         self.swarm.side = dict(enumerate(sides))
 
     @rule()
     def reunite(self) -> None:
-        """All may hear all."""
         self.swarm.side = dict.fromkeys(range(AGENTS), 0)
 
     @rule(count=st.integers(1, 4), x_m=st.integers(0, int(SIZE_M)), y_m=st.integers(0, int(SIZE_M)))
     def add_events(self, count: int, x_m: float, y_m: float) -> None:
-        """Work, somewhere."""
         self.swarm.add_events(count, x_m, y_m)
 
     @rule(count=st.integers(1, 4), agent=agents)
     def add_events_near(self, count: int, agent: int) -> None:
-        """Work that an agent senses."""
         self.swarm.add_events(count, *self.swarm.at[agent])
 
     @rule(steps=st.integers(1, 25))
     def run(self, steps: int) -> None:
-        """Time goes by."""
         for _ in range(steps):
             self.swarm.advance()
             self.check(self.swarm.latency_steps)

@@ -133,7 +133,6 @@ def test_a_root_recruits_on_its_own_clock(interval_s: int) -> None:
 
 
 def test_the_order_names_the_weakest_leaf_and_a_legal_place() -> None:
-    """Near the event that is out of everybody's sensing range."""
     root = a_root()
     strong = child(3, (ME,), (43, 50), score=1)
     (order,) = {order[:3] for order in orders(root.steps(60, leaf_frame(), strong)) if order}
@@ -146,14 +145,12 @@ def test_the_order_names_the_weakest_leaf_and_a_legal_place() -> None:
 
 
 def test_a_root_without_followers_or_events_gives_no_order() -> None:
-    """There is nobody to send, or nowhere to go."""
     assert not any(orders(a_root().steps(130, events=[event(1, 50, 50)])))
     alone = a_root(recruitment_places="with-events")
     assert not any(orders(alone.steps(130, child(LEAF, (ME,), (58, 50)))))
 
 
 def test_recruitment_can_be_switched_off() -> None:
-    """The paper's ablation: no orders at all."""
     assert not any(with_a_leaf(130, recruitment=False)[1])
 
 
@@ -235,7 +232,6 @@ def test_each_legal_place_is_drawn_as_often() -> None:
 
 
 def test_with_no_event_to_sense_a_leaf_goes_to_any_place_if_it_may() -> None:
-    """By default it goes."""
     for places, expected in (("with-events", 0), ("any", 1)):
         root = a_root(recruitment_interval_s=12, recruitment_places=places)
         said = orders(root.steps(20, child(LEAF, (ME,), (58, 50))))

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_agent.controllers.paper.agent import Agent
-from deltaswarm_agent.controllers.paper.frames import _encoded, decode
-from deltaswarm_agent.controllers.paper.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
+from deltaswarm_agent.controllers.paper.frames import decode, encoded
+from deltaswarm_agent.controllers.paper.states import FREE, TRANSITIONS, Cause, State, diagram
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.envelope import decode_sample
 from tests.support.cores import controllers_of, play, swarm
@@ -65,8 +65,6 @@ CONNECTED = {0: {0}, 20: set(), 23: {1}, 30: set(), 32: {0}, 33: {0, 1}}
 
 
 class Watch:
-    """Notes every change of state that any agent makes."""
-
     def __init__(self) -> None:
         self.steps: Counter[Step] = Counter()
         self.newest: dict[Agent, State] = {}
@@ -142,7 +140,6 @@ def taken_off(watch: Watch) -> None:
 
 
 def ordered(orders: list[str], watch: Watch) -> None:
-    """A rough run with a script of orders."""
     crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
     for _ in crew.steps(ROUGH_STEPS - 1):
         watch.check(crew)
@@ -170,14 +167,6 @@ def test_the_page_shows_the_table() -> None:
     assert block == diagram()
 
 
-def test_the_diagram_has_every_transition_once() -> None:
-    """One line each, and the state in which an agent begins."""
-    lines = [line.strip() for line in diagram().splitlines()]
-    assert lines[:2] == ["stateDiagram-v2", "[*] --> walking"]
-    drawn = [f"{source.value} --> {to.value}: {cause.value}" for (source, cause), to in TRANSITIONS.items()]
-    assert sorted(lines[2:]) == sorted(drawn)
-
-
 def test_every_state_can_be_left_for_walking() -> None:
     """No state is a trap: from each the table leads back to a free agent."""
     free, known = {State.WALKING}, set[State]()
@@ -188,10 +177,7 @@ def test_every_state_can_be_left_for_walking() -> None:
 
 
 def test_every_cause_is_in_the_table() -> None:
-    """And those of the paper name its section."""
     assert {cause for _, cause in TRANSITIONS} == set(Cause)
-    assert set(PAPER_SECTION) <= set(Cause)
-    assert all(PAPER_SECTION.values())
 
 
 def test_swarms_take_every_transition(taken: dict[Step, int]) -> None:
@@ -202,7 +188,6 @@ def test_swarms_take_every_transition(taken: dict[Step, int]) -> None:
 
 
 def test_swarms_take_no_other_transition(taken: dict[Step, int]) -> None:
-    """Every change of state that was seen is in the table."""
     assert {(source, cause): to for source, cause, to in taken}.items() <= TRANSITIONS.items()
     assert len({(source, cause) for source, cause, _ in taken}) == len(taken)
 
@@ -216,5 +201,5 @@ def test_what_a_rough_swarm_says_is_always_valid() -> None:
             for agent, data in crew.world.intake.transmitted.items():
                 payload = decode_sample(data).payload
                 made = decode(agent, payload)
-                _encoded.clear()  # else nothing would be decoded
+                encoded.clear()  # else nothing would be decoded
                 assert decode(agent, payload) == made, (seed, step, agent)

@@ -27,7 +27,6 @@ def a_tree(**control: object) -> Crowd:
 
 
 def die(crowd: Crowd, *agents: int) -> None:
-    """Without a further word."""
     crowd.step(silent=agents)
     for agent in agents:
         del crowd.lones[agent]
@@ -88,7 +87,6 @@ def test_an_old_root_that_was_only_silent_is_the_senior() -> None:
 
 @pytest.mark.parametrize("level", [2, 3])
 def test_only_children_of_the_root_succeed(level: int) -> None:
-    """Deeper members look for another parent in their tree as ever."""
     path = tuple(range(100, 100 + level))
     lone = a_member(path, root_succession=True)
     lone.steps(STEPS.silence + 1)
@@ -96,7 +94,6 @@ def test_only_children_of_the_root_succeed(level: int) -> None:
 
 
 def test_a_root_that_leaves_on_purpose_has_no_successor() -> None:
-    """Its tree was to dissolve."""
     crowd = a_tree()
     root = crowd.lones[9].core.controller.agent
     root.founds_from = 10_000
@@ -107,7 +104,6 @@ def test_a_root_that_leaves_on_purpose_has_no_successor() -> None:
 
 
 def test_a_successor_recruits_as_a_root_does() -> None:
-    """Every so many steps of its pulse, which is the tree's."""
     lone = a_member((1,), root_succession=True, recruitment_interval_s=13, gamma_max=1000)
     leaf = child(8, (1, 7), (66.0, 50.0))
     for pulse in range(101, 110):

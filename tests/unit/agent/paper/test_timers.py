@@ -32,7 +32,6 @@ steps_s = st.floats(0.01, 60.0)
 
 
 def test_a_step_of_1_s_makes_seconds_steps() -> None:
-    """Each timer has as many steps as seconds."""
     assert asdict(STEPS) == {name: round(getattr(module, f"{name.upper()}_S")) for name in asdict(STEPS)}
 
 
@@ -56,7 +55,6 @@ def test_what_a_timer_counts_fits_its_field(step_s: float) -> None:
 
 @in_one_test(("time_s", "step_s", "steps"), [(12, 5, 2), (12, 60, 1), (60, 0.25, 240), (0.1, 1, 1)])
 def test_a_time_is_rounded_to_steps(time_s: float, step_s: float, steps: int) -> None:
-    """To the nearest, and never to none."""
     assert steps_of(time_s, step_s) == steps
 
 
@@ -106,7 +104,6 @@ def test_an_event_that_nobody_senses_is_forgotten_after_12_s(step_s: float) -> N
 
 @pytest.mark.parametrize("step_s", STEPS_S)
 def test_a_root_recruits_each_60_s(step_s: float) -> None:
-    """Its order's number is the step in which it was given."""
     root = a_root(step_s=step_s)
     leaf = child(2, (root.core.agent,), (58, 50))
     numbers = set()

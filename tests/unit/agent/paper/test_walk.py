@@ -38,7 +38,6 @@ def an_agent(**keys: Any) -> AgentSettings:
 def walk(
     settings: AgentSettings, seed: int, x_m: float, y_m: float, steps: int, leg_max_s: float = LEG_MAX_S
 ) -> Iterator[tuple[float, float]]:
-    """Places of a walk, from the first on."""
     legs = Walk(settings, leg_max_s, random.Random(seed))
     for now in range(steps):
         yield x_m, y_m
@@ -56,7 +55,6 @@ def folded(unbounded_m: float, wall_m: float) -> float:
 def test_a_walk_stays_in_the_arena(
     width_m: float, height_m: float, right: float, up: float, speed_mps: float, step_s: float, seed: int
 ) -> None:
-    """From any place, corners and walls included, however fast."""
     settings = an_agent(width_m=width_m, height_m=height_m, speed_mps=speed_mps, step_s=step_s)
     for x_m, y_m in walk(settings, seed, right * width_m, up * height_m, 80):
         assert -1e-9 <= x_m <= width_m + 1e-9
@@ -198,7 +196,7 @@ def test_a_velocity_changes_at_turns_and_walls_only(shared: AgentSettings, seed:
     stride_m = shared.speed_mps * shared.step_s
     place = [shared.width_m / 2, shared.height_m / 2]
     for now in range(60):
-        before, ends = (legs._vx, legs._vy), legs._ends
+        before, ends = (legs.vx_mps, legs.vy_mps), legs.ends
         velocity = legs.velocity(now, *place)
         far = stride_m < place[0] < shared.width_m - stride_m and stride_m < place[1] < shared.height_m - stride_m
         if now < ends and far:
@@ -213,7 +211,7 @@ def test_a_promise_keeps_off_the_walls(step_s: float) -> None:
     for tenths in range(100):
         asked, left = (Walk(shared, LEG_MAX_S, random.Random(1)) for _ in range(2))
         for legs in (asked, left):
-            legs._vx, legs._vy, legs._ends = 1.0, 0.0, 2**32
+            legs.vx_mps, legs.vy_mps, legs.ends = 1.0, 0.0, 2**32
         x_m, due, velocity = tenths / 10, 0, STAND
         for now in range(300):
             if now == due:
@@ -230,7 +228,7 @@ def test_an_agent_on_a_long_leg_is_asked_seldom() -> None:
     velocity = legs.velocity(0, 5e3, 5e3)
     assert legs.straight_until(0, 5e3, 5e3, velocity) == MAX_POSES
     short = Walk(shared, 10.0, random.Random(1))
-    assert short.straight_until(0, 5e3, 5e3, short.velocity(0, 5e3, 5e3)) == short._ends
+    assert short.straight_until(0, 5e3, 5e3, short.velocity(0, 5e3, 5e3)) == short.ends
 
 
 @given(seeds, st.floats(0.2, 1e4), st.floats(0.0, 10.0))

@@ -38,17 +38,14 @@ LISTENER = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "", "listener")
     ],
 )
 def test_a_topics_key_has_domain_name_type_and_hash(namespace: str, key: str) -> None:
-    """As in the document's examples, without and with a namespace."""
     assert topic_key(RMW_ZENOH, 0, full_name("chatter", namespace), STRING) == key
 
 
 def test_the_bridges_key_is_the_topics_name_alone() -> None:
-    """Whatever the domain and the type: the bridge keeps these to itself."""
     assert topic_key(ROS2DDS, 7, full_name("cmd_vel", "/robot7"), TWIST) == "robot7/cmd_vel"
 
 
 def test_tokens_are_those_of_the_documents_listener() -> None:
-    """A node and its subscription, which keeps the last ten samples."""
     assert node_token(LISTENER) == f"@ros2_lv/2/{LISTENER.session}/0/0/{NODE}/%/%/listener"
     token = endpoint_token(LISTENER, 10, SUBSCRIPTION, "/chatter", STRING)
     assert token == (
@@ -63,7 +60,6 @@ def test_slashes_within_a_name_become_percent_signs() -> None:
 
 
 def test_an_attachment_is_33_bytes_little_endian() -> None:
-    """Number, time, the length of the id, the id."""
     attachment = Attachment(258, 0x0123_4567_89AB_CDEF, bytes(range(16)))
     data = encode_attachment(attachment)
     assert data.hex() == "0201000000000000" + "efcdab8967452301" + "10" + bytes(range(16)).hex()
@@ -73,20 +69,17 @@ def test_an_attachment_is_33_bytes_little_endian() -> None:
 
 @in_one_test("data", [b"", bytes(32), bytes(33), bytes(16) + b"\x10" + bytes(17)])
 def test_other_attachments_are_errors(data: bytes) -> None:
-    """Too short or too long, or an id of another length."""
     with pytest.raises(AttachmentError, match="33 bytes"):
         decode_attachment(data)
 
 
 def test_an_id_belongs_to_one_token() -> None:
-    """The same each time, of 16 bytes, and another for another token."""
     assert gid_of("a") == gid_of("a") != gid_of("b")
     assert len(gid_of("a")) == 16
 
 
 @in_one_test(("text", "holds"), [("cmd_vel", True), ("/a/b2", True), ("2b", False), ("a//b", False)])
 def test_names_are_those_of_ros(text: str, holds: bool) -> None:
-    """Words of letters, digits and underscores."""
     assert is_name(text) is holds
 
 
@@ -95,7 +88,6 @@ TOPIC = "/robot7/cmd_vel"
 
 
 def test_a_topic_nobody_is_at_is_told() -> None:
-    """Nodes, publishers, one's own endpoints and other topics are no subscription."""
     graph = Graph(TOPIC)
     graph.add(node_token(ROBOT))
     graph.add(endpoint_token(ROBOT, 1, PUBLISHER, TOPIC, TWIST))
@@ -120,7 +112,6 @@ def test_another_type_is_told_until_one_with_this_type_is_there() -> None:
 
 
 def test_other_publishers_are_named() -> None:
-    """With their namespaces, each once; oneself is not among them."""
     graph = Graph(TOPIC)
     pilot = Node(0, "3", "", "teleop")
     for node in (AGENT, ROBOT, pilot):

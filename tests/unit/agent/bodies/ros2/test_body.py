@@ -37,7 +37,6 @@ def a_body(port: int, **options: Any) -> Iterator[Ros2Body]:
 
 @contextmanager
 def driven(kind: Kind = KIND, **options: Any) -> Iterator[tuple[Ros2Body, Robot, Fleet]]:
-    """A body with its robot, once it is well."""
     port = free_port()
     options |= {"layout": kind.layout, "domain": kind.domain, "command_type": kind.command_type}
     options |= {"use_sim_time": kind.sim_time, "drive": "holonomic" if kind.is_holonomic else "differential"}
@@ -47,8 +46,6 @@ def driven(kind: Kind = KIND, **options: Any) -> Iterator[tuple[Ros2Body, Robot,
 
 
 def go(body: Ros2Body, vx_mps: float, vy_mps: float, until: Callable[[], Any], what: str) -> None:
-    """Command each time that is waited, as an agent does each step."""
-
     def commanded() -> bool:
         body.move(vx_mps, vy_mps, ())
         return bool(until())
@@ -75,7 +72,6 @@ def test_a_robot_goes_where_the_agent_wants(kind: Kind) -> None:
 
 
 def test_a_holonomic_robot_moves_sideways() -> None:
-    """Without turning."""
     with driven(Kind(is_holonomic=True)) as (body, robot, _):
         go(body, 0.0, -1.0, lambda: robot.y_m < -0.5, "half a metre to the right")
         assert (robot.x_m, robot.heading_rad) == pytest.approx((0.0, 0.0))
@@ -99,7 +95,6 @@ def test_a_turned_arena_turns_both_ways() -> None:
 
 
 def test_lost_odometry_stops_the_robot_and_is_a_fault() -> None:
-    """Until it is back."""
     with driven() as (body, robot, _):
         go(body, 1.0, 0.0, lambda: robot.speed_mps > 0.9, "speed")
         robot.is_blind = True
@@ -120,7 +115,6 @@ def test_a_jump_of_the_odometry_stops_the_robot_and_is_a_fault() -> None:
 
 
 def test_a_robot_that_does_not_move_is_a_fault() -> None:
-    """It is told to, and its odometry says that it stands."""
     with driven(follow_s=1.0) as (body, robot, _):
         robot.is_stuck = True
         wait_for_fault(body, "does not follow")

@@ -8,7 +8,6 @@ from tests.support.tiers import in_one_test
 
 
 def detections(cell_m: float = 1.0) -> Detections:
-    """Of a robot in an arena of 20 m x 10 m."""
     return Detections(20.0, 10.0, cell_m, range_m=4.0, lost_s=1.0)
 
 
@@ -30,7 +29,6 @@ def test_an_event_keeps_its_number_while_it_moves_a_little() -> None:
 
 
 def test_what_is_not_detected_again_ends() -> None:
-    """After the time that the options say."""
     found = detections()
     found.take([(2.5, 3.5)], (2.0, 3.0), 0.0)
     assert found.events(1.0)
@@ -41,13 +39,11 @@ def test_what_is_not_detected_again_ends() -> None:
 
 @in_one_test("place", [(-0.1, 3.0), (2.0, 10.0), (7.0, 3.0), (float("nan"), 3.0)])
 def test_what_no_sensor_of_the_swarm_would_sense_is_ignored(place: tuple[float, float]) -> None:
-    """Outside the arena, beyond the sensing range, or nowhere."""
     found = detections()
     found.take([place], (2.0, 3.0), 0.0)
     assert not found.events(0.0)
 
 
 def test_cells_must_not_be_too_many_for_their_numbers() -> None:
-    """An event's number has 32 bits."""
     with pytest.raises(ValueError, match=r"at most 4294967295 cells .got 0\.0001 m"):
         detections(0.0001)

@@ -31,7 +31,6 @@ def an_odometry(**changes: Any) -> Odometry:
 
 
 def a_message(at_s: float = 1.0, *, x_m: float = 1.0, frame_id: str = "odom", **pose: Any) -> dict[str, Any]:
-    """An Odometry as it is received."""
     sec, nanosec = divmod(round(at_s * 1e9), 1_000_000_000)
     header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id}
     posed = {"position": {"x": x_m, "y": 2.0}, "orientation": {"w": 1.0}, **pose}
@@ -41,7 +40,6 @@ def a_message(at_s: float = 1.0, *, x_m: float = 1.0, frame_id: str = "odom", **
 
 
 def test_an_odometry_gives_pose_and_uncertainty() -> None:
-    """The uncertainty is that of the worse axis."""
     odometry = an_odometry()
     assert odometry.take(a_message(orientation={"z": 1.0}), ONE, 0.0)
     assert odometry.pose == pytest.approx((1.0, 2.0, math.pi))
@@ -50,7 +48,6 @@ def test_an_odometry_gives_pose_and_uncertainty() -> None:
 
 
 def test_a_pose_stamped_gives_a_pose_alone() -> None:
-    """It has no covariance; the options say how uncertain it is."""
     message = {"header": {"frame_id": "odom"}, "pose": {"position": {"x": 3.0}, "orientation": {"w": 1.0}}}
     odometry = an_odometry()
     assert odometry.take(decode(POSE_STAMPED, encode(POSE_STAMPED, message)), ONE, 0.0)
@@ -60,7 +57,6 @@ def test_a_pose_stamped_gives_a_pose_alone() -> None:
 @pytest.mark.parametrize("yaw_rad", [-3.0, -1.0, 0.0, 0.5, 3.1])
 @pytest.mark.parametrize("pitch_rad", [0.0, 0.4])
 def test_the_heading_is_the_yaw(yaw_rad: float, pitch_rad: float) -> None:
-    """On a slope, too."""
     half, tilt = yaw_rad / 2, pitch_rad / 2
     turn = {"x": -math.sin(half) * math.sin(tilt), "y": math.cos(half) * math.sin(tilt)}
     turn |= {"z": math.sin(half) * math.cos(tilt), "w": math.cos(half) * math.cos(tilt)}
@@ -80,7 +76,6 @@ def test_the_heading_is_the_yaw(yaw_rad: float, pitch_rad: float) -> None:
     ],
 )
 def test_what_is_not_believed_is_a_reason_to_stand(message: dict[str, Any], reason: str) -> None:
-    """Until the next good message."""
     odometry = an_odometry()
     assert not odometry.take(message, ONE, 0.0)
     assert odometry.pose is None
@@ -90,7 +85,6 @@ def test_what_is_not_believed_is_a_reason_to_stand(message: dict[str, Any], reas
 
 
 def test_any_frame_may_be_allowed() -> None:
-    """With an empty name."""
     assert an_odometry(frame_id="").take(a_message(frame_id="robot7/odom"), ONE, 0.0)
 
 
@@ -114,7 +108,6 @@ def test_a_restart_is_forgiven_only_where_the_frame_survives_it(
 
 
 def test_a_second_publisher_is_not_believed_while_the_first_is_heard() -> None:
-    """And says that there are two robots of one name, until it is silent."""
     odometry = an_odometry()
     odometry.take(a_message(1.0), ONE, 0.0)
     assert not odometry.take(a_message(1.1, x_m=9.0), TWO, 0.1)
@@ -204,7 +197,6 @@ def streams(*messages: tuple[float, float]) -> bool:
 
 
 def driving(start_s: float, x_m: float, count: int = 40, every_s: float = 0.05, mps: float = 1.0) -> list[Any]:
-    """A robot's messages."""
     return [(start_s + n * every_s, x_m + mps * n * every_s) for n in range(count)]
 
 
@@ -243,7 +235,6 @@ ALONE = {
 
 @pytest.mark.parametrize("messages", ALONE.values(), ids=ALONE.keys())
 def test_one_robot_is_not_taken_for_two(messages: list[Any]) -> None:
-    """Whatever happens to its messages on the way."""
     assert not streams(*messages)
 
 

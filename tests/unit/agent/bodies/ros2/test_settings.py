@@ -10,7 +10,6 @@ from tests.support.tiers import in_one_test
 
 
 def test_all_keys_have_defaults_and_texts() -> None:
-    """And the robot of agent 7 is `/robot7`."""
     assert load(Ros2Settings, {}).namespace_of(7) == "/robot7"
     assert all(spec.metadata["doc"] for spec in Ros2Settings.__dataclass_fields__.values())
 
@@ -34,14 +33,12 @@ def test_all_keys_have_defaults_and_texts() -> None:
     ],
 )
 def test_mistakes_are_named(table: dict[str, Any], message: str) -> None:
-    """With what must hold."""
     with pytest.raises(SettingsError, match=message.replace("(", "[(]")):
         load(Ros2Settings, table)
 
 
 @pytest.mark.parametrize("namespace", ["", "/fleet/robot{id}", "/robot"])
 def test_namespaces_may_be_deep_or_missing(namespace: str) -> None:
-    """As in ROS."""
     load(Ros2Settings, {"namespace": namespace})
 
 
