@@ -11,6 +11,7 @@ from selenium import webdriver
 from selenium.webdriver.support.select import Select
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_wire.messages import Event
@@ -36,7 +37,7 @@ class Served(Looking):
 
     def serve(self) -> None:
         """Send what the operator's process would, and carry out what the page sent."""
-        self.feed.send(self.console.hello("run"), self.console.show(time.monotonic()))
+        self.feed.send(page_hello(self.console, "run"), self.console.show(time.monotonic()))
         try:
             while True:
                 intent = self.feed.hear_any(0.05)

@@ -11,7 +11,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_world.core.air.channel.chance import Loss
+from deltaswarm_world.core.air.channel.loss import Loss
 from tests.support.cores import controllers_of, swarm
 from tests.support.tiers import first_of, nightly
 from tests.support.trees import Spans, check_agreement, cycle_of, true_descendants

@@ -37,8 +37,6 @@ STRAYS = 0.5
 
 
 class Physics:
-    """The robots of one run."""
-
     Settings = PhysicsSettings
 
     def __init__(self, settings: PhysicsSettings, scenario: Scenario, obstacles: Obstacles) -> None:
@@ -102,7 +100,6 @@ class Physics:
     # A step
 
     def move(self, positions_m: Floats, velocities_mps: Floats, faults: Sequence[ActiveFault]) -> Floats:
-        """See `Dynamics`."""
         if self._engine is None:
             self._states[:, :2] = positions_m
             settings, arena = self._settings, self._arena
@@ -199,7 +196,6 @@ class Physics:
         return robots, walls
 
     def _off_m(self, places_m: Complex, walls: Indices) -> Floats:
-        """Return the distances of places from walls."""
         along_m = self._walls_along_m[walls]
         at_m = places_m - self._walls_m[walls]
         part = (at_m * along_m.conj()).real / (along_m.real**2 + along_m.imag**2)
@@ -238,7 +234,6 @@ class Physics:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """See `Dynamics`."""
         steps = max(1, self._steps)
         return {
             "blocked_share": float(self._blocked_steps.mean()) / steps,

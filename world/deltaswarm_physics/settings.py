@@ -73,7 +73,6 @@ class PhysicsSettings:
         return math.ceil(step_s / longest_s - 1e-9)
 
     def problems_with(self, scenario: Scenario) -> list[Problem]:
-        """Check the robots against the arena, the speed and the control structure."""
         return list(self._problems_with(scenario))
 
     def _problems_with(self, scenario: Scenario) -> Iterator[Problem]:
@@ -132,7 +131,6 @@ class PhysicsSettings:
 
 
 def _gap_m(place: tuple[float, float], corners: tuple[tuple[float, ...], ...]) -> float:
-    """Return the distance from a place to the nearest edge of a polygon."""
     return min(_to_edge_m(place, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
 
 

@@ -32,7 +32,6 @@ class Attention:
         self._sent = len(self._ledger.shown)
 
     def read(self, numbers: Iterable[int], now_s: float, wall_s: float) -> None:
-        """Note that items were read."""
         for number in numbers:
             self.read_wall_s[number] = wall_s
             if not (item := self._ledger.items[number]).is_quiet:
@@ -42,10 +41,10 @@ class Attention:
     def close_step(self, now_s: float) -> None:
         """Count what is unread at the end of a step, and what has become too old since it was shown."""
         ledger = self._ledger
-        self.measures.items = len(ledger.asking)
-        self.measures.see_unread(ledger.unread)
-        while self._judged < len(ledger.asking):
-            number = ledger.asking[self._judged]
+        self.measures.items = len(ledger.listed)
+        self.measures.add_unread(ledger.unread)
+        while self._judged < len(ledger.listed):
+            number = ledger.listed[self._judged]
             if ledger.shown_s[number] >= now_s - self._patience_s:
                 break
             self.measures.missed += number not in ledger.read_s

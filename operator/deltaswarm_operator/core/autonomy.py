@@ -23,8 +23,6 @@ def next_delta(delta: int, first: int, *, is_high: bool, is_low: bool, step: int
 
 
 class Proposal(NamedTuple):
-    """A delta that the system will command."""
-
     delta: int
     due_s: float
 
@@ -104,7 +102,6 @@ def first_delta(briefing: Briefing) -> int | None:
 
 
 def autonomy_of(briefing: Briefing) -> Autonomy | None:
-    """Make the rule by which the system sets delta, if a briefing asks for it."""
     operator, delta = briefing.operator, first_delta(briefing)
     if operator.autonomy.sets_delta != SYSTEM or delta is None:
         return None

@@ -42,7 +42,6 @@ class Base:
         self._due_s: float | None = None
 
     def send(self, commands: Sequence[Signed], now_s: float) -> None:
-        """Send these commands from now on."""
         for signed in commands:
             life_s = decode_command(signed.body).life_s
             self._alive.insert(0, _Alive(signed, now_s + max(life_s, self._step_s)))

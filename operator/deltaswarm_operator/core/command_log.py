@@ -40,7 +40,6 @@ class SentCommand:
     answers: dict[int, int] = field(default_factory=dict)
 
     def count(self, state: int) -> int:
-        """Return the number of agents in this state."""
         return list(self.answers.values()).count(state)
 
     @property
@@ -90,7 +89,6 @@ class CommandLog:
 
     @property
     def has_room(self) -> bool:
-        """Whether one more command may wait."""
         return len(self._queue) + self._under_way < MAX_QUEUE
 
     def issue(
@@ -103,11 +101,7 @@ class CommandLog:
         *,
         by: str = PERSON,
     ) -> Command:
-        """Queue a command for the next turn.
-
-        Raises:
-            ValueError: the controller does not accept it, or too many wait; the text is for the operator.
-        """
+        """Queue a command for the next turn."""
         form = named(self.forms, name)
         if form is None:
             known = ", ".join(form.name for form in self.forms) or "none"
@@ -152,7 +146,6 @@ class CommandLog:
         self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:
-        """Note the answers in a report."""
         for number, state in report.answers:
             index = bisect_left(self.sent, number, key=_number)
             if index < len(self.sent) and _number(self.sent[index]) == number:
@@ -179,7 +172,6 @@ class CommandLog:
         return {"commands_by_state": {state: states.count(state) for state in (SENT, KNOWN, CARRIED_OUT, EXPIRED)}}
 
     def table(self, now_s: float) -> list[CommandRow]:
-        """Return all commands and their outcomes."""
         return [
             CommandRow(
                 sent.command.number,
@@ -193,7 +185,6 @@ class CommandLog:
         ]
 
     def described(self, now_s: float) -> list[dict[str, Any]]:
-        """Return all commands and their outcomes, for JSON."""
         return [
             {
                 "number": sent.command.number,

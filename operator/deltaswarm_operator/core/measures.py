@@ -40,7 +40,7 @@ class Measures:
     last_s: dict[int, float] = field(default_factory=dict)
     """Time at which the person finished the last item of each agent [s]."""
 
-    def see_load(self, before: float, after: float, passed_s: float, memory_s: float, *, is_busy: bool) -> None:
+    def add_load(self, before: float, after: float, passed_s: float, memory_s: float, *, is_busy: bool) -> None:
         """Add time in which the load changed from `before` to `after`: towards 1 if the person was busy, else to 0."""
         goal = float(is_busy)
         self.time_s += passed_s
@@ -53,7 +53,7 @@ class Measures:
             crossed_s = memory_s * log((before - goal) / (HIGH_LOAD - goal))
             self.high_s += min(max(crossed_s if was else passed_s - crossed_s, 0.0), passed_s)
 
-    def see_unread(self, unread: int) -> None:
+    def add_unread(self, unread: int) -> None:
         """Add the number of items that wait at the end of a step."""
         self.closes += 1
         self.unread_sum += unread

@@ -83,7 +83,6 @@ class Known:
         return self.stale_run < INSISTS or now_s - self.last_heard_s < RESTART_S
 
     def update(self, report: Report, sent_s: float | None, now_s: float) -> None:
-        """Accept a report as the newest."""
         self.newest, self.last_heard_s = report, now_s
         self.newest_sent_s = -math.inf if sent_s is None else sent_s
         self.reports += 1
@@ -105,12 +104,10 @@ class OpenAirMeter:
         return sorted(agent for agent, known in self.agents.items() if known.is_alive)
 
     def came(self, agent: int) -> None:
-        """Note that an agent's token appeared."""
         if self._is_welcome(agent):
             self._known(agent).is_alive = True
 
     def went(self, agent: int) -> None:
-        """Note that an agent's token disappeared."""
         if not self._is_welcome(agent):
             return
         known = self._known(agent)
@@ -120,7 +117,6 @@ class OpenAirMeter:
 
     @property
     def faulty(self) -> dict[int, str]:
-        """Faults of agents' bodies by number, ascending."""
         return {agent: known.fault for agent, known in sorted(self.agents.items()) if known.fault}
 
     @property
@@ -129,7 +125,6 @@ class OpenAirMeter:
         return sorted(agent for agent, known in self.agents.items() if known.processes.is_doubled)
 
     def is_doubled(self, agent: int | None) -> bool:
-        """Whether several processes report as this agent."""
         known = None if agent is None else self.agents.get(agent)
         return known is not None and known.processes.is_doubled
 
@@ -206,7 +201,6 @@ class OpenAirMeter:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The metrics so far, for JSON; `agents` has one entry per agent."""
         agents = {
             str(agent): {
                 "alive": known.is_alive,

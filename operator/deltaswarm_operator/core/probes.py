@@ -46,12 +46,10 @@ class _Asked(NamedTuple):
 
     @property
     def items(self) -> tuple[str, ...]:
-        """Return what is asked for."""
         return tuple(self.technique.items(self.number))
 
     @property
     def holds_run(self) -> bool:
-        """Whether the run waits for the answer."""
         return self.technique.wait_s is None
 
     @property
@@ -75,8 +73,6 @@ class _Ready(NamedTuple):
 
 
 class _Due(NamedTuple):
-    """The next question of a technique during the run, and its time [s]."""
-
     number: int
     at_s: float
 
@@ -159,12 +155,10 @@ class Probes:
 
     @property
     def is_sheet_open(self) -> bool:
-        """Whether the session's sheet must still be filled in."""
         return self._asked is not None and self._asked.technique.kind == SHEET
 
     @property
     def holds_run(self) -> bool:
-        """Whether the run waits for an answer."""
         return not self._is_over and self._asked is not None and self._asked.holds_run
 
     @property
@@ -286,11 +280,7 @@ class Probes:
         return asked.technique.shown(asked.number, asked.asked_s, left_s)
 
     def be_ready(self, message: Mapping[str, Any], now_s: float, wall_s: float, seen: Seen) -> None:
-        """Take the person's word to be ready: the question is shown, about what is seen now.
-
-        Raises:
-            ValueError: no such prompt is open.
-        """
+        """Take the person's word to be ready: the question is shown, about what is seen now."""
         self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
         if asked is None or not asked.is_prompt or not self._is_answer(asked, message, wall_s):
@@ -305,11 +295,7 @@ class Probes:
         return asked.technique.is_meant(asked.number, message) and (left_s is None or left_s > 0)
 
     def answer(self, message: Mapping[str, Any], wall_s: float) -> tuple[dict[str, Any], bool]:
-        """Take an answer from the page; return columns of the act, and whether the run was held for it.
-
-        Raises:
-            ValueError: the question is not open, or the answer is not one that it takes.
-        """
+        """Take an answer from the page; return columns of the act, and whether the run was held for it."""
         self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
         is_open = asked is not None and asked.technique.kind == message["type"]
@@ -339,7 +325,6 @@ class Probes:
         return asked.technique.act(answers), asked.holds_run
 
     def take_rows(self) -> list[ProbeRow]:
-        """Return the rows since the last call."""
         new, self._taken = self.rows[self._taken :], len(self.rows)
         return new
 

@@ -32,12 +32,10 @@ class RecentActs:
 
 
 def act_of(row: OperatorAction) -> dict[str, Any]:
-    """Return an act in the page's format."""
     return {name: value for name in ACT_COLUMNS if (value := getattr(row, name)) not in ("", None)}
 
 
 def answers_of(rows: Sequence[ProbeRow]) -> dict[str, Any]:
-    """Return the answers to one question or form in the page's format."""
     values = [(row.item, "no answer" if row.value is None else row.value) for row in rows]
     given = [f"{item}: {value}" if item != rows[0].probe else str(value) for item, value in values]
     return {"time_s": rows[0].asked_s, "kind": "answer", "name": rows[0].probe, "text": "; ".join(given)}

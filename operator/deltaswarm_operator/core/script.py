@@ -8,8 +8,6 @@ from deltaswarm_scenario.operator_links import CommandSettings
 
 
 class Scripted(NamedTuple):
-    """A command of a script."""
-
     command: CommandSettings
     is_dropped: bool = False
     """It is not given; its number is left out, so that later commands keep theirs."""
@@ -30,5 +28,4 @@ class Script:
         return first if first is not None and round(first.command.at_s / self._step_s) <= step else None
 
     def take(self) -> None:
-        """Take the next command off the script."""
         self._waiting.popleft()

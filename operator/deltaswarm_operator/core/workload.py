@@ -108,7 +108,6 @@ class WorkloadMeter(Saved):
         return None
 
     def count(self, report: Report, data: bytes) -> None:
-        """Take a decoded report with its bytes."""
         self._held.append((report.agent, report.sequence, report, data))
 
     def lose(self, agent: int, reports: int) -> None:
@@ -126,9 +125,6 @@ class WorkloadMeter(Saved):
         """Close the clock's step; `backlog` is the number of samples waiting after the clock.
 
         `time_above_s` counts from the start of the run; the other fields are for this step.
-
-        Raises:
-            ValueError: the step is closed already.
         """
         if clock.step <= self.step:
             raise ValueError(f"clock.step must be after step {self.step} (got {clock.step})")

@@ -21,8 +21,6 @@ NO_KEY = "needs --command-key FILE, whose public part the boards know; make one:
 
 @dataclass(frozen=True)
 class CommandOptions:
-    """A console in open air."""
-
     briefing: Briefing
     sign: Sign | None
     """Signs commands; None: no commands, the station only watches."""
@@ -34,8 +32,6 @@ class CommandOptions:
 
 @dataclass(frozen=True)
 class _Script:
-    """A file of commands."""
-
     command: tuple[CommandSettings, ...] = checked.key((), "commands, by the time since the operator's start")
 
 

@@ -54,13 +54,11 @@ class OperatorFiles:
         self._stream.close()
 
     def row(self, values: Sequence[Any]) -> None:
-        """Add a step's row."""
         self._table.writerow(values)
         if time.monotonic() >= self._flush_due:
             self.flush()
 
     def flush(self) -> None:
-        """Flush rows to the operating system."""
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 

@@ -17,11 +17,7 @@ ENDS_WITHIN_S = 3.0
 
 
 class Page:
-    """The station's process. However the operator ends, the station ends too, because its feed closes.
-
-    Raises:
-        OSError: the station did not start; the text is for the user, and the station has said why.
-    """
+    """The station's process. However the operator ends, the station ends too, because its feed closes."""
 
     def __init__(self, listen: str) -> None:
         self.end, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
-from deltaswarm_operator.core.change_of_course import go_on_with
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.reconfigure import reconfigure
 from deltaswarm_operator.core.script import Scripted as Scripted  # for those that make a branch's script
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.action_log import ActionLog
@@ -150,7 +150,7 @@ class InProcess:
         self.operator.go_on_with(scenario.operator)
         if self.console is None:
             return
-        go_on_with(self.console, self.briefing, commands, rule_drops)
+        reconfigure(self.console, self.briefing, commands, rule_drops)
         for number in [scripted.number for scripted in commands if scripted.is_dropped and scripted.number is not None]:
             self.console.command_log.withdraw(number)
             self.world.turns.withdraw(number)

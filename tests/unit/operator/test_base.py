@@ -11,6 +11,7 @@ from deltaswarm_operator.core import picture
 from deltaswarm_operator.core.base import MAX_FRAME_BYTES, REPEAT_S, Base
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.commands import (
@@ -121,7 +122,7 @@ def test_a_later_operator_numbers_higher() -> None:
 def test_in_open_air_there_is_no_pace() -> None:
     """The page is told so, and who asks for one all the same is refused."""
     console = Console(Briefing(forms=FORMS), in_air=True)
-    assert console.hello("field")["speeds"] == ()
+    assert page_hello(console, "field")["speeds"] == ()
     for intent in ({"paused": True}, {"steps": 1}, {"speed": 5}):
         [answer] = carry_out(console, json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
         assert answer["type"] == "refused"
@@ -132,10 +133,12 @@ def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch)
     """The oldest numbers are forgotten, and none is given twice."""
     monkeypatch.setattr(picture, "MAX_NUMBERS", 10)
     seen = picture.Picture(1.0)
+    items = []
     for step in range(40):
-        seen.update([Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))], float(step))
-    assert len(seen._numbers) == 10
-    assert [item.events for item in seen.inbox] == [(number,) for number in range(1, 41)]
+        report = Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))
+        items += seen.update([report], float(step))
+    assert seen.event_numbers == {1000 + step: step + 1 for step in range(30, 40)}
+    assert [item.events for item in items] == [(number,) for number in range(1, 41)]
 
 
 @pytest.mark.parametrize("kind", ["text", "number"])

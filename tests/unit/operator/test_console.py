@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.command_log import MAX_QUEUE, CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import INTENTS, carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_scenario.person_tables import CONDUCTOR
@@ -84,7 +85,7 @@ TASK = {"operator": {"task": {"target_share": 0.5, "goal": "Find the targets."}}
 def test_a_reported_event_is_judged_and_another_is_not() -> None:
     """The page has the goal and the judgement; a console that takes over has it too; the conductor does not judge."""
     one = Console(briefing(**TASK))
-    assert one.hello("run")["goal"] == "Find the targets."
+    assert page_hello(one, "run")["goal"] == "Find the targets."
     close(one, 0, report(1, 0))
     assert say(one, "judge", event=1, answer="decoy") == say(one, "judge", event=1, answer="target") == []
     for wrong in (
@@ -106,7 +107,7 @@ def test_without_a_task_nothing_is_judged() -> None:
     """And the page has no goal."""
     one = Console(briefing())
     close(one, 0, report(1, 0))
-    assert one.hello("run")["goal"] == ""
+    assert page_hello(one, "run")["goal"] == ""
     assert say(one, "judge", event=1, answer="target")[0]["type"] == "refused"
     assert not one.actions
 
@@ -338,7 +339,7 @@ def test_a_command_that_every_agent_refuses_is_offered_as_such() -> None:
     made = briefing(mode="decentralised")
     go, form = made.forms
     console = Console(replace(made, forms=(replace(go, refused_in=("decentralised",)), form)))
-    offered = console.hello("run")["commands"]
+    offered = page_hello(console, "run")["commands"]
     assert [row["refused"] for row in offered] == [True, False]
     assert [row["refused_in"] for row in offered] == [[], []]
     [refusal] = say(console, "command", name="go", target={"kind": "all"})

@@ -105,7 +105,7 @@ def test_each_item_is_held_back_or_shown_once_and_stays_on_its_line(
             assert item.line in ledger.shown_s
             assert ledger.shown_s[number] >= item.time_s
         assert all(ledger.why_held(number) for number in held)
-        asking = {ledger.items[number].line for number in ledger.asking if number not in ledger.read_s}
+        asking = {ledger.items[number].line for number in ledger.listed if number not in ledger.read_s}
         assert ledger.unread == len(asking)
     found = ledger.totals(len(stream) * step_s)
     assert found["items"] == found["shown"] + found["never_shown"]
@@ -140,7 +140,7 @@ def test_a_flood_leaves_memory_bounded(table: dict[str, Any], monkeypatch: pytes
         shown += ledger.close_step(float(step), picture.update(reports, float(step)))
         if step == 20:
             size = len(str([value for value in vars(ledger).values() if not hasattr(value, "close_step")]))
-    assert (len(ledger.items), picture.beyond) == (50, 350)
+    assert (len(ledger.items), picture.items) == (50, 400)
     assert len(ledger.shown) + ledger.held.items == 50
     assert sum(item.number == 50 for item in shown) == 350
     assert len(str([value for value in vars(ledger).values() if not hasattr(value, "close_step")])) < 3 * size

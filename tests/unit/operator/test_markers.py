@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_operator.io.console_server import Channel, ConsoleServer, Outlet
 from deltaswarm_operator.io.markers import LSL, STREAM, SocketMarkers, markers_to
 from deltaswarm_orchestrator.processes.station import free_address
 from deltaswarm_wire.operator_messages import Clock, Workload
@@ -36,9 +36,8 @@ def test_acts_and_questions_are_told_as_they_happen(tmp_path: Path) -> None:
     end, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     console = Console(briefing(operator={"probes": {"isa_every_s": 1.0, "tlx": True}}))
     ignore: list[Any] = []
-    server = ConsoleServer(
-        *("a-run", console, tmp_path, ignore.append, ignore.append, lambda _: None, end), markers=markers
-    )
+    outlet, station = Outlet(ignore.append, ignore.append), Channel(end, ignore.append)
+    server = ConsoleServer("a-run", console, tmp_path, outlet, station, markers=markers)
     lines = client_of(address)
     server.start()
 

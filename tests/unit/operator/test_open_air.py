@@ -14,12 +14,12 @@ from unittest.mock import MagicMock
 import pytest
 
 from deltaswarm_operator.__main__ import main
-from deltaswarm_operator.io.inbox import (
+from deltaswarm_operator.io.arrivals import (
     MAX_TOKENS,
     MAX_WAITING_BYTES_OF_ONE,
     SAMPLE_BYTES,
-    BoundedInbox,
-    ItemKind,
+    ArrivalKind,
+    BoundedArrivals,
 )
 from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
 from deltaswarm_operator.io.process import End, OperatorProcess
@@ -261,12 +261,12 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
         status_every_s=10.0,
     )
     source = OpenAirSource(config)
-    inbox = source.inbox
+    inbox = source.arrivals
     operator = OperatorProcess(source, MagicMock(), MagicMock())
-    inbox.put(ItemKind.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
+    inbox.put(ArrivalKind.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
     room = MAX_WAITING_BYTES_OF_ONE // (SAMPLE_BYTES + 1)
     for number in range(2 * room + 10):
-        inbox.put(ItemKind.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
+        inbox.put(ArrivalKind.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
     inbox.stop()
     assert operator.run() is End.STOPPED
     assert source.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
@@ -276,23 +276,23 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
 
 def test_one_that_floods_leaves_room_for_the_others() -> None:
     """Of its own samples few wait, however large they are; what was taken makes room again. Tokens are never lost."""
-    inbox = BoundedInbox()
+    inbox = BoundedArrivals()
     large = bytes(MAX_SAMPLE_BYTES)
     for _ in range(2 * MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES):
-        inbox.put(ItemKind.REPORT, sample("7", large))
+        inbox.put(ArrivalKind.REPORT, sample("7", large))
     waiting = len(inbox)
     assert waiting <= MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES
-    inbox.put(ItemKind.REPORT, sample("8", large))
+    inbox.put(ArrivalKind.REPORT, sample("8", large))
     assert len(inbox) == waiting + 1
     inbox.get(0.0)
-    inbox.put(ItemKind.REPORT, sample("7", large))
+    inbox.put(ArrivalKind.REPORT, sample("7", large))
     assert len(inbox) == waiting + 1
     assert set(inbox.refused) == {7}
     for number in range(2 * MAX_TOKENS):
-        inbox.put(ItemKind.TOKEN, sample(str(number % 3), b""))
-    inbox.put(ItemKind.TOKEN, last := sample("1", b""))
+        inbox.put(ArrivalKind.TOKEN, sample(str(number % 3), b""))
+    inbox.put(ArrivalKind.TOKEN, last := sample("1", b""))
     assert len(inbox) == MAX_TOKENS
     taken = [inbox.get(0.0) for _ in range(MAX_TOKENS + 3)]
-    assert (ItemKind.TOKEN, last) in taken
+    assert (ArrivalKind.TOKEN, last) in taken
     with pytest.raises(queue.Empty):
         inbox.get(0.0)

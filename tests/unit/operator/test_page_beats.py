@@ -8,7 +8,7 @@ from typing import Any
 
 from deltaswarm_operator.core.console import INPUTS_KEPT, Console
 from deltaswarm_operator.core.page_beats import AWAY_AFTER_S, PageBeats
-from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_operator.io.console_server import Channel, ConsoleServer, Outlet
 from tests.support.commanding import briefing, taken_over
 from tests.unit.operator.test_console import close, report, say, shown
 
@@ -192,7 +192,9 @@ def test_an_input_is_noted_once_it_is_on_disk(tmp_path: Path) -> None:
     end, page = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     page.setblocking(False)
     sent: list[Any] = []
-    server = ConsoleServer("r", Console(briefing()), tmp_path, sent.append, sent.append, lambda _: None, end)
+    server = ConsoleServer(
+        "r", Console(briefing()), tmp_path, Outlet(sent.append, sent.append), Channel(end, lambda _: None)
+    )
 
     def told() -> list[str]:
         kinds = []

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_scenario.situation import SITUATION
@@ -108,7 +109,7 @@ def test_the_sheet_is_the_planned_one() -> None:
 def test_a_run_may_leave_the_pace_and_orders_out() -> None:
     """The page offers them no more, and the console takes them from nobody."""
     console = Console(briefing(operator={"page": {"pace": False, "orders": ["go"], "title": "Run B"}}))
-    hello = console.hello("run")
+    hello = page_hello(console, "run")
     assert (hello["title"], hello["speeds"]) == ("Run B", ())
     assert [form["name"] for form in hello["commands"]] == ["go"]
     for intent in ({"paused": True}, {"speed": 5}, {"steps": 1}):

@@ -65,11 +65,11 @@ def test_nothing_is_in_it_that_no_report_told(life: list[list[Report]]) -> None:
             assert known.parent != agent
         for event, seen in picture.events.items():
             assert (seen.x_m, seen.y_m) in places
-            assert seen.first_s <= seen.seen_s <= now
-            assert seen.seen_s >= seen_before.get(event, -1) or seen_before[event] < seen.first_s
+            assert seen.first_s <= seen.last_s <= now
+            assert seen.last_s >= seen_before.get(event, -1) or seen_before[event] < seen.first_s
         assert before.keys() <= picture.agents.keys()
         before = {agent: known.said_s for agent, known in picture.agents.items()}
-        seen_before = {event: seen.seen_s for event, seen in picture.events.items()}
+        seen_before = {event: seen.last_s for event, seen in picture.events.items()}
 
 
 def test_a_late_report_puts_nobody_back() -> None:
@@ -79,7 +79,7 @@ def test_a_late_report_puts_nobody_back() -> None:
     picture.update([attending(5, 3)], 11.0)
     assert picture.agents[5].said_s == 10
     assert picture.agents[5].root == 0
-    assert picture.events[1].seen_s == 10
+    assert picture.events[1].last_s == 10
     picture.update([attending(5, 12)], 12.0)
     picture.update([attending(5, 11)], 13.0)
     assert picture.agents[5].said_s == 12

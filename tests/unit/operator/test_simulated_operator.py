@@ -216,7 +216,7 @@ def test_the_time_at_high_load_is_exact() -> None:
         for goal in (1.0, 0.0):
             for _ in range(parts):
                 after = goal + (load - goal) * 2.718281828459045 ** (-1 / parts)
-                measures.see_load(load, after, 300.0 / parts, 300.0, is_busy=goal == 1.0)
+                measures.add_load(load, after, 300.0 / parts, 300.0, is_busy=goal == 1.0)
                 load = after
     assert coarse.high_s == pytest.approx(fine.high_s)
     assert 0 < coarse.high_s < coarse.time_s

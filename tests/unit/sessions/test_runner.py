@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.cli import main, report
@@ -31,7 +32,7 @@ def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
     console = Console(Briefing(operator=OperatorSettings(probes=probes)))
     console.start(0.0)
     assert console.pace.hold_step == 0
-    sheet = console.hello("run")["session"]["sheet"]
+    sheet = page_hello(console, "run")["session"]["sheet"]
     assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}
     carry_out(console, json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
     assert console.pace.hold_step == -1

@@ -16,8 +16,8 @@ from deltaswarm_scenario.radio import (
     PathLossSettings,
     WallSettings,
 )
-from deltaswarm_world.core.air.channel.chance import Asymmetry, Bursts, Contention
 from deltaswarm_world.core.air.channel.links import Ends, LinkDraws, Links
+from deltaswarm_world.core.air.channel.loss import Asymmetry, Bursts, Contention
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts, Jammers, Walls

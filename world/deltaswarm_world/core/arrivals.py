@@ -49,8 +49,6 @@ TIMES_STREAM, PLACES_STREAM = 1, 4
 
 
 class Arrival(NamedTuple):
-    """One event that arrives."""
-
     event: int
     x_m: float
     y_m: float
@@ -120,7 +118,6 @@ class EventClasses:
         """The classes of events that are not drawn again."""
 
     def is_target(self, event: int) -> bool:
-        """Whether an event is a target."""
         if event in self._targets:
             return self._targets[event]
         return bool(generator(self._seed, CLASS_STREAM, event).random() < self._task.target_share)

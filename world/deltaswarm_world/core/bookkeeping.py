@@ -73,7 +73,6 @@ class Bookkeeping(Saved):
 
     @property
     def own_columns(self) -> list[str]:
-        """The columns of the controller's own numbers."""
         return [PREFIX + name for name in self._metrics]
 
     def enter(self, closed: ClosedStep, uplink: Uplink | None) -> StepRecord:

@@ -59,7 +59,6 @@ class Downlink(Saved):
         self._delays = DelayLine(settings.latency_s, settings.jitter_s, step_s, *rngs) if has_delay else None
 
     def send(self, step: int, commands: Sequence[Signed]) -> None:
-        """Send these commands from this step on."""
         for signed in commands:
             life_s = decode_command(signed.body).life_s
             self._alive.append(_Alive(signed, step + max(1, round(life_s / self._step_s))))
@@ -104,7 +103,6 @@ class Downlink(Saved):
         return encode_sample(Sample(self.frames_sent, None, items))
 
     def _in_reach(self, time_s: float, positions_m: Floats) -> list[int]:
-        """Return the agents that the frame of this step reaches."""
         settings = self._settings
         lucky = self._rng.random(self._count) >= settings.loss
         if any(o.from_s <= time_s and (o.until_s is None or time_s < o.until_s) for o in settings.outages):
@@ -119,7 +117,6 @@ class Downlink(Saved):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """Return the counts of the run."""
         return {
             "frames_sent": self.frames_sent,
             "frames_heard": self.frames_heard,

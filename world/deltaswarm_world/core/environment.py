@@ -41,7 +41,6 @@ class EventRecord(Saved):
         self.as_sensed = Event(self.event, self.x_m, self.y_m)
 
     def state(self) -> EventState:
-        """The event's state for the recorder and `events.csv`."""
         times = (self.arrived_s, self.sensed_s, self.worked_s, self.completed_s)
         return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
 
@@ -109,7 +108,6 @@ class Environment(Saved):
         raise ValueError(f"the arena must leave room for {count} agents (got {MAX_TRIES} draws in a row without room)")
 
     def arrive(self, time_s: float) -> None:
-        """Let the events arrive that are due by now [s]."""
         new = [EventRecord(*arrival) for arrival in self._arrivals.until(time_s)]
         if new:
             self.arrived += new
@@ -169,7 +167,6 @@ class Environment(Saved):
         return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
 
     def states_to_show(self) -> list[EventState]:
-        """Return the events that are incomplete or changed in this step."""
         shown = {event.event: event for event in (*self.active, *self.changed)}
         return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
 
@@ -211,7 +208,6 @@ class Coverage(Saved):
         self._centres_m = tuple(np.arange(count) + 0.5 for count in self._cells)
 
     def is_due(self, step: int) -> bool:
-        """Whether coverage is measured in this step."""
         return step % self._every == 0
 
     def area_m2(self, places_m: Floats) -> float:

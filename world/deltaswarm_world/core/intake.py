@@ -35,7 +35,6 @@ class SequenceNumbers(Saved):
         self._due: dict[int, int | None] = {}
 
     def follow(self, agent: int, number: int) -> None:
-        """Take the number of a message."""
         due = self._due.get(agent, 0)
         if due is not None and number != due:
             if number > due:
@@ -45,11 +44,9 @@ class SequenceNumbers(Saved):
         self._due[agent] = number + 1
 
     def expect_first(self, agent: int) -> None:
-        """Expect the next message from a new process."""
         self._due[agent] = 0
 
     def accept_any_next(self, agent: int) -> None:
-        """Accept any number in the next message."""
         self._due[agent] = None
 
 
@@ -87,7 +84,6 @@ class Intake(Saved):
         self.transmitted, self.acts = {}, {}
 
     def expect_new_process(self, agent: int) -> None:
-        """Expect the numbers of a new process of this agent."""
         self._ahead[agent] = 0
         self._radio_numbers.expect_first(agent)
         self._report_numbers.expect_first(agent)
@@ -138,7 +134,6 @@ class Intake(Saved):
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
-        """Take one encoded report; return the reason if it is dropped."""
         try:
             report = decode_report(data)
         except WireError as error:
@@ -162,7 +157,6 @@ class Intake(Saved):
         return None
 
     def hear_act(self, agent: int, data: bytes) -> str | None:
-        """Take one encoded act; return the reason if it is dropped."""
         try:
             act = decode_act(data)
         except WireError as error:
@@ -212,7 +206,6 @@ class Intake(Saved):
         return reason
 
     def drop_frames(self, late: Iterable[int]) -> None:
-        """Drop the radio frames of agents without an act in this step."""
         for agent in late:
             self.transmitted.pop(agent, None)
 
@@ -233,7 +226,6 @@ class Intake(Saved):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """Return the counts of the run, by agent."""
         return {
             "rejected": by_agent(self.rejected),
             "excess": by_agent(self.excess),

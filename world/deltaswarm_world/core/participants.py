@@ -71,8 +71,6 @@ TRANSITIONS: dict[tuple[Condition, ConditionCause], Condition] = {
 
 @dataclass
 class Attendance(Saved):
-    """A board's attendance in a run."""
-
     late_steps: int = 0
     """Steps that the board missed while present."""
     absences: int = 0
@@ -95,7 +93,6 @@ class Missed(Saved):
     _newest: int = -1
 
     def count(self, step: int) -> None:
-        """Count a missed step."""
         self._in_a_row = self._in_a_row + 1 if self._newest == step - 1 else 1
         self._newest = step
         self.steps += 1
@@ -146,7 +143,6 @@ class Participants(Saved):
 
     @property
     def asked(self) -> Set[int]:
-        """Agents that got the frame of this step and have not answered it."""
         return self._in[ASKED]
 
     @property
@@ -156,7 +152,6 @@ class Participants(Saved):
 
     @property
     def present(self) -> set[int]:
-        """Agents that have a process."""
         return self._in[IDLE] | self._in[ASKED] | self._in[HUNG] | self._in[FROZEN]
 
     def taking_part(self) -> list[int]:
@@ -164,7 +159,6 @@ class Participants(Saved):
         return sorted(self._in[IDLE] | self._in[ASKED])
 
     def is_present(self, agent: int) -> bool:
-        """Whether an agent has a process."""
         return agent in self.present
 
     # A step
@@ -224,7 +218,6 @@ class Participants(Saved):
         return late
 
     def _count(self, late: Collection[int]) -> None:
-        """Count the answers of this step."""
         failed, hung = self._without
         hung = hung.union(late) - failed
         for missed, agents in (self.failed, failed), (self.late, hung):

@@ -39,7 +39,7 @@ HEARD_BYTES = 6
 NOBODY_HIT: frozenset[int] = frozenset()
 
 
-def _untimed(phase: str) -> None:
+def untimed(phase: str) -> None:
     """Do not measure."""
 
 
@@ -88,7 +88,6 @@ class WorldCore(Saved):
 
     @property
     def closed(self) -> ClosedStep:
-        """The last closed step."""
         assert self._closed is not None, "close a step first"
         return self._closed
 
@@ -149,7 +148,7 @@ class WorldCore(Saved):
             self._faults.redraw(seed)
 
     def begin(
-        self, step: int, last: bool, probe: bool = False, lap: Callable[[str], None] = _untimed
+        self, step: int, last: bool, probe: bool = False, lap: Callable[[str], None] = untimed
     ) -> Iterator[tuple[int, Frame]]:
         """Move bodies, let events arrive, compute sensing and hearing; yield each awake agent's frame.
 
@@ -252,7 +251,6 @@ class WorldCore(Saved):
         return cut
 
     def end(self) -> StepRecord:
-        """Close the step and book it."""
         self.close()
         return self.book()
 
@@ -370,7 +368,6 @@ class WorldCore(Saved):
         return samples_of(self.closed)
 
     def totals(self, complete: bool) -> dict[str, Any]:
-        """Return the world's totals of a run."""
         return {
             "complete": complete,
             "digest": self.digest.hex(),

@@ -56,11 +56,7 @@ class EventLoop:
         self._changes: Counter[int] = Counter()
 
     def wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
-
-        Raises:
-            InterruptedError: a signal came, and the condition did not hold soon.
-        """
+        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile."""
         began = time.monotonic()
         self._wakeup.wake_at(began + within_s)
         while not condition():
@@ -84,7 +80,6 @@ class EventLoop:
         return False
 
     def take_sample(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
-        """Take one sample of an agent."""
         hung = self._core.participants.hung
         was_hung = agent in hung
         reason = self._core.intake.receive(agent, leaf, data, act)
@@ -122,14 +117,12 @@ class EventLoop:
                 self.operator_left |= role == OPERATOR and self.has_begun
 
     def _take_operator_message(self, message: Turn | Pace) -> None:
-        """The operator's turn, or the pace that it wants."""
         if isinstance(message, Pace):
             self.gate.set_pace(message)
         elif reason := self._core.turns.accept(message):
             log.warning("dropped: %s", reason)
 
     def _take_token(self, agent: int, there: bool) -> None:
-        """An agent came or went."""
         participants = self._core.participants
         if self.order_under_way is not None and agent in self.order_under_way.agents:
             return
@@ -143,7 +136,6 @@ class EventLoop:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", participants.step)
 
     def send_status(self, step: int, phase: str) -> None:
-        """Publish how far the run is."""
         self._phase = phase
         self.status_due = time.monotonic() + STATUS_EVERY_S
         core, step = self._core, max(step, 0)

@@ -59,7 +59,6 @@ class WorldOutput:
             file.close()
 
     def write(self, record: StepRecord, changed: Iterable[EventState]) -> None:
-        """Write one closed step, and the events that changed in it."""
         self._rows.writerow(record.values())
         self._events.writerows(changed)
         now = time.monotonic()

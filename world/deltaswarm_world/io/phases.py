@@ -42,7 +42,3 @@ class Phases:
             times |= {f"{phase}_{suffix}": spent_s * us for phase, spent_s in seconds.items()}
             times[f"critical_{suffix}"] = sum(seconds[phase] for phase in CRITICAL) * us
         return times
-
-
-def untimed(phase: str) -> None:
-    """Measure nothing."""

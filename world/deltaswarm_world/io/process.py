@@ -16,10 +16,11 @@ from deltaswarm_wire.plugin_errors import blamed
 from deltaswarm_wire.session import closing
 from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, StepMessages
+from deltaswarm_world.core.world import untimed
 from deltaswarm_world.io import saving
 from deltaswarm_world.io.event_loop import EventLoop
 from deltaswarm_world.io.files import WorldOutput
-from deltaswarm_world.io.phases import Phases, untimed
+from deltaswarm_world.io.phases import Phases
 from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.slow_links import SlowLinks, trusted_sessions
 from deltaswarm_world.io.transport import Transport, open_router
@@ -56,12 +57,7 @@ class WorldProcess:
         self._probe_due = 0.0
 
     def wait_for_all(self) -> None:
-        """Wait until every expected process is present.
-
-        Raises:
-            TimeoutError: some are missing; the text names them.
-            InterruptedError: a signal came first.
-        """
+        """Wait until every expected process is present."""
         expected = {(AGENT, agent) for agent in self._core.participants.present}
         expected |= {(role, 0) for role in self._config.expect}
         if not self._loop.wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
@@ -74,12 +70,7 @@ class WorldProcess:
         return expected <= self._loop.tokens
 
     def run(self, output: WorldOutput) -> bool:
-        """Run all steps; return True if none was cut off.
-
-        Raises:
-            TimeoutError: the operator did not answer or come back, a part did not catch up, or an order was not done.
-            InterruptedError: a signal came during such a wait.
-        """
+        """Run all steps; return True if none was cut off."""
         settings = self._settings
         first = self._core.participants.step + 1
         self._loop.has_begun = True
@@ -133,11 +124,7 @@ class WorldProcess:
         return step
 
     def _await_operator(self, step: int, output: WorldOutput) -> None:
-        """Hold a step back until the operator's turn has come and the pace allows the step.
-
-        Raises:
-            TimeoutError, InterruptedError: as in `run`.
-        """
+        """Hold a step back until the operator's turn has come and the pace allows the step."""
         gate, wakeup = self._loop.gate, self._wakeup
         self._loop.take_control()
         while not gate.may_begin(step) and not wakeup.stop_requested:
@@ -159,11 +146,7 @@ class WorldProcess:
         return self._overruns_before + (self._loop.pace.overruns if self._loop.pace else 0)
 
     def _save(self, step: int, output: WorldOutput) -> None:
-        """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint.
-
-        Raises:
-            InterruptedError: a signal came while the world waited for others.
-        """
+        """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint."""
         participants, intake = self._core.participants, self._core.intake
         agents = set(participants.taking_part())
         others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
@@ -214,12 +197,7 @@ class WorldProcess:
         return is_due or last
 
     def _give(self, order: ProcessOrder) -> None:
-        """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
-
-        Raises:
-            TimeoutError: the order was not carried out in time.
-            InterruptedError: a signal came first.
-        """
+        """Order the orchestrator to act on processes, and wait until it has, before the next step begins."""
         log.warning("%s", order.text)
         self._transport.order(order)
         if order.action == NOTE:
@@ -279,9 +257,6 @@ class WorldProcess:
         """Write down the last closed step and send it to recorder and operator, unless that has been done.
 
         Wait for a part that is far behind or being replaced.
-
-        Raises:
-            TimeoutError, InterruptedError: as in `run`.
         """
         if not self._unbooked:
             return
@@ -328,12 +303,7 @@ class WorldProcess:
             raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
-        """Let operator and recorder take what was sent and leave; then undeclare the world's token.
-
-        Raises:
-            TimeoutError: the operator did not take it, or left and did not come back.
-            InterruptedError: a signal came during the wait.
-        """
+        """Let operator and recorder take what was sent and leave; then undeclare the world's token."""
         last = self._core.participants.step
 
         def has_all() -> bool:

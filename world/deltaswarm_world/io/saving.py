@@ -19,8 +19,6 @@ from deltaswarm_world.io.files import TABLES
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """One run: its scenario, links and files."""
-
     run: str
     scenario: Scenario
     link: RouterLink
@@ -62,7 +60,6 @@ class SavedWorld:
 
     @classmethod
     def new(cls, config: WorldConfig) -> Self:
-        """Make the state before the first step."""
         scenario = config.scenario
         return cls(WorldCore(scenario, config.boards, config.metrics), TimeoutBackoff(scenario.run.step_timeout_s))
 
@@ -100,11 +97,7 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
 
 
 def load(run_folder: Path, step: int) -> SavedWorld:
-    """Load the world's state after a step.
-
-    Raises:
-        ValueError: its file cannot be read.
-    """
+    """Load the world's state after a step."""
     file = run_folder / checkpoint.FOLDER / str(step) / checkpoint.WORLD_FILE
     try:
         saved = pickle.loads(file.read_bytes())

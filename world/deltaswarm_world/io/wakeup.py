@@ -31,8 +31,6 @@ STOP_WITHIN_S = 1.0
 
 
 class Token(NamedTuple):
-    """A process appeared or disappeared."""
-
     role: str
     number: int
     is_there: bool

@@ -27,12 +27,10 @@ from deltaswarm_world.core.arrays import Floats, Mask, generator
 SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
 ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
-"""Each use of chance has its own generator, and so has each model."""
+"""Each random effect has its own generator, and so has each model."""
 
 
 class _Moment(NamedTuple):
-    """The state of the world in a step."""
-
     time_s: float
     positions_m: Floats
     listening: Sequence[bool]
@@ -118,7 +116,7 @@ class Air:
         return reception
 
     def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
-        """Return sender and receiver of each link among agents that is open for the whole step, ignoring chance."""
+        """Return sender and receiver of each link among agents that is open for a whole step, random effects aside."""
         rows, columns, spare_db = self._reach.find(agents, agents)
         others = rows != columns
         links = Links(agents, agents, (), columns[others], rows[others])
@@ -265,7 +263,6 @@ class Air:
         return arriving
 
     def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], reception: Reception) -> None:
-        """Pass arriving and waiting frames to the receivers."""
         if self._delays is not None:
             due = self._delays.take(step)
             arriving += [arrival for arrival in due if listening[arrival[0]]]

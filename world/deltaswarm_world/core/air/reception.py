@@ -57,7 +57,6 @@ class Reception:
             heard[receiver].append(transmissions[column])
 
     def drop(self, reason: str, count: int) -> None:
-        """Count dropped receptions."""
         if count:
             self.dropped[reason] = self.dropped.get(reason, 0) + count
 

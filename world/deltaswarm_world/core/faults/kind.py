@@ -39,16 +39,11 @@ class Orders:
         self._numbered = 0
 
     def begin(self, step: int) -> None:
-        """Start a new list."""
         self.given = []
         self._step = step
 
     def add(self, action: str, agents: Collection[int], why: str) -> None:
-        """Add an order for some agents' processes; without agents, a note.
-
-        Raises:
-            ValueError: there is no such action.
-        """
+        """Add an order for some agents' processes; without agents, a note."""
         if action not in ACTIONS:
             raise ValueError(f"action must be one of {', '.join(ACTIONS)} (got {action!r:.80})")
         if agents or action == NOTE:

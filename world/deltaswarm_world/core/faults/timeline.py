@@ -50,7 +50,6 @@ class Faults:
 
     @property
     def frozen(self) -> frozenset[int]:
-        """Agents with a stopped process."""
         return self._kinds[FREEZE].agents
 
     @property
@@ -96,7 +95,6 @@ class Faults:
                 other.see_killed(targets, self._of(name))
 
     def _targets(self, index: int, living: set[int], roots: Collection[int]) -> set[int]:
-        """Return the targets of a fault."""
         fault = self._faults[index]
         if fault.agents:
             named = set(fault.agents)
@@ -110,12 +108,10 @@ class Faults:
 
     @property
     def active(self) -> Sequence[ActiveFault]:
-        """Return all active faults, by start."""
         return self._active
 
     @property
     def affected(self) -> frozenset[int]:
-        """Return all agents under a fault in this step."""
         return frozenset(agent for fault in self._active for agent in fault.agents)
 
     def _of(self, name: str) -> list[ActiveFault]:
@@ -134,18 +130,15 @@ class Faults:
         return [there and agent not in self._blind for agent, there in enumerate(present)]
 
     def misses(self, agent: int) -> bool:
-        """Whether an agent misses one of its events."""
         return any(kind.misses(agent) for kind in self._active_kinds)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
-        """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
         there_m = positions_m.view()
         there_m.flags.writeable = False  # a sensor moves no body
         for kind in self._active_kinds:
             kind.distort(sensed, there_m)
 
     def drive(self, velocities_mps: Floats) -> None:
-        """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""
         for kind in self._active_kinds:
             kind.drive(velocities_mps)
 

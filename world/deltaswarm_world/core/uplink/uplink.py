@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_world.core.air.channel.chance import Bursts, Loss
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
+from deltaswarm_world.core.air.channel.loss import Bursts, Loss
 from deltaswarm_world.core.air.channel.model import Model
 from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import RangeDisc
@@ -68,7 +68,6 @@ class Uplink:
 
     @property
     def under_way(self) -> int:
-        """Number of pending reports."""
         parts = (self._sending, self._delays, self._taking_in)
         return sum(part.waiting for part in parts if part is not None) + (self._relay.under_way if self._relay else 0)
 
@@ -154,7 +153,6 @@ class Uplink:
     # On the way of a report
 
     def _within(self, positions_m: Floats) -> Sequence[bool]:
-        """Return the agents within and at the base's range."""
         if self._range_m is None:
             return [True] * self._count
         offsets = positions_m - self._base_m
@@ -162,7 +160,6 @@ class Uplink:
         return within
 
     def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
-        """Count a dropped report."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         self.losses.append((packet.sender, reason))
         self._outcomes.append((f"dropped: {reason}{where}", packet))
@@ -232,7 +229,6 @@ class Uplink:
         return Links.of_pairs(Ends(ids, state.positions_m[ids]), base)
 
     def _take_in(self, packets: list[Packet]) -> list[Packet]:
-        """Pass reports through the queue of the operator's radio."""
         queue = self._taking_in
         if queue is None:
             return packets

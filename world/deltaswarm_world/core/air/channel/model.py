@@ -98,8 +98,6 @@ def _truth(_: None, value: Any) -> bool:
 
 
 class ForeignModel(Foreign):
-    """A model from outside."""
-
     CHECKS: ClassVar = {"cuts": _cuts, "explain": _explanation, "reason": _reason, "holds_for_step": _truth}
 
 

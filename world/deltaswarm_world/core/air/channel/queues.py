@@ -42,7 +42,6 @@ class RateLimitedQueue:
 
     @property
     def ends(self) -> list[int]:
-        """Ends with a nonempty queue, ascending."""
         return sorted(self._queues)
 
     def take(self, end: int, arriving: list[Packet]) -> tuple[list[Packet], list[Packet]]:
@@ -104,11 +103,9 @@ class RateLimitedQueue:
         return gone
 
     def holds(self, end: int) -> list[Packet]:
-        """Return the waiting packets of an end, in order."""
         return list(self._queues.get(end, ()))
 
     def explain(self, end: int, whose: str) -> Diagnosis:
-        """Return the waiting bytes of an end."""
         held = sum(len(packet.data) for packet in self.holds(end))
         says = f"the {whose}'s radio passes {self._bytes_per_step:g} bytes in a step; {held} bytes wait in its queue"
         numbers = {"end": whose, "bytes_per_step": self._bytes_per_step, "waiting_bytes": held}
@@ -169,7 +166,6 @@ class DelayLine:
         return due
 
     def explain(self) -> Diagnosis:
-        """Describe the delay of frames."""
         least, most = math.floor(self._latency), math.ceil(self._latency + self._jitter)
         mean = self._latency + self._jitter / 2
         says = f"frames arrive {least} to {most} steps later than without delay, {mean:g} on average"
