@@ -243,15 +243,6 @@ def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
     assert math.isfinite(console.pace.speed)
 
 
-@given(st.binary(max_size=40) | st.sampled_from([b"{", b"[]", b"3", b"null", b'{"type":[]}', b'{"type":"pace"}']))
-def test_what_is_no_intent_changes_nothing(data: bytes) -> None:
-    """It is refused, if it can be answered at all."""
-    console = Console(briefing())
-    before = console.pace
-    assert {answer["type"] for answer in carry_out(console, data, 0.0)} <= {"refused"}
-    assert console.pace == before
-
-
 @in_one_test(
     "fields",
     [{"speed": 10**400}, {"speed": "nan"}, {"speed": -1}, {"steps": math.inf}, {"steps": 0}, {"steps": 10**9}, {}],

@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -17,18 +16,16 @@ from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.inbox import ledger as ledger_module
 from deltaswarm_operator.inbox.item import Item
 from deltaswarm_operator.inbox.ledger import Ledger
-from deltaswarm_operator.inbox.policy import Put, urgency
+from deltaswarm_operator.inbox.policy import urgency
 from deltaswarm_scenario.operator_settings import (
     ALERT,
     INFO,
-    NEWS,
     NOTICE,
     SEVERITIES,
     InboxSettings,
     PersonSettings,
 )
 from deltaswarm_wire import checked
-from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.plugin_errors import PluginError
@@ -179,6 +176,15 @@ def test_a_digest_comes_at_its_time_and_counts_what_does_not_matter() -> None:
     assert [item.number for item in shown[10] if not item.is_quiet] == [1]
     assert {item.line for item in shown[10]} == {1}
     assert [(item.number, item.is_quiet) for item in shown[20]] == [(12, False), (13, True)]
+
+
+def test_digests_do_not_drift() -> None:
+    """In steps of 3 s each comes in the first step that is not before its time, also after a gap."""
+    ledger = inbox(policy="digest", every_s=10.0)
+    times_s = [*range(0, 63, 3), *range(90, 120, 3)]
+    items = [item(number, time_s, INFO, (number,)) for number, time_s in enumerate(times_s)]
+    shown = [time_s for time_s, one in zip(times_s, items, strict=True) if ledger.close_step(float(time_s), [one])]
+    assert shown == [12, 21, 30, 42, 51, 60, 90, 102, 111]
 
 
 def test_grouped_has_one_line_for_each_event_or_sender() -> None:
@@ -368,15 +374,6 @@ def test_a_simulated_person_reads_lines_at_their_price() -> None:
     ranked = person(listed)
     ranked.is_ranked = True
     assert [numbers for _, numbers in reads(*mixed, one=ranked)] == [(2,), (0,), (1,)]
-
-
-def test_every_kind_of_news_has_a_severity() -> None:
-    """Each a key of its own, beside those of the policies."""
-    assert InboxSettings().severities.keys() == set(NEWS)
-    assert Counter(InboxSettings().severities.values()) == {ALERT: 3, NOTICE: 1, INFO: 2}
-    with pytest.raises(SettingsError):
-        checked.load(InboxSettings, {"repeat": "none"})
-    assert isinstance(Put(0, (0,)), tuple)
 
 
 def test_the_example_of_the_guide_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,21 +52,6 @@ def test_steps_are_the_wall_clocks() -> None:
     assert books.close_second(2.9, 0) is None
 
 
-def test_rates_are_over_a_second_and_a_minute() -> None:
-    """Two reports a second for a while, then none: the last minute remembers."""
-    books = meter()
-    for second in range(60):
-        for number in range(2):
-            hear(books, 1, 2 * second + number, 10.0 + second + number / 2, second + number / 2)
-        workload = books.close_second(second + 1.0, 0)
-    assert workload is not None
-    assert (workload.rate_1s_hz, workload.rate_60s_hz) == (2.0, 2.0)
-    for second in range(60, 90):
-        workload = books.close_second(second + 1.0, 0)
-    assert workload is not None
-    assert (workload.rate_1s_hz, workload.rate_60s_hz) == (0.0, 1.0)
-
-
 def test_who_is_alive_follows_the_tokens() -> None:
     """Coming twice is being there once; who reports without a token is known and not alive."""
     books = meter()
@@ -113,15 +98,6 @@ def test_health_that_is_forged_or_malformed_is_dropped(agent: int | None, data: 
     assert books.faulty == {1: "no battery"}
     books.close_second(1.0, 0)
     assert books.totals["rejected"] == 1
-
-
-def test_a_gap_is_a_loss() -> None:
-    """In the sequence of one sender, once it is known."""
-    books = meter()
-    for sequence in (10, 11, 15):
-        assert hear(books, 1, sequence, 100.0 + sequence) is None
-    assert books.totals["lost"] == 3
-    assert books.totals["per_sender"]["1"]["lost"] == 3
 
 
 def test_a_report_that_comes_again_is_not_counted_again() -> None:

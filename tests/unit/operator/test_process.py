@@ -271,15 +271,6 @@ def test_it_does_not_start_without_a_world(world: World) -> None:
     assert not world.out.exists()
 
 
-def test_nothing_is_overwritten(world: World) -> None:
-    """A folder that holds an operator's table already is a mistake of the user."""
-    world.out.mkdir()
-    (world.out / "operator.csv").write_text("precious")
-    assert world.start_operator().wait(PATIENCE_S) == 2
-    assert "--out must" in world.log.read_text()
-    assert (world.out / "operator.csv").read_text() == "precious"
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

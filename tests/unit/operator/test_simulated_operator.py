@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from random import Random
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -18,7 +17,6 @@ from deltaswarm_operator.inbox.item import Item
 from deltaswarm_operator.inbox.ledger import Ledger
 from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, InboxSettings, PersonSettings
 from tests.support.commanding import reloaded
-from tests.support.complaints import mistakes
 from tests.support.tiers import in_one_test
 from tests.unit.operator.test_console import report
 
@@ -233,18 +231,3 @@ def test_agents_in_turn_follow_from_the_times_on_and_between_items() -> None:
     assert totals["agents_in_turn"] == pytest.approx(30 / 4 + 1)
     assert totals["acknowledge_s"] == pytest.approx(4.0)
     assert person().totals()["agents_in_turn"] is None
-
-
-@in_one_test(
-    ("table", "path"),
-    [
-        ({"policy": "lazy"}, "policy"),
-        ({"known_s": 0}, "known_s"),
-        ({"best_load": 1.0}, "best_load"),
-        ({"policy": "threshold", "delta_step": 0}, "delta_step"),
-        ({"patience": 3}, "patience"),
-    ],
-)
-def test_wrong_settings_are_told_by_name(table: dict[str, Any], path: str) -> None:
-    """Before anything runs."""
-    assert [key for key, _ in mistakes(table, PersonSettings)] == [path]

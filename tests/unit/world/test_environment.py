@@ -24,10 +24,7 @@ def environment(**tables: Any) -> Environment:
 def with_event(x_m: float, y_m: float, **tables: Any) -> Environment:
     """One event at a place, whatever the density."""
     made = environment(events={"rate_hz": 0, "work_agent_s": 10}, **tables)
-    event = EventRecord(1, x_m, y_m, 0.0)
-    made.arrived.append(event)
-    made.active.append(event)
-    made._place_active()
+    made.add([EventRecord(1, x_m, y_m, 0.0)])
     return made
 
 

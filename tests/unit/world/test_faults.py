@@ -12,7 +12,6 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
-from deltaswarm_wire.plugins import FAULTS, find
 from deltaswarm_world.core.arrivals import EventIds
 from deltaswarm_world.core.faults.timeline import Faults
 
@@ -122,12 +121,6 @@ def test_a_restart_is_for_the_living_and_the_dead() -> None:
     assert orders(made, 1) == [(KILL, (1, 2))]
     assert orders(made, 5, ALL - {1, 2}) == [(START, (2,))]
     assert orders(made, 10, ALL - {1}) == [(START, (1,))]
-
-
-def test_what_kills_acts_on_processes() -> None:
-    """So it is refused where nobody could kill them."""
-    kinds = [find(FAULTS, name, "fault.kind") for name in FAULTS.shipped]
-    assert [kind for kind in kinds if kind.kills and not kind.to_process] == []
 
 
 def test_a_frozen_agent_that_died_by_accident_is_not_frozen_when_it_restarts() -> None:

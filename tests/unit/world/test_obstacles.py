@@ -129,8 +129,7 @@ def test_an_event_behind_an_obstacle_is_not_sensed() -> None:
     scenario = {"arena": {"obstacles": [obstacle]}, "agents": {"count": 2, "sensing_range_m": 15}}
     made = Environment(load(Scenario, {**scenario, "events": {"rate_hz": 0}}))
     made.positions_m = array((9.0, 15.0), (21.0, 9.0))
-    made.active.append(EventRecord(1, 21.0, 15.0, 0.0))
-    made._place_active()
+    made.add([EventRecord(1, 21.0, 15.0, 0.0)])
     assert [len(events) for events in made.sense(0.0, [True, True])] == [0, 1]
 
 

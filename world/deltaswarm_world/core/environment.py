@@ -110,10 +110,13 @@ class Environment(Saved):
     def arrive(self, time_s: float) -> None:
         new = [EventRecord(*arrival) for arrival in self._arrivals.until(time_s)]
         if new:
-            self.arrived += new
-            self.active += new
-            self.changed += new
-            self._place_active()
+            self.add(new)
+
+    def add(self, events: Sequence[EventRecord]) -> None:
+        self.arrived += events
+        self.active += events
+        self.changed += events
+        self._place_active()
 
     def sense(
         self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
