@@ -7,7 +7,7 @@ from itertools import combinations
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, key
-from deltaswarm_wire.obstacles import is_inside
+from deltaswarm_wire.obstacles import edge_distance_m2, is_inside
 
 DIFFERENTIAL, HOLONOMIC = "differential", "holonomic"
 WHEEL_LOST = "wheel-lost"
@@ -131,10 +131,6 @@ class PhysicsSettings:
 
 
 def _gap_m(place: tuple[float, float], corners: tuple[tuple[float, ...], ...]) -> float:
-    return min(_to_edge_m(place, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
-
-
-def _to_edge_m(place: tuple[float, float], a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    ex, ey, dx, dy = b[0] - a[0], b[1] - a[1], place[0] - a[0], place[1] - a[1]
-    share = min(1.0, max(0.0, (dx * ex + dy * ey) / (ex * ex + ey * ey)))
-    return math.hypot(dx - share * ex, dy - share * ey)
+    return math.sqrt(
+        min(edge_distance_m2(place, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
+    )

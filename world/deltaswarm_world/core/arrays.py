@@ -84,6 +84,13 @@ def checked_mask(value: object, count: int, what: str) -> Mask:
     return value
 
 
+def checked_truth(_: object, value: object, *arguments: object) -> bool:
+    """Return whether a plug-in says yes. Raises ValueError if it says neither."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"must be True or False (got {value!r:.80})")
+    return bool(value)
+
+
 def checked_agents(value: object, count: int) -> frozenset[int]:
     """Return a plug-in's set of agents. Raises ValueError if it is none."""
     if not isinstance(value, set | frozenset) or any(type(agent) is not int for agent in value):

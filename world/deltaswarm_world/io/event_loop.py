@@ -104,7 +104,7 @@ class EventLoop:
                 self._transport.workload(message.data)
                 continue
             if isinstance(message, OperatorMessage):
-                self._take_operator_message(message.word)
+                self._take_operator_message(message.message)
                 continue
             role, number, is_there = message
             (self.tokens.add if is_there else self.tokens.discard)((role, number))

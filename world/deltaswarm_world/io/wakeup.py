@@ -50,9 +50,7 @@ class Ack(NamedTuple):
 
 
 class OperatorMessage(NamedTuple):
-    """What the operator says of the steps: its turn, or the pace that it wants."""
-
-    word: Turn | Pace
+    message: Turn | Pace
 
 
 ControlInput = Token | Persisted | Ack | OperatorMessage
@@ -111,14 +109,19 @@ class Wakeup:
         self._nudge = threading.Event()
         on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
-        self._words = [
-            session.declare_subscriber(key, zenoh.handlers.Callback(note, indirect=False))
-            for key, note in (
-                (keys.done, self._on_done),
-                (keys.all_taken, self._on_taken),
-                (keys.workload, self._on_workload),
-                (keys.turn, self._saying(decode_turn)),
-                (keys.pace, self._saying(decode_pace)),
+        put, waking = self.control.put, self._waking
+        self._subscribers = [
+            session.declare_subscriber(key, zenoh.handlers.Callback(callback, indirect=False))
+            for key, callback in (
+                (keys.done, waking(lambda key, data: self.done.append(decode_done(data)))),
+                (
+                    keys.all_taken,
+                    waking(lambda key, data: put(Persisted(key.split("/")[-2], decode_taken(data)))),
+                ),
+                (keys.turn, waking(lambda key, data: put(OperatorMessage(decode_turn(data))))),
+                (keys.pace, waking(lambda key, data: put(OperatorMessage(decode_pace(data))))),
+                # no wake-up: the operator's next message causes one
+                (keys.workload, lambda sample: put(Ack(sample.payload.to_bytes()))),
             )
         ]
         self._closed = False
@@ -143,32 +146,17 @@ class Wakeup:
             self.control.put(Token(*token, sample.kind == zenoh.SampleKind.PUT))
             self._nudge.set()
 
-    def _on_done(self, sample: zenoh.Sample) -> None:
-        try:
-            self.done.append(decode_done(sample.payload.to_bytes()))
-        except WireError as error:
-            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
-        self._nudge.set()
+    def _waking(self, take: Callable[[str, bytes], None]) -> Callable[[zenoh.Sample], None]:
+        """Make a callback that takes a sample by its key and data, and wakes the main thread."""
 
-    def _on_taken(self, sample: zenoh.Sample) -> None:
-        try:
-            self.control.put(Persisted(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
-        except WireError as error:
-            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
-        self._nudge.set()
-
-    def _on_workload(self, sample: zenoh.Sample) -> None:
-        self.control.put(Ack(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
-
-    def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
-        def on_word(sample: zenoh.Sample) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
             try:
-                self.control.put(OperatorMessage(decode(sample.payload.to_bytes())))
+                take(str(sample.key_expr), sample.payload.to_bytes())
             except WireError as error:
-                log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+                log.warning("dropped a sample on %s: %s", sample.key_expr, error)
             self._nudge.set()
 
-        return on_word
+        return on_sample
 
     def _await_signal(self) -> None:
         """Watch the wake-up descriptor, since a blocked main thread runs no signal handlers."""

@@ -15,11 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
 from deltaswarm_world.core.air.channel.model import models_of, reasons_of
-from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue, delays_of, queue_of
 from deltaswarm_world.core.air.channel.reach import reach_of
 from deltaswarm_world.core.air.reception import EVERYBODY, Reception
 from deltaswarm_world.core.arrays import Floats, Mask, generator
@@ -36,15 +35,6 @@ class _Moment(NamedTuple):
     listening: Sequence[bool]
 
 
-def _queue(bytes_per_s: float, radio: RadioSettings, step_s: float) -> RateLimitedQueue | None:
-    return RateLimitedQueue(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
-
-
-def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> DelayLine:
-    radio, rngs = scenario.radio, [generator(scenario.seed, stream) for stream in (jitter_stream, rounding_stream)]
-    return DelayLine(radio.latency_s, radio.jitter_s, scenario.run.step_s, *rngs)
-
-
 class Air:
     """The radio of one run, with all its models; call it once per step, in order."""
 
@@ -56,14 +46,15 @@ class Air:
         self.reasons = reasons_of(self._models)
         """Every reason for a drop, in the order of the columns in tables."""
         self._steady = [model for model in self._models if model.holds_for_step]
-        self._sending = _queue(radio.bandwidth.sender_bytes_per_s, radio, step_s)
-        self._taking_in = _queue(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
+        width = radio.bandwidth
+        self._sending = queue_of(width.sender_bytes_per_s, width.queue_bytes, step_s)
+        self._taking_in = queue_of(width.receiver_bytes_per_s, width.queue_bytes, step_s)
         self._duplication = radio.duplication
         self._delays: DelayLine | None = None
         if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
-            self._delays = _delays(scenario, JITTER_STREAM, ROUNDING_STREAM)
+            self._delays = delays_of(radio, scenario, JITTER_STREAM, ROUNDING_STREAM)
         self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
-        self._copy_delays = _delays(scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
+        self._copy_delays = delays_of(radio, scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Random order of senders into the queues of a step, so that low numbers have no priority."""
         self._numbers = 0

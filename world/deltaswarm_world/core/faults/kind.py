@@ -13,7 +13,7 @@ from deltaswarm_wire.foreign import Foreign
 from deltaswarm_wire.messages import MAX_SPEED_MPS, Event
 from deltaswarm_wire.orders import ACTIONS, NOTE, ProcessOrder
 from deltaswarm_wire.plugins import NoSettings
-from deltaswarm_world.core.arrays import Floats, checked_agents, checked_rows
+from deltaswarm_world.core.arrays import Floats, checked_agents, checked_rows, checked_truth
 
 
 @dataclass
@@ -125,17 +125,11 @@ class Kind:
 
 def _begun(agents: int, value: Any, fault: ActiveFault, living: Any, why: str) -> bool:
     checked_agents(living, agents)
-    return _truth(agents, value)
+    return checked_truth(agents, value)
 
 
 def _ended(agents: int, value: Any, fault: ActiveFault, living: Any) -> None:
     checked_agents(living, agents)
-
-
-def _truth(_: int, value: Any, *arguments: Any) -> bool:
-    if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"must return True or False (got {value!r:.80})")
-    return bool(value)
 
 
 def _driven(agents: int, value: Any, velocities_mps: Floats) -> None:
@@ -171,7 +165,7 @@ class ForeignKind(Foreign):
         "begin": _begun,
         "end": _ended,
         **dict.fromkeys(("agents", "blind", "deaf"), lambda agents, value: checked_agents(value, agents)),
-        "misses": _truth,
+        "misses": checked_truth,
         "distort": _distorted,
         "drive": _driven,
     }

@@ -16,7 +16,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
 from deltaswarm_world.core.air.channel.loss import Bursts, Loss
 from deltaswarm_world.core.air.channel.model import Model
-from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, delays_of, queue_of
 from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts
 from deltaswarm_world.core.arrays import Floats, generator
@@ -54,13 +54,10 @@ class Uplink:
             self._models.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
         self._delays: DelayLine | None = None
         if uplink.latency_s > 0 or uplink.jitter_s > 0:
-            rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
-            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, *rngs)
+            self._delays = delays_of(uplink, scenario, JITTER_STREAM, ROUNDING_STREAM)
         width = uplink.bandwidth
-        self._sending, self._taking_in = (
-            RateLimitedQueue(rate * step_s, width.queue_bytes) if rate > 0 else None
-            for rate in (width.sender_bytes_per_s, width.receiver_bytes_per_s)
-        )
+        self._sending = queue_of(width.sender_bytes_per_s, width.queue_bytes, step_s)
+        self._taking_in = queue_of(width.receiver_bytes_per_s, width.queue_bytes, step_s)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Random order into the operator's queue, so that low numbers have no priority."""
         self._numbers = 0

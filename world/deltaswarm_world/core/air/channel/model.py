@@ -15,7 +15,7 @@ from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
 from deltaswarm_world.core.air.channel.links import Diagnosis, Links
 from deltaswarm_world.core.air.channel.reach import Reach
-from deltaswarm_world.core.arrays import Mask, checked_mask, generator
+from deltaswarm_world.core.arrays import Mask, checked_mask, checked_truth, generator
 
 FOREIGN_STREAM = 30
 """Stream of the generators of models from outside, each with a number from its class."""
@@ -91,14 +91,8 @@ def _reason(_: None, value: Any) -> str:
     return value
 
 
-def _truth(_: None, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"must be True or False (got {value!r:.80})")
-    return value
-
-
 class ForeignModel(Foreign):
-    CHECKS: ClassVar = {"cuts": _cuts, "explain": _explanation, "reason": _reason, "holds_for_step": _truth}
+    CHECKS: ClassVar = {"cuts": _cuts, "explain": _explanation, "reason": _reason, "holds_for_step": checked_truth}
 
 
 def models_of(scenario: Scenario, reach: Reach) -> list[Model]:

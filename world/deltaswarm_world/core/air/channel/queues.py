@@ -8,7 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from deltaswarm_scenario.operator_links import DownlinkSettings, UplinkSettings
+from deltaswarm_scenario.radio import RadioSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Diagnosis
+from deltaswarm_world.core.arrays import generator
 
 
 class Packet(NamedTuple):
@@ -179,6 +183,19 @@ class DelayLine:
             for end, packet in held
             if end == receiver and packet.sender == sender
         )
+
+
+def queue_of(bytes_per_s: float, queue_bytes: int, step_s: float) -> RateLimitedQueue | None:
+    """Make a queue; None if the rate is 0, which means that there is no limit."""
+    return RateLimitedQueue(bytes_per_s * step_s, queue_bytes) if bytes_per_s > 0 else None
+
+
+def delays_of(
+    settings: RadioSettings | UplinkSettings | DownlinkSettings, scenario: Scenario, jitter: int, rounding: int
+) -> DelayLine:
+    """Make the delays of a link, with generators of these streams."""
+    rngs = [generator(scenario.seed, stream) for stream in (jitter, rounding)]
+    return DelayLine(settings.latency_s, settings.jitter_s, scenario.run.step_s, *rngs)
 
 
 def _snapped(steps: float) -> float:
