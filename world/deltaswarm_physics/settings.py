@@ -131,6 +131,5 @@ class PhysicsSettings:
 
 
 def _gap_m(place: tuple[float, float], corners: tuple[tuple[float, ...], ...]) -> float:
-    return math.sqrt(
-        min(edge_distance_m2(place, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
-    )
+    edges = zip(corners, [*corners[1:], corners[0]], strict=True)
+    return math.sqrt(min(edge_distance_m2(place, a, b) for a, b in edges))

@@ -34,7 +34,6 @@ class Base:
 
     def __init__(self, step_s: float, counter: int = 0) -> None:
         self.frames = 0
-        """Number of frames made."""
         self._step_s = step_s
         self._counter = counter
         self._alive: list[_Alive] = []

@@ -36,7 +36,6 @@ class SentCommand:
     command: Command
     sent_s: float
     by: str
-    """Who gave it."""
     answers: dict[int, int] = field(default_factory=dict)
 
     def count(self, state: int) -> int:

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Any
 
-from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.budget import Budget, budget_of
 from deltaswarm_operator.core.command_log import CommandLog, target_columns
+from deltaswarm_operator.core.measures import Attention
 from deltaswarm_operator.core.page_beats import QUIET_AFTER_S, PageBeats
 from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.probes import Probes
@@ -72,11 +72,9 @@ class Console:
         self.beats = PageBeats()
         self._is_held_for_page = False
         self.has_conductor = False
-        """Whether there is a conductor's page."""
         self.help = HELP_OVER
         """Whether the person has called for help, and whether the conductor has seen it."""
         self.is_ended = False
-        """Whether the conductor has ended the run."""
         self.inputs: dict[str, list[Message]] = {}
         """The answers to the newest inputs by their ids: one that is sent again counts once."""
         self.pace = Pace(briefing.speed, -1)

@@ -230,4 +230,3 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "sheet": _sheet,
     "catch_up": _catch_up,
 }
-"""What is done for each type of message."""

@@ -23,7 +23,6 @@ class PageBeats:
         """When a page was last heard; inf: nobody listens yet."""
         self._began_wall_s: float | None = None
         self._closed_wall_s = 0.0
-        """When the newest step of the run was closed."""
         self._away_s = 0.0
 
     def start(self, wall_s: float) -> None:

@@ -74,7 +74,6 @@ class Picture:
         self._unheard: set[int] = set()
         """Agents of which an item says that they are unheard."""
         self.items = 0
-        """Number of items so far."""
         self.agents: dict[int, KnownAgent] = {}
         self.events: dict[int, KnownEvent] = {}
         """By the picture's own numbers; the first reported event is 1."""

@@ -9,7 +9,6 @@ from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
 
 ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")
-"""Columns of an act that the page shows."""
 
 ACTS_KEPT = 200
 ANSWERED = ("tlx", "form")

@@ -19,7 +19,6 @@ class Held(NamedTuple):
     items: int
     alerts: int
     oldest_s: float | None
-    """When the oldest of them arrived [s]."""
 
 
 class Ledger:
@@ -38,9 +37,7 @@ class Ledger:
         self.listed: list[int] = []
         """Shown items that raise the unread count."""
         self.shown_s: dict[int, float] = {}
-        """When each item was shown [s]."""
         self.read_s: dict[int, float] = {}
-        """When each item was read [s]."""
         self.opened: set[int] = set()
         """Items that the person opened while they were held back."""
         self._sent = 0

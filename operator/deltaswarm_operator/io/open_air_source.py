@@ -36,9 +36,7 @@ MAX_REPORTS_OF_ONE = 16
 @dataclass(frozen=True, kw_only=True)
 class OpenAirConfig(OperatorConfig):
     pairs: Pairs
-    """Settings of the Zenoh session."""
     status_every_s: float
-    """Interval of status lines [s]."""
     command_options: CommandOptions | None = None
     """A console with commands, a station or both."""
 

@@ -21,7 +21,6 @@ class Page:
 
     def __init__(self, listen: str) -> None:
         self.end, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        """The operator's end of the channel."""
         command = [sys.executable, "-P", "-m", "deltaswarm_operator.station", "--listen", listen]
         reader, writer = os.pipe()
         with theirs:

@@ -67,14 +67,12 @@ class ClosedStep(NamedTuple):
     workload: Workload
     reports: tuple[Report, ...]
     row: Sequence[Any]
-    """Its row of the operator's table."""
 
 
 class StepSource(ABC):
     """Where reports and time come from, and where turns go. Its methods run in the main thread."""
 
     COLUMNS: ClassVar[Sequence[str]]
-    """Columns of the operator's table."""
     COMPLETE_AT: ClassVar[End]
     """The end that leaves a complete run."""
     NEEDS_TABLE: ClassVar[bool] = True
@@ -87,7 +85,6 @@ class StepSource(ABC):
     config: OperatorConfig
     arrivals: Arrivals
     pairs: Pairs
-    """Settings of the Zenoh session."""
     is_awaited = False
     """Whether every turn is sent, because somebody waits for it."""
 

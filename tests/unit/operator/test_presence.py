@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
-from deltaswarm_operator.core.process_tracker import RESTART_S, RETURNS
+from deltaswarm_operator.core.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, RESTART_S, RETURNS, OpenAirMeter
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.attention import Attention
-from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
+from deltaswarm_operator.core.measures import HIGH_LOAD, Attention, Measures
 from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, SimulatedOperator
 from deltaswarm_operator.inbox.item import Item

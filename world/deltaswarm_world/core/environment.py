@@ -62,13 +62,11 @@ class Environment(Saved):
         self.changed: list[EventRecord] = []
         """The events that arrived, were first sensed, were first worked on or were completed in this step."""
         self.completed = 0
-        """Number of events completed so far."""
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
         self._sensing_range_m = scenario.agents.sensing_range_m
         self._work_agent_s = scenario.events.work_agent_s
         self.density = Places(scenario.events.density, scenario.arena, self._obstacles)
-        """Where events occur."""
         self._arrivals = Arrivals(scenario, self.density)
         self._places_m: Floats = np.zeros((0, 2))
         task = scenario.operator.task

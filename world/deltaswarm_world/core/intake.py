@@ -29,7 +29,6 @@ class SequenceNumbers(Saved):
 
     def __init__(self) -> None:
         self.lost: Counter[int] = Counter()
-        """Missing messages by agent."""
         self.fell_back: Counter[int] = Counter()
         """Resets of an agent's number without an absence; many mean that two processes share its id."""
         self._due: dict[int, int | None] = {}
@@ -59,7 +58,6 @@ class Intake(Saved):
         self._reports: dict[int, deque[bytes]] = {}
         """Reports not yet taken; only an agent that was late has more than one."""
         self._newest_report: dict[int, int] = {}
-        """The step of each agent's newest report."""
         self._ahead: Counter[int] = Counter()
         """Number of reports of each agent that came before the act of their frame."""
         self.acts: dict[int, tuple[bytes, Act]] = {}

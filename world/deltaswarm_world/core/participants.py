@@ -74,9 +74,7 @@ class Attendance(Saved):
     late_steps: int = 0
     """Steps that the board missed while present."""
     absences: int = 0
-    """Number of absences."""
     absent_steps: int = 0
-    """Steps of absence."""
 
 
 @dataclass

@@ -49,7 +49,6 @@ class EventLoop:
         self.is_over = False
         """The last clock has gone out."""
         self._phase = "waiting"
-        """Phase of the newest status."""
         self.operator_left = False
         """The operator went, and has not been given what it missed."""
         self._warned: set[int] = set()

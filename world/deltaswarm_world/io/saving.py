@@ -41,7 +41,6 @@ class WorldConfig:
     time_phases: bool = False
     """Measure where the steps' wall time goes, for `world.json`."""
     metrics: tuple[str, ...] = ()
-    """Names of the controller's own numbers."""
 
 
 @dataclass

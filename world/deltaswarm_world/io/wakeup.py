@@ -103,7 +103,6 @@ class Wakeup:
         """The number of the signal that asks the run to end; 0: none."""
         self.control = ControlQueue()
         self.done: deque[int] = deque()
-        """Numbers of completed orders."""
         self._session = session
         self._key = keys.agent(0, "wake")
         self._nudge = threading.Event()

@@ -22,9 +22,7 @@ class Reception:
         self.links: list[tuple[int, int]] = []
         """(sender, receiver) of each frame, by receiver, then as in `heard`."""
         self.dropped: dict[str, int] = {}
-        """Dropped receptions by reason."""
         self.duplicated = 0
-        """Duplicated receptions."""
         self.largest_bytes = 0
         """Upper bound of the length of received frames."""
         self.on_air: list[int] = []

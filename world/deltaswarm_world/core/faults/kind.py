@@ -23,7 +23,6 @@ class ActiveFault:
     index: int
     fault: FaultSettings
     settings: Any
-    """The kind's own `Settings`."""
     agents: set[int]
     end: int | None
     rng: np.random.Generator
@@ -78,7 +77,6 @@ class Kind:
     def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
         self.name = name
         self.agents: frozenset[int] = frozenset()
-        """Return the agents under this fault in this step."""
         self._scenario = scenario
         self._orders = orders
 

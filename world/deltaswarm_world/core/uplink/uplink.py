@@ -35,7 +35,6 @@ class Uplink:
     def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
         self.dropped: dict[str, int] = {}
-        """Dropped reports of the last step by reason."""
         self.losses: list[tuple[int, str]] = []
         """Sender and reason of each dropped report of the last step."""
         self._outcomes: list[tuple[str, Packet]] = []
