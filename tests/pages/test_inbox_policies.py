@@ -46,7 +46,6 @@ class Served(Looking):
             pass
 
     def close(self, *reports: Report) -> None:
-        """Close a step in which these reports arrived."""
         self.step += 1
         workload = Workload(self.step, float(self.step), len(reports), 0, 0.0, 0.0, 0.0, 0, 0, 0)
         self.console.close_step(Clock(self.step, float(self.step), False), workload, reports, time.monotonic())
@@ -57,7 +56,6 @@ class Served(Looking):
 
     @property
     def lines(self) -> list[str]:
-        """The lines that the page lists."""
         rows = "return [...document.querySelectorAll('#inbox-list > li')].map((row) => row.dataset.key)"
         return list(self.driver.execute_script(rows))  # type: ignore[no-untyped-call]
 

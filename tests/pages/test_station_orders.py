@@ -12,7 +12,6 @@ pytestmark = NEEDS_BROWSER
 
 
 def test_a_command_by_mouse(page: Page) -> None:
-    """Choose an order, then its place on the map."""
     Select(page.at("command-name")).select_by_value("set delta")
     page.all('input[name="target"][value="circle"]')[0].click()
     page.click_map(30, 70)
@@ -34,7 +33,6 @@ def test_a_command_by_mouse(page: Page) -> None:
 
 
 def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
-    """Where it went, with its number."""
 
     def show(expires_s: float) -> None:
         order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0, [], "person"]
@@ -48,7 +46,6 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
 
 
 def test_a_change_by_the_system_is_told_and_vetoed_by_key(page: Page) -> None:
-    """While there is time; and the list says who gave an order."""
     order = [0, "set delta", ["all"], {"delta": 2}, 90.0, 0, 0, 0, 200.0, "sent", 0, [], "system"]
     page.player.show(100.0, proposal={"delta": 3, "left_s": 7.2}, commands=[order])
     page.until(lambda: page.at("proposal").is_displayed() and page.text("proposal-left") == "in 8 s")
@@ -61,7 +58,6 @@ def test_a_change_by_the_system_is_told_and_vetoed_by_key(page: Page) -> None:
 
 
 def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:
-    """Agent 1 is a member of the tree of agent 0."""
     Select(page.at("command-name")).select_by_value("recall a tree")
     row = next(row for row in page.player.swarm.agent_rows(100.0) if row[0] == 1)
     page.until(lambda: page.text("agents-list"))
@@ -125,7 +121,6 @@ def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_place_outside_the_arena_is_not_sent(page: Page) -> None:
-    """As when a comma was typed for a point."""
     Select(page.at("command-name")).select_by_value("attend a place")
     page.at("command-x").send_keys("505")
     page.at("command-y").send_keys("50")
@@ -145,7 +140,6 @@ def test_an_order_that_nobody_carries_out_cannot_be_chosen(page: Page) -> None:
 
 
 def test_an_order_that_is_refused_says_why(page: Page) -> None:
-    """In the feed's own words."""
     page.player.swarm.answer = lambda intent, _: [  # type: ignore[method-assign]
         {"type": "refused", "to": intent["from"], "id": intent.get("id"), "why": "no uplink"}
     ]

@@ -32,7 +32,6 @@ def screen(page: Page, width: int, height: int, scale: float = 1.0) -> None:
 
 @pytest.mark.parametrize("size", first_of([(390, 844), (1366, 768), (683, 384), (768, 1024)]))
 def test_every_answer_to_isa_is_within_the_window(page: Page, size: tuple[int, int]) -> None:
-    """Also at 200 % of a usual screen, and on a telephone."""
     width, height = size
     screen(page, width, height)
     page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
@@ -87,7 +86,6 @@ def test_the_first_question_of_the_next_run_is_asked(page: Page) -> None:
 
 
 def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
-    """Participant and condition are as planned."""
     sheet = {"consent": "Yes", "participant": "P001", "condition": "1 A"}
     hello(page, run="planned", session={"sheet": sheet})
     asks(page, "sheet")
@@ -101,7 +99,6 @@ def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
 
 
 def test_what_a_run_leaves_out_is_not_on_the_page(page: Page) -> None:
-    """The pace, a layer of the map, an order."""
     hello(page, run="bare", speeds=[], layers=["trees"])
     page.player.show(1.0)
     page.until(lambda: not page.at("pause").is_displayed())

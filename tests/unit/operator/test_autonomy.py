@@ -38,7 +38,6 @@ def close(one: Console, step: int, rate_hz: float) -> Turn:
 
 
 def deltas(turn: Turn) -> list[Any]:
-    """The deltas that a turn commands."""
     return [decode_command(signed.body).arguments["delta"] for signed in turn.commands]
 
 
@@ -144,12 +143,10 @@ def test_a_run_by_the_system_repeats_itself() -> None:
     ],
 )
 def test_what_cannot_work_is_refused(overrides: list[str]) -> None:
-    """Before the run."""
     with pytest.raises(SettingsError, match=r"operator\.autonomy"):
         load_scenario("smoke", overrides)
 
 
 def test_an_adaptive_swarm_sets_it_itself() -> None:
-    """Accepted."""
     scenario = load_scenario("smoke", ["control.mode=adaptive", "operator.autonomy.sets_delta=swarm"])
     assert not scenario.has_commander

@@ -85,7 +85,6 @@ def test_every_command_leaves_and_none_outlives_its_life(lives_s: list[float], s
 
 
 def test_long_commands_share_the_frames() -> None:
-    """Of the longest ones few fit into one."""
     base = Base(1.0)
     texts = {f"a{index}": "x" * MAX_TEXT for index in range(3)}
     base.send([signed(number, **texts) for number in range(5)], 0.0)
@@ -95,7 +94,6 @@ def test_long_commands_share_the_frames() -> None:
 
 
 def test_a_new_command_does_not_wait_for_the_next_round() -> None:
-    """It leaves at once, before those that are repeated."""
     base = Base(1.0)
     base.send([signed(1)], 0.0)
     assert base.frame(0.0) is not None
@@ -130,7 +128,6 @@ def test_in_open_air_there_is_no_pace() -> None:
 
 
 def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The oldest numbers are forgotten, and none is given twice."""
     monkeypatch.setattr(picture, "MAX_NUMBERS", 10)
     seen = picture.Picture(1.0)
     items = []
@@ -143,7 +140,6 @@ def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("kind", ["text", "number"])
 def test_what_boards_do_not_accept_is_not_sent(kind: str) -> None:
-    """As in a simulated run."""
     command_log = CommandLog((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), first=5)
     with pytest.raises(ValueError, match="for"):
         command_log.issue("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]

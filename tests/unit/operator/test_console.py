@@ -104,7 +104,6 @@ def test_a_reported_event_is_judged_and_another_is_not() -> None:
 
 
 def test_without_a_task_nothing_is_judged() -> None:
-    """And the page has no goal."""
     one = Console(briefing())
     close(one, 0, report(1, 0))
     assert page_hello(one, "run")["goal"] == ""
@@ -113,7 +112,6 @@ def test_without_a_task_nothing_is_judged() -> None:
 
 
 def test_only_what_the_controller_accepts_is_given() -> None:
-    """The refusal is for the operator, and leaves no trace."""
     one = command_log()
     wrong: Sequence[tuple[str, Any]] = [("fly", {}), ("go", {"a": 1}), ("test", {**RIGHT, "whole": True}), ("test", [])]
     for name, arguments in wrong:
@@ -160,7 +158,6 @@ def test_a_script_gives_each_command_two_steps_before_it_leaves() -> None:
 
 
 def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
-    """In their order, and none is left out."""
     console = Console(briefing(*[at(0)] * 300))
     given = [number for step in range(30) for number in numbers(close(console, step))]
     assert given == list(range(300))
@@ -168,7 +165,6 @@ def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
 
 @in_one_test("killed_after", [0, 2, 3, 4, 9])
 def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None:
-    """It gives the same turns, as if nothing had happened."""
     script = briefing(at(2), *[at(5)] * 40, at(9))
     one, other = Console(script), Console(script)
     turns = []
@@ -203,7 +199,6 @@ def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
 
 
 def test_a_command_is_accepted_or_refused_with_a_reason() -> None:
-    """And leaves with the next turn."""
     console = Console(briefing())
     circle = {"kind": "circle", "x_m": 1, "y_m": 2, "radius_m": 3}
     answer = say(console, "command", id="c1", name="test", target=circle, arguments=RIGHT)
@@ -248,7 +243,6 @@ def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
     [{"speed": 10**400}, {"speed": "nan"}, {"speed": -1}, {"steps": math.inf}, {"steps": 0}, {"steps": 10**9}, {}],
 )
 def test_a_wrong_pace_is_refused(fields: dict[str, Any]) -> None:
-    """The pace stays."""
     console = Console(briefing(speed=2.0))
     assert say(console, "pace", **fields)[0]["type"] == "refused"
     assert (console.pace.speed, console.pace.hold_step) == (2.0, -1)
@@ -270,7 +264,6 @@ def test_pause_step_and_speed() -> None:
 
 
 def test_a_page_that_comes_late_catches_up() -> None:
-    """With items, what was read of them, and the rates so far."""
     console = Console(briefing())
     for step in range(30):
         close(console, step, report(1, step))

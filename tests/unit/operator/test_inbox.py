@@ -112,7 +112,6 @@ def test_each_item_is_held_back_or_shown_once_and_stays_on_its_line(
 @pytest.mark.parametrize("table", POLICIES, ids=str)
 @given(stream=streams, step_s=steps_s, cut=st.integers(0, 50))
 def test_the_same_items_give_the_same_lines(table: dict[str, Any], stream: Any, step_s: float, cut: int) -> None:
-    """Also from a checkpoint on."""
     steps = list(enumerate(items_of(stream, step_s)))
     whole, before = inbox(**table), inbox(**table)
     shown = [whole.close_step(step * step_s, items) for step, items in steps]
@@ -205,7 +204,6 @@ def test_grouped_has_one_line_for_each_event_or_sender() -> None:
 
 
 def test_new_holds_back_what_says_nothing_new_and_ranked_ranks() -> None:
-    """As `all` they show each item on its own line, at once."""
     [items] = items_of([[(0, INFO, []), (1, NOTICE, []), (2, ALERT, [])]], 1.0)
     assert [item.number for item in inbox(policy="new").close_step(0.0, items)] == [1, 2]
     for policy in ("all", "ranked"):
@@ -316,7 +314,6 @@ def test_an_item_that_the_person_opened_at_once_was_held_back() -> None:
     ],
 )
 def test_a_wrong_key_is_named(table: dict[str, Any], wrong: str) -> None:
-    """Before a run."""
     assert [path for path, _ in mistakes({"operator": {"inbox": table}})] == [f"operator.inbox.{wrong}"]
 
 

@@ -19,13 +19,11 @@ PATIENCE_S = 30.0
 
 
 def listening() -> tuple[SocketMarkers, str]:
-    """Markers at a free port."""
     address = free_address("127.0.0.1:0")
     return SocketMarkers(address, "a-run"), address
 
 
 def client_of(address: str) -> Any:
-    """The lines that a client of this address gets."""
     host, _, port = address.rpartition(":")
     return socket.create_connection((host, int(port)), PATIENCE_S).makefile("rb")
 
@@ -75,7 +73,6 @@ def test_acts_and_questions_are_told_as_they_happen(tmp_path: Path) -> None:
 
 
 def test_one_who_does_not_read_is_dropped_and_nobody_waits() -> None:
-    """The others go on."""
     markers, address = listening()
     idle, reader = client_of(address), client_of(address)
     markers.serve()

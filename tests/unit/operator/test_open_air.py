@@ -168,7 +168,6 @@ def test_it_says_whose_body_is_not_well_and_when_it_is_well_again(tmp_path: Path
 
 @pytest.mark.processes
 def test_a_password_is_asked_for_where_there_are_credentials(tmp_path: Path) -> None:
-    """Only who is in the file comes in."""
     port = free_port()
     everyone, wrong = tmp_path / "everyone", tmp_path / "wrong"
     everyone.write_text("operator:o\nagent-0:a\nagent-1:b\n")
@@ -197,7 +196,6 @@ def test_a_password_is_asked_for_where_there_are_credentials(tmp_path: Path) -> 
     ],
 )
 def test_it_refuses(arguments: Sequence[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With exit code 2 and the reason."""
     assert main(["--no-world", "--run", RUN, "--out", str(tmp_path / "out"), *arguments]) == 2
     assert message in capsys.readouterr().err
 
@@ -229,7 +227,6 @@ def test_another_ones_certificate_is_refused(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A table that is there stays."""
     (tmp_path / "operator.csv").touch()
     assert main(["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:0"]) == 2
     assert "--out must" in capsys.readouterr().err
@@ -237,15 +234,11 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 class Payload(bytes):
-    """As Zenoh has it."""
-
     def to_bytes(self) -> bytes:
-        """The same."""
         return self
 
 
 def sample(key: str, data: bytes) -> Any:
-    """What Zenoh would hand over."""
     return SimpleNamespace(key_expr=f"deltaswarm/{RUN}/agent/{key}/report", payload=Payload(data), attachment=None)
 
 

@@ -37,7 +37,6 @@ def acts(console: Console) -> list[tuple[str, float | None]]:
 
 
 def test_a_page_that_is_gone_is_noted_and_the_run_goes_on() -> None:
-    """As it does without the key; the summary has the time."""
     console = Console(briefing())
     console.attend()
     console.start(0.0)
@@ -144,7 +143,6 @@ def test_a_beat_before_the_answer_does_not_close_the_question() -> None:
 
 
 def test_all_that_is_read_is_what_the_page_has() -> None:
-    """Not what has come since it was marked."""
     console = Console(briefing())
     for step in range(3):
         close(console, step, report(step, step))

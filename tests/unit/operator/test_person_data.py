@@ -46,7 +46,6 @@ def test_an_act_has_its_time_by_both_clocks(tmp_path: Path) -> None:
 
 
 def test_notes_and_answers_are_no_formulas(tmp_path: Path) -> None:
-    """Whoever reads the tables gets what was typed."""
     form = {"name": "free", "when": "before", "question": [{"name": "t", "text": "?", "kind": "text"}]}
     console = Console(briefing(operator={"probes": {"form": [form], "isa_every_s": 0}}))
     console.attend()
@@ -252,7 +251,6 @@ def test_forms_come_one_after_another() -> None:
 
 @pytest.mark.parametrize(("name", "holds"), [("spam", False), ("sagat", True)])
 def test_an_answer_lets_only_a_run_go_on_that_was_held_for_it(name: str, holds: bool) -> None:
-    """A run that the person has paused stays paused."""
     asks = {"probes": {f"{name}_at_s": [2.0], f"{name}_questions": ["trees"], "isa_every_s": 0, "spam_ready": False}}
     console = Console(briefing(operator=asks))
     console.attend()

@@ -88,7 +88,6 @@ def test_a_body_that_is_not_well_is_told_of_until_it_is_well_or_gone() -> None:
     ("agent", "data", "reason"), [(None, encode_health(Health("x")), "no agent's key"), (1, b"\xc1", "sample")]
 )
 def test_health_that_is_forged_or_malformed_is_dropped(agent: int | None, data: bytes, reason: str) -> None:
-    """And counted; what was known stays."""
     books = meter()
     books.on_health(1, encode_health(Health("no battery")))
     said = books.on_health(agent, data)
@@ -100,7 +99,6 @@ def test_health_that_is_forged_or_malformed_is_dropped(agent: int | None, data: 
 
 
 def test_a_report_that_comes_again_is_not_counted_again() -> None:
-    """The same one, and an older one after it."""
     books = meter()
     assert hear(books, 1, 4, 100.0) is None
     assert hear(books, 1, 5, 101.0) is None
@@ -112,7 +110,6 @@ def test_a_report_that_comes_again_is_not_counted_again() -> None:
 
 
 def test_an_agent_that_began_anew_is_heard_at_once() -> None:
-    """Its numbers go back, its clock does not."""
     books = meter()
     for sequence, sent_s in ((7, 100.0), (8, 101.0), (0, 130.0), (1, 131.0)):
         assert hear(books, 1, sequence, sent_s) is None
@@ -143,7 +140,6 @@ def test_so_is_one_that_had_reported_only_once() -> None:
 def test_what_is_forged_or_malformed_is_dropped(
     agent: int | None, data: bytes, sent: bytes | None, reason: str
 ) -> None:
-    """And counted."""
     books = meter()
     said = books.hear(agent, data, sent, 0.0)
     assert said is not None
@@ -154,7 +150,6 @@ def test_what_is_forged_or_malformed_is_dropped(
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.floats(0, 100)), max_size=40))
 def test_every_report_is_counted_or_stale(arrivals: list[tuple[int, float]]) -> None:
-    """In whatever order they come."""
     books = meter()
     taken = sum(hear(books, 1, sequence, sent_s) is None for sequence, sent_s in arrivals)
     books.close_second(1.0, 0)
@@ -212,7 +207,6 @@ def test_a_board_that_crashes_again_and_again_is_one(lives: list[tuple[int, int,
 
 
 def test_one_that_begins_at_0_is_no_other_one_however_soon_it_is_back() -> None:
-    """It restarts each time, and loses nothing."""
     books = meter()
     for report_number in range(60):
         hear(books, 1, report_number % 3, 100.0 + report_number, report_number / 10)
@@ -244,7 +238,6 @@ def test_boards_with_one_number_are_told_and_nothing_is_lost(
 
 
 def test_one_that_is_alone_again_is_told_of_no_more() -> None:
-    """The totals still say that it was two."""
     books = meter()
     for sequence in range(RETURNS + 1):
         for start in (100, 0):
@@ -262,7 +255,6 @@ def test_one_that_is_alone_again_is_told_of_no_more() -> None:
 
 
 def test_what_was_thought_lost_and_comes_from_another_board_was_not() -> None:
-    """The operator heard the lower numbers first."""
     books = meter()
     for now_s, sequence in enumerate((62, 105, 63, 106)):
         assert hear(books, 1, sequence, 100.0 + now_s, now_s) is None

@@ -37,7 +37,6 @@ SETS = (
 
 @cache
 def recorded() -> tuple[Any, list[RecordedStep]]:
-    """A commanded run, as it reached its operator."""
     played = swarm("smoke", *SETS)
     assert played.console is not None
     steps = []
@@ -169,7 +168,6 @@ HARM = [
 
 @in_one_test("intent", HARM)
 def test_no_intent_stops_a_replay(intent: Any) -> None:
-    """It goes on, and can be shown."""
     replay = a_replay()
     replay.tick(0.0)
     replay.intend(json.dumps(intent).encode())
@@ -179,13 +177,11 @@ def test_no_intent_stops_a_replay(intent: Any) -> None:
 
 @in_one_test("kind", ["command", "isa", "tlx", "sheet", "note"])
 def test_nothing_can_be_commanded_in_a_replay(kind: str) -> None:
-    """Who tries is told so."""
     (answer,) = a_replay().intend(json.dumps({"type": kind, "from": 4, "id": "c"}).encode())
     assert (answer["type"], answer["to"], answer["id"]) == ("refused", 4, "c")
 
 
 def test_a_file_without_steps_is_refused(tmp_path: Any) -> None:
-    """As is one that is no such file."""
     for data in (b"", msgpack.packb({}), b"\xff\xff", msgpack.packb({}) + msgpack.packb(3), msgpack.packb({"x": 1})):
         file = tmp_path / "steps"
         file.write_bytes(data)

@@ -137,7 +137,6 @@ def test_the_rate_moves_delta_and_lets_it_go_back() -> None:
 
 
 def test_a_swarm_without_delta_is_commanded_nothing() -> None:
-    """Its controller has no such command."""
     one = person(replace(CALM, policy=THRESHOLD), delta=None)
     assert live(one, [((), 50.0)] * 300) == []
 
@@ -159,7 +158,6 @@ def test_a_repeat_replaces_what_has_not_been_read() -> None:
 
 @in_one_test(("later", "replaced"), [((1, 2), 1), ((1, 2, 3), 1), ((1,), 0), ((1, 3), 0), ((), 0)])
 def test_only_an_item_that_names_all_the_same_events_replaces_another(later: tuple[int, ...], replaced: int) -> None:
-    """The same events or more."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
     told = [([(3, (9,), True), (0, (1, 2), True)], 0.0), ([(0, later, False)], 0.0), *[([], 0.0)] * 8]
     live(one, told)
@@ -167,7 +165,6 @@ def test_only_an_item_that_names_all_the_same_events_replaces_another(later: tup
 
 
 def test_what_waits_too_long_is_missed() -> None:
-    """Nobody reads it any more."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0, new_s=50.0, patience_s=30.0))
     acts = live(one, [([(0, (1,), True), (1, (2,), True)], 0.0), *[([], 0.0)] * 100])
     assert acts == [(50.0, Read((0,)))]

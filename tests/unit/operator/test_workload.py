@@ -97,7 +97,6 @@ def test_steps_whose_clock_never_came_pass_without_messages() -> None:
 
 
 def test_an_operator_that_comes_late_begins_with_its_first_clock() -> None:
-    """Steps before it are none of its own."""
     meter = a_meter()
     feed(meter, report(1, 0, 5000))
     assert close(meter, 5000).messages == 1
@@ -105,7 +104,6 @@ def test_an_operator_that_comes_late_begins_with_its_first_clock() -> None:
 
 
 def test_the_largest_gap_fits_on_the_wire() -> None:
-    """However much a forged sequence claims to have lost."""
     meter = a_meter()
     for sequence in (2**32 - 1, 0, 2**32 - 1):
         hand_on(meter, sequence, encode_report(report(1, 0, 0)))
@@ -166,13 +164,11 @@ def test_what_the_fabric_loses_behind_the_uplink_is_found() -> None:
     ("window_s", "step_s", "steps"), [(1.0, 0.6, 2), (60.0, 0.7, 86), (60.0, 0.9, 67), (1.0, 0.3, 3), (1.0, 4.0, 1)]
 )
 def test_a_window_is_the_nearest_whole_number_of_steps(window_s: float, step_s: float, steps: int) -> None:
-    """At least one."""
     assert SlidingRate(window_s, step_s).steps == steps
 
 
 @in_one_test(("sequences", "lost"), [((0, 1, 2), 0), ((0, 2), 1), ((1,), 1), ((0, 2, 1), 1), ((0, 5), 4)])
 def test_a_gap_in_the_worlds_sequence_is_a_loss(sequences: tuple[int, ...], lost: int) -> None:
-    """Also of a single report, and of the first."""
     meter = a_meter()
     for sequence in sequences:
         hand_on(meter, sequence, encode_report(report(1, sequence, 0)))
@@ -190,7 +186,6 @@ def test_a_step_never_has_fewer_than_no_losses() -> None:
 
 @given(strange(REPORT))
 def test_no_bytes_break_the_meter(data: bytes) -> None:
-    """It counts or rejects whatever comes."""
     meter = a_meter()
     hand_on(meter, 0, data)
     workload = close(meter, 0)
@@ -304,7 +299,6 @@ def test_a_new_meter_has_counted_nothing() -> None:
 
 
 def test_what_was_missing_in_a_step_that_is_done_again_is_not_counted_twice() -> None:
-    """Once loaded, the operator gets all later reports again."""
     meter = a_meter()
     close(meter, 0)
     hand_on(meter, 3, b"broken")

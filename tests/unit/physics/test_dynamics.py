@@ -158,7 +158,6 @@ def test_a_robot_turns_to_the_side_of_the_wheel_that_it_lost(wheel: str, side: i
 
 
 def test_a_robot_that_lost_a_wheel_turns_about_it() -> None:
-    """It goes round in a circle, and never leaves."""
     fault = 'fault=[{kind="wheel-lost",at_s=0,agents=[0],wheel="left"}]'
     run = InProcess(load_scenario("paper-25", ["world.dynamics=physics", "agents.count=2", "record='off'", fault], 5))
     start_m = run.world.environment.positions_m.copy()

@@ -60,7 +60,6 @@ PHYSICS = 'world.dynamics="physics"'
     ],
 )
 def test_a_mistake_is_one_line(overrides: list[str], line: str) -> None:
-    """It says what must hold and where."""
     with pytest.raises(SettingsError) as caught:
         load_scenario("paper-25", [PHYSICS, *overrides])
     assert line in str(caught.value)
@@ -68,7 +67,6 @@ def test_a_mistake_is_one_line(overrides: list[str], line: str) -> None:
 
 
 def test_agents_operator_and_pages_are_told_the_radius_of_a_body() -> None:
-    """Given or by default; a point has none."""
     for overrides, radius_m in (([], 0.0), ([PHYSICS], 0.25), ([PHYSICS, "world.radius_m=1"], 1.0)):
         scenario = load_scenario("paper-25", overrides)
         assert scenario.for_agent(0).radius_m == radius_m

@@ -73,7 +73,6 @@ def test_the_rate_scales_times_and_leaves_places(seed: int, factor: float) -> No
 @given(seed=st.integers(0, 2**31))
 @settings(max_examples=25)
 def test_an_obstacle_moves_only_the_events_that_it_must(seed: int) -> None:
-    """Those that would have been in it; all times stay."""
     free, blocked = arrivals(scenario(seed)), arrivals(scenario(seed, arena={"obstacles": [BLOCK]}))
     assert [(event.event, event.time_s) for event in blocked] == [(event.event, event.time_s) for event in free]
     for before, after in zip(free, blocked, strict=True):
@@ -155,7 +154,6 @@ def classes(seed: int = 0, **table: Any) -> EventClasses:
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
 def test_the_share_of_targets_is_as_asked(share: float) -> None:
-    """And another seed has others."""
     one, other = (classes(seed, target_share=share) for seed in (1, 2))
     ids = range(2**62, 2**62 + 2000)
     targets = [one.is_target(event) for event in ids]
@@ -210,7 +208,6 @@ def test_a_number_is_reached_when_its_rate_ends() -> None:
 
 
 def test_arrivals_drawn_anew_follow_the_rate_of_their_time() -> None:
-    """After 100 s, at once and as many as the later rate says."""
     of = scenario(5, events={"rates_hz": [1.0], "rates_s": [90.0]})
     found = Arrivals(of, Places(of.events.density, of.arena, Obstacles(of.arena.obstacles)))
     list(found.until(100.0))

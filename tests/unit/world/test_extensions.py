@@ -79,7 +79,6 @@ def mistakes(*overrides: str) -> list[tuple[str, str]]:
     ],
 )
 def test_a_mistake_is_one_message(override: str, path: str, said: str) -> None:
-    """With its key, before anything starts."""
     [(found, text)] = mistakes(override)
     assert found == path
     assert said in text
@@ -155,7 +154,6 @@ def test_the_link_is_explained_by_the_model() -> None:
 
 
 def test_a_model_for_whole_steps_closes_relays_too() -> None:
-    """The relay of reports asks it as it asks the shipped ones."""
     agents = Ends(np.arange(2), np.array([[1.0, 1.0], [2.0, 1.0]]))
     assert Air(scenario(FOG)).steady_links(0.0, agents) == [(1, 0), (0, 1)]
     assert Air(scenario('radio.models."weather:Curtain"={}')).steady_links(0.0, agents) == []

@@ -32,7 +32,6 @@ class Life(RuleBasedStateMachine):
         self.step = -1
 
     def those(self, *conditions: str) -> set[int]:
-        """The agents of these conditions."""
         return {agent for agent, condition in self.condition.items() if condition in conditions}
 
     @precondition(lambda self: not self.those("asked"))

@@ -54,15 +54,12 @@ class Fabric:
         return lambda *_: None
 
     def clock(self, data: bytes) -> None:
-        """A step is handed on."""
         self.clocks.append(data)
 
     def truth(self, data: bytes) -> None:
-        """A step is told to the recorder."""
         self.truths.append(data)
 
     def leave(self) -> None:
-        """The world's token goes."""
         self.has_left = True
 
     def stop(self) -> None:
@@ -74,7 +71,6 @@ COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
 
 
 def begun(fabric: Fabric, folder: Path, expect: tuple[str, ...] = (OPERATOR,)) -> WorldProcess:
-    """A world for which all have come."""
     scenario = load_scenario("smoke", [])
     config = WorldConfig("run", scenario, RouterLink(""), folder, folder, expect=expect, publish_truth=True)
     world = WorldProcess(config, cast(Transport, fabric), cast(Wakeup, fabric), SavedWorld.new(config))
