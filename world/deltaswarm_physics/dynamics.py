@@ -29,7 +29,7 @@ from deltaswarm_world.core.obstacles import Obstacles
 
 HEADING_STREAM = 61
 JAM_S = 60.0
-"""A blocked robot is jammed if it has wanted to move for so long and got no further than its diameter."""
+"""A blocked robot is jammed if it has wanted to move for this long [s] and got no further than its diameter."""
 TOUCH_OF_RADIUS = 1.5 * SLOP_OF_RADIUS
 """Gap at which bodies touch, as a share of the radius."""
 STRAYS = 0.5

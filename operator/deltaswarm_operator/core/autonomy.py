@@ -66,7 +66,7 @@ class Autonomy:
         return self.delta
 
     def veto(self, delta: int | None = None) -> int:
-        """Drop the proposal; return its delta. Raises ValueError: there is none, or none of the delta that is given."""
+        """Drop the proposal; return its delta. Raises ValueError if there is none, or none with this delta."""
         if self.proposal is None or delta not in (None, self.proposal.delta):
             raise ValueError("there is no change of delta to veto; it may have been made already")
         delta = self.proposal.delta

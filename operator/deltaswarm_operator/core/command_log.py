@@ -26,7 +26,7 @@ LIFE_S = 120.0
 MAX_QUEUE = 128
 SHOWN = 50
 MAX_REFUSERS = 8
-"""Of the agents that refuse a command, the station names this many."""
+"""Number of agents that refuse a command and are named at the station."""
 
 
 @dataclass
@@ -79,7 +79,7 @@ class CommandLog:
         self.sent: list[SentCommand] = []
         self.forms = forms
         self.next = 0
-        """The number of the next command, at the least."""
+        """The least number of the next command."""
         self._sign = sign
         self._first = first
         self._queue: list[Command] = []
@@ -120,12 +120,12 @@ class CommandLog:
         return self.next if self._first is None else max(self.next, self._first + int(now_s))
 
     def changes_by(self, by: str) -> int:
-        """Count the commands of somebody that say something else than the one before."""
+        """Count the commands of one source that differ from the one before."""
         arguments = [sent.command.arguments for sent in self.sent if sent.by == by]
         return sum(now != before for before, now in pairwise([None, *arguments]))
 
     def skip(self) -> None:
-        """Leave out a number: that of a command which is not given, so that later ones keep theirs."""
+        """Skip the number of a command that is not given, so that later ones keep theirs."""
         self.next += 1
 
     def withdraw(self, number: int) -> None:
@@ -141,7 +141,7 @@ class CommandLog:
         return tuple([Signed(body, self._sign(body) if self._sign else b"") for body in bodies])
 
     def close_step(self) -> None:
-        """Note that a step is closed, in which commands have left."""
+        """Note that a step is closed in which commands have left."""
         self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:

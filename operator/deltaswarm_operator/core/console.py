@@ -87,7 +87,7 @@ class Console:
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
         self.script = Script(map(Scripted, briefing.command), briefing.step_s)
-        self.rule_drops = 0  # so many of the next commands of a simulated person or of the system are not given
+        self.rule_drops = 0  # number of next commands of a simulated person or of the system that are left out
         self.step = -1
         """The newest closed step."""
         self._is_over = False
@@ -135,7 +135,7 @@ class Console:
                 self._hold_for_page(wall_s)
 
     def conclude(self) -> None:
-        """Note that the run is over, if the console only asks what was not answered in it."""
+        """Note that the run is over: the console only asks its unanswered questions."""
         self.picture.now_s, self._is_over = self.briefing.duration_s, True
 
     @property
@@ -336,7 +336,7 @@ class Console:
             del self.inputs[next(iter(self.inputs))]
 
     def resume(self) -> None:
-        """Go on, once loaded, where an operator was killed: questions of the run that were open are missing."""
+        """Continue for a killed operator, once loaded; open questions of the run count as missing."""
         if self.probes.resume():  # nobody would let the run go on
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
 

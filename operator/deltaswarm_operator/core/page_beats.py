@@ -26,7 +26,7 @@ class PageBeats:
         self._away_s = 0.0
 
     def start(self, wall_s: float) -> None:
-        """Begin to listen: what was said before is not missed."""
+        """Begin to listen; earlier silence does not count."""
         self.heard_wall_s = wall_s
 
     def beat(self, wall_s: float) -> float | None:

@@ -40,7 +40,7 @@ class _Asked(NamedTuple):
     held_s: float = 0.0
     """Wall time since then in which the run was held [s]."""
     known: Mapping[str, str] = {}
-    """What is right by what the page showed, by item."""
+    """The answer to each item that is right by what the page showed."""
     ready: "_Ready | None" = None
     """How the person became ready, after a prompt."""
 
@@ -110,7 +110,7 @@ class Probes:
         self._held_since_wall_s: float | None = None
 
     def start(self, wall_s: float) -> None:
-        """Ask what is asked before the run, unless that is done."""
+        """Ask the questions before the run, unless they have been asked."""
         if not self._has_begun and self._asked is None:
             self._ask_all(BEFORE, 0.0, wall_s)
             self._has_begun = self._asked is None
@@ -198,7 +198,7 @@ class Probes:
         return None if wait_s is None else wait_s - self._waited_s(asked, wall_s)
 
     def resume(self) -> bool:
-        """Go on, once loaded, where an operator was killed, whose rows are written; return whether it held the run.
+        """Continue for a killed operator, once loaded; return whether a question held the run.
 
         Questions of the run that were open are missing; those before it stay open.
         """
@@ -242,7 +242,7 @@ class Probes:
                 self._due[name] = _Due(number + 1, technique.due_s(number + 1, max(due_s, now_s), self._rng))
 
     def end(self, now_s: float, wall_s: float) -> None:
-        """Ask what is asked after the last step, unless that is done."""
+        """Ask the questions after the last step, unless they have been asked."""
         if not self._is_over:
             self._ask_all(AFTER, now_s, wall_s)
             self._is_over = True
@@ -259,7 +259,7 @@ class Probes:
         self._missing += bool(asked.items)
 
     def close(self) -> None:
-        """At the end, whatever still is asked has no answer."""
+        """Note at the end that open questions have no answer."""
         for asked in (self._asked, *self._waiting):
             if asked is not None:
                 self._miss(asked)
@@ -280,7 +280,7 @@ class Probes:
         return asked.technique.shown(asked.number, asked.asked_s, left_s)
 
     def be_ready(self, message: Mapping[str, Any], now_s: float, wall_s: float, seen: Seen) -> None:
-        """Take the person's word to be ready: the question is shown, about what is seen now."""
+        """Note that the person is ready, and show the question about what the page shows now."""
         self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
         if asked is None or not asked.is_prompt or not self._is_answer(asked, message, wall_s):

@@ -1,4 +1,4 @@
-"""What the conductor is told of the person: the newest acts and answers. Pure."""
+"""The newest acts and answers of the participant, for the conductor's page. Pure."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ ANSWERED = ("tlx", "form")
 
 
 class RecentActs:
-    """What the conductor is told of the person: the newest acts and answers, also for a page that connects late."""
+    """Keeps the newest acts and answers, also for a page that connects late."""
 
     def __init__(self) -> None:
         self.acts: deque[dict[str, Any]] = deque(maxlen=ACTS_KEPT)

@@ -83,7 +83,7 @@ class Ledger:
 
     @property
     def unread(self) -> int:
-        """Number of lines that ask to be read."""
+        """Number of lines with unread items."""
         return len(self._unread_of)
 
     def why_held(self, number: int) -> str:

@@ -1,4 +1,4 @@
-"""The policy `limited`: at most so many lines per minute, most severe first; the rest waits or is summed up."""
+"""The policy `limited`: a limited number of lines per minute, most severe first; the rest waits or is summed up."""
 
 import math
 from collections import deque

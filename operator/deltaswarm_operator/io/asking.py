@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_operator.io.asking`: ask the person what a finished run's questions had no answer to."""
+"""`python -m deltaswarm_operator.io.asking`: ask the unanswered questions of a finished run."""
 
 import argparse
 import contextlib

@@ -8,7 +8,6 @@ import pickle
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from deltaswarm_wire import checkpoint
@@ -48,9 +47,7 @@ class OperatorFiles:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stream.close()
 
     def row(self, values: Sequence[Any]) -> None:

@@ -18,11 +18,11 @@ LSL = "lsl"
 STREAM, KIND = "deltaswarm", "Markers"
 MAX_CLIENTS = 16
 SEND_BUFFER_BYTES = 128 * 1024
-"""What a client may leave unread before it is dropped, and what its own system takes in."""
+"""Unread bytes after which a client is dropped, besides those that its own system buffers."""
 
 
 class SocketMarkers:
-    """JSON lines for whoever connects, from then on. A client that does not read is dropped."""
+    """Sends JSON lines to all clients, and drops a client that does not read."""
 
     def __init__(self, listen: str, run: str) -> None:
         host, port = host_and_port(f"tcp/{listen}")
@@ -39,7 +39,7 @@ class SocketMarkers:
             self._send(client, monotonic_s, marker)
 
     def serve(self) -> None:
-        """Accept clients; the first line tells each which run it is, and what both clocks say."""
+        """Accept clients; the first line names the run, and the time by both clocks."""
         with suppress(OSError):
             while len(self._clients) < MAX_CLIENTS:
                 client, _ = self._server.accept()

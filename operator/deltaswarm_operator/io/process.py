@@ -51,7 +51,7 @@ class OperatorConfig:
     listen: str | None = None
     """HOST:PORT of a station that the operator starts itself; None: it starts none."""
     markers: str = ""
-    """HOST:PORT or `lsl`: where the person's acts and questions are told as they happen; empty: nowhere."""
+    """Where to publish the person's acts and questions as they happen: HOST:PORT, `lsl`, or nowhere if empty."""
 
 
 class End(Enum):
@@ -102,7 +102,7 @@ class StepSource(ABC):
 
     @abstractmethod
     def start(self, console: ConsoleServer | None) -> None:
-        """Begin, with this console, which the source starts when its turns are heard."""
+        """Begin, and start the console once its turns are received."""
 
     @abstractmethod
     def send_turn(self, turn: Turn) -> None:

@@ -215,7 +215,7 @@ QUIET: dict[int, str] = {}
     ("days", "due", "answered", "failed", "late"),
     [
         ([QUIET] * 4, 12, 12, {}, {}),
-        # By nobody's plan
+        # Although no order made it
         ([QUIET, {1: DIES}, QUIET, QUIET], 12, 9, {1: (1, 3)}, {}),
         ([QUIET, QUIET, QUIET, {1: DIES}], 12, 11, {1: (3, 1)}, {}),
         ([QUIET, {1: LEAVES}, QUIET, QUIET], 12, 9, {1: (0, 3)}, {}),

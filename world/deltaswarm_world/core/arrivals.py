@@ -72,7 +72,7 @@ class Expected:
         return self._before[part] + (time_s - self._from_s[part]) * self._rates_hz[part]
 
     def time_s(self, number: float) -> float:
-        """Return when so many are expected [s], for a number that is reached."""
+        """Return the time by which a number is expected [s]; it must be reached."""
         part = max(0, bisect_left(self._before, number) - 1)  # where the rate is 0 the number does not grow
         return self._from_s[part] + (number - self._before[part]) / self._rates_hz[part]
 
@@ -88,7 +88,7 @@ class Arrivals:
         self._times = generator(scenario.seed, TIMES_STREAM)
         self._count = 0
         self._next = float(self._times.standard_exponential())
-        """The next event arrives when so many are expected."""
+        """The next event arrives when this number is expected."""
 
     def until(self, time_s: float) -> Iterator[Arrival]:
         """Yield the events that have arrived since the last call, up to a time [s]."""
@@ -100,7 +100,7 @@ class Arrivals:
             self._next += float(self._times.standard_exponential())
 
     def redraw(self, seed: int, time_s: float) -> None:
-        """Draw all arrivals after a time anew, as those of another seed [s]; the ids of events stay."""
+        """Redraw all arrivals after a time [s] with another seed; the ids of events stay."""
         self._seed, self._times = seed, generator(seed, TIMES_STREAM)
         self._next = self._expected.by(time_s) + float(self._times.standard_exponential())
 
@@ -123,7 +123,7 @@ class EventClasses:
         return bool(generator(self._seed, CLASS_STREAM, event).random() < self._task.target_share)
 
     def redraw(self, seed: int, arrived: Iterable[int]) -> None:
-        """Draw anew, as with another seed, but for the classes of the events that have arrived."""
+        """Redraw with another seed, except the classes of the events that have arrived."""
         self._targets = {event: self.is_target(event) for event in arrived}
         self._seed = seed
 

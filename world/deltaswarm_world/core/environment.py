@@ -54,7 +54,7 @@ class Environment(Saved):
         self._obstacles = Obstacles(scenario.arena.obstacles)
         self.dynamics = dynamics_of(scenario, self._obstacles)
         self.hindered: frozenset[int] = frozenset()
-        """Agents whose body touched something or was kept from moving in the last step, or just no longer."""
+        """Agents whose body touched something or was kept from moving in one of the last two steps."""
         self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
         self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
         self.arrived: list[EventRecord] = []
@@ -158,7 +158,7 @@ class Environment(Saved):
             self._place_active()
 
     def redraw(self, seed: int, time_s: float) -> None:
-        """Draw anew, as with another seed, which events arrive after a time [s], and where they are sensed."""
+        """Redraw with another seed which events arrive after a time [s], and where they are sensed."""
         self._arrivals.redraw(seed, time_s)
         if self._classes is not None:
             self._classes.redraw(seed, [record.event for record in self.arrived])

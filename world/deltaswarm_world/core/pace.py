@@ -70,14 +70,14 @@ class StepGate:
         return not self._is_held(step) and self._turns.is_due(step) and self._monotonic() >= self._due_s()
 
     def wait_s(self, step: int) -> float | None:
-        """How long to wait before asking again [wall s]; None where only the operator's turn is lacking."""
+        """Return the time to wait before asking again [wall s]; None if only the operator's turn is missing."""
         if self._is_held(step):
             return math.inf
         left_s = self._due_s() - self._monotonic()
         return max(0.0, left_s) if self._turns.is_due(step) else None
 
     def begin_step(self) -> None:
-        """A step begins: the next one is due after its share of the wall's time."""
+        """Note that a step begins; the next one is due a tick later."""
         now_s = self._monotonic()
         due_s = self._due_s()
         self._last_begin_s = due_s if now_s - due_s <= self._tick_s() else now_s

@@ -9,8 +9,8 @@ Boards are agents on machines of their own. They may come and go. A hung board i
 for which nobody waits. Its process may go on behind a cut link and answer frames from before, so the number of answers
 still due is kept.
 
-An agent-step is due unless a fault of the scenario takes it: the agent was killed or is frozen by an order. It is
-answered if the agent's act for that step is there when the step is closed, be it that of an earlier step that holds.
+An agent-step is due unless a fault of the scenario prevents it: an order killed or froze the agent. It is answered if
+the agent's act for that step has arrived when the step is closed; an act of an earlier step may still hold.
 """
 
 from collections import Counter
@@ -118,7 +118,7 @@ class Participants(Saved):
         """Agents whose process reappeared, until the world handles it."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
         self.failed: dict[int, Missed] = {}
-        """Agents whose process ended or whose link was cut, by no order."""
+        """Agents whose process ended or whose link was cut although no order did it."""
         self.late: dict[int, Missed] = {}
         """Agents that were there and did not answer in time."""
         self.due = self.answered = 0
@@ -259,7 +259,7 @@ class Participants(Saved):
             self._killed.add(agent)
 
     def freeze(self, frozen: Collection[int]) -> None:
-        """Let these agents be frozen, and no others. A frame that a hung agent did not answer may be answered later."""
+        """Freeze exactly these agents. A hung one may still answer the frame that it missed."""
         for agent in sorted(self._in[FROZEN].difference(frozen)):
             self._change(agent, ConditionCause.THAW)
         for agent in frozen:

@@ -103,7 +103,7 @@ class WorldCore(Saved):
 
     @property
     def is_deserted(self) -> bool:
-        """Whether no agent is left that anything could happen to, and not by faults alone."""
+        """Whether no agent is left, not by faults alone, and no fault may start one."""
         return self.participants.is_deserted and not (self._faults and self._faults.may_start_agents)
 
     @property
@@ -139,7 +139,7 @@ class WorldCore(Saved):
         self.intake.expect_new_process(agent)
 
     def redraw(self, seed: int) -> None:
-        """Draw anew, as with another seed, what will happen after the last closed step and is not drawn yet.
+        """Redraw with another seed what happens after the last closed step and is not drawn yet.
 
         The generators that the models of the air have drawn from are not replaced.
         """

@@ -1,4 +1,4 @@
-"""Waiting: samples, tokens and the operator's messages come in meanwhile, and the status goes out."""
+"""Wait for conditions, while samples, tokens and the operator's messages arrive and the status is published."""
 
 import logging
 import time
@@ -41,21 +41,21 @@ class EventLoop:
             turns.mode = LIVE
         self.gate = StepGate(turns, self._settings.step_s, time.monotonic)
         self.order_under_way: ProcessOrder | None = None
-        """What is being done to processes, on order: their tokens come and go as planned."""
+        """The order that is being carried out: the tokens of its agents come and go as planned."""
         self.status_due = 0.0
         self.tokens: set[tuple[str, int]] = set()
         self.persisted: dict[str, int] = {}
         """By role, the newest step that operator and recorder have, since they came."""
         self.is_over = False
-        """The last clock has gone out."""
+        """Whether the last clock was sent."""
         self._phase = "waiting"
         self.operator_left = False
-        """The operator went, and has not been given what it missed."""
+        """Whether the operator left and has not yet got what it missed."""
         self._warned: set[int] = set()
         self._changes: Counter[int] = Counter()
 
     def wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile."""
+        """Process arrivals until a condition holds; return False on a time-out. The pace excludes this wait."""
         began = time.monotonic()
         self._wakeup.wake_at(began + within_s)
         while not condition():
@@ -89,10 +89,7 @@ class EventLoop:
             log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
 
     def take_control(self) -> None:
-        """Take note of who came and who went, and of what operator and recorder have, in that order.
-
-        What the operator counted is handed on to the recorder.
-        """
+        """Process tokens, confirmations and the operator's messages in order; pass workloads on to the recorder."""
         for message in self._wakeup.control.drain():
             if isinstance(message, Persisted):
                 self.persisted[message.role] = message.step

@@ -8,11 +8,10 @@ from contextlib import suppress
 
 from deltaswarm_scenario.truth import NOBODY_LEFT, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
-from deltaswarm_wire.child import FAILED, GAVE_UP, ended_by
+from deltaswarm_wire.child import GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
-from deltaswarm_wire.plugin_errors import blamed
 from deltaswarm_wire.session import closing
 from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, StepMessages
@@ -345,15 +344,10 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
                 world.wait_for_all()
                 complete = world.run(output)
                 world.goodbye()
-            except BaseException as error:
-                if plugin := blamed(error):
-                    log.critical("%s", plugin.report)
-                    return FAILED
-                if isinstance(error, TimeoutError):
-                    log.critical("%s", error)
-                    return GAVE_UP
-                if not isinstance(error, InterruptedError):
-                    raise
+            except TimeoutError as error:
+                log.critical("%s", error)
+                return GAVE_UP
+            except InterruptedError:
                 complete = False
             finally:
                 transport.close()

@@ -57,15 +57,15 @@ ControlInput = Token | Persisted | Ack | OperatorMessage
 
 
 class ControlQueue:
-    """From Zenoh's threads to the main one.
+    """A queue from Zenoh's threads to the main one.
 
-    Of an agent's comings and goings it keeps the newest two: an agent may tell of them as often as it likes.
+    It keeps the newest two tokens of each agent, which may come and go as often as it likes.
     """
 
     def __init__(self) -> None:
         self._queue: deque[ControlInput | int] = deque()
-        """An agent's number stands for its `_comings`."""
-        self._comings: dict[int, list[bool]] = {}
+        """An agent's number stands for its `_tokens`."""
+        self._tokens: dict[int, list[bool]] = {}
         self._lock = threading.Lock()
 
     def put(self, message: ControlInput) -> None:
@@ -74,18 +74,18 @@ class ControlQueue:
             self._queue.append(message)
             return
         with self._lock:
-            if message.number not in self._comings:
+            if message.number not in self._tokens:
                 self._queue.append(message.number)
-            self._comings[message.number] = [*self._comings.get(message.number, [])[-1:], message.is_there]
+            self._tokens[message.number] = [*self._tokens.get(message.number, [])[-1:], message.is_there]
 
     def drain(self) -> Iterator[ControlInput]:
-        """What has come so far; what comes meanwhile is for the next time."""
+        """Yield what has arrived so far; later arrivals wait for the next call."""
         for _ in range(len(self._queue)):
             message = self._queue.popleft()
             if isinstance(message, int):
                 with self._lock:
-                    comings = self._comings.pop(message)
-                yield from (Token(AGENT, message, is_there) for is_there in comings)
+                    tokens = self._tokens.pop(message)
+                yield from (Token(AGENT, message, is_there) for is_there in tokens)
             else:
                 yield message
 

@@ -118,7 +118,7 @@ class Faults:
         return [fault for fault in self._active if fault.fault.kind == name]
 
     def redraw(self, seed: int) -> None:
-        """Draw the targets and effects of the faults that have not begun anew, as with another seed."""
+        """Redraw with another seed the targets and effects of the faults that have not begun."""
         self._seed = seed
 
     # What bodies do and sense in each step
