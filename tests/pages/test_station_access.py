@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from tests.support.station_feed import TLX, Message, Swarm
+from tests.support.station_feed import ISA, TLX, Message, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 from tests.support.tiers import first_of, nightly
 
@@ -50,7 +50,7 @@ PROBES: dict[str, Message] = {
     "form": a_form("you", hides=False),
     "passing": a_form("spam", hides=False) | {"left_s": 20.0},
     "sagat": a_form("sagat", hides=True),
-    "isa": {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0},
+    "isa": ISA,
     "tlx": TLX,
 }
 
@@ -72,12 +72,6 @@ def violations(page: Page) -> list[Any]:
     finally:
         page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     return all_found
-
-
-def ask(page: Page, state: str) -> None:
-    page.player.swarm.probe = PROBES[state]
-    page.player.show(101.0)
-    page.until(lambda: page.at(PROBES[state]["kind"]).is_displayed())
 
 
 def running(page: Page, tab: str) -> None:
@@ -108,7 +102,7 @@ def everything(page: Page) -> None:
     """The task, a veto, a call for help, and beside them a question in passing."""
     page.feed.send(page.player.swarm.hello(goal="Judge each event.", panels=["help", "inbox", "events", "workload"]))
     page.player.show(101.0, proposal={"delta": 3, "left_s": 9.0}, help="asked")
-    ask(page, "passing")
+    page.ask(PROBES["passing"])
 
 
 def between(page: Page) -> None:
@@ -118,7 +112,7 @@ def between(page: Page) -> None:
 
 
 STATES: dict[str, Callable[[Page], None]] = {
-    **{state: lambda page, state=state: ask(page, state) for state in PROBES},  # type: ignore[misc]
+    **{state: lambda page, state=state: page.ask(PROBES[state]) for state in PROBES},  # type: ignore[misc]
     **{f"{tab} tab": lambda page, tab=tab: running(page, tab) for tab in ("commands", "agents", "events", "notes")},  # type: ignore[misc]
     "selected": selected,
     "help": helped,
@@ -160,10 +154,10 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
         page.until(lambda: not page.at(kind).is_displayed())
         return page.asked(kind)
 
-    ask(page, "sheet")
+    page.ask(PROBES["sheet"])
     press(Keys.TAB, Keys.TAB, Keys.SPACE, Keys.TAB, Keys.TAB, Keys.TAB, Keys.ENTER)
     assert done("sheet")["consent"] is True
-    ask(page, "form")
+    page.ask(PROBES["form"])
     press(
         Keys.TAB,
         Keys.TAB,
@@ -181,7 +175,7 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
     page.player.swarm.probe = None
     page.player.show(101.5)
     page.until(lambda: not page.at("form").is_displayed())
-    ask(page, "isa")
+    page.ask(PROBES["isa"])
     press("4")
     assert done("isa")["answer"] == 4
     press("c")
@@ -190,7 +184,7 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
     press(Keys.ESCAPE, "n")
     press("a note", Keys.TAB, Keys.ENTER)
     assert page.asked("note")["text"] == "a note"
-    ask(page, "tlx")
+    page.ask(PROBES["tlx"])
     press(Keys.TAB)
     for _ in range(6):
         press(Keys.ARROW_RIGHT, Keys.TAB)
@@ -206,7 +200,7 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
 @pytest.mark.parametrize("state", first_of(["tlx", "sheet", "form", "sagat", "passing", "isa"]))
 def test_nothing_scrolls_sideways(page: Page, state: str) -> None:
     """Neither a dialog nor the page: on a usual screen, at 200 % of one, on a tablet and on a telephone."""
-    ask(page, state)
+    page.ask(PROBES[state])
     within = f"#{PROBES[state]['kind']}"
     wide = f"return [...document.querySelectorAll('{within}, {within} *')].filter((e) => "
     wide += "e.scrollWidth > e.clientWidth + 1 && ['auto', 'scroll'].includes(getComputedStyle(e).overflowX))"

@@ -5,7 +5,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from tests.support.station_feed import FORMS
+from tests.support.station_feed import FORMS, ISA
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -105,9 +105,7 @@ def test_an_event_is_the_place_of_an_order(page: Page) -> None:
 
 def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
     """A letter that begins an option chooses it, and so do digits right after it; Escape leaves a field."""
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
-    page.player.show(101.0)
-    page.until(lambda: page.at("isa").is_displayed())
+    page.ask(ISA)
     page.press("c", "h")
     assert page.at("command-name").get_property("value") == "hold"
     page.press("4")

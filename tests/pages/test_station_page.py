@@ -9,7 +9,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from tests.support.station_feed import PATIENCE_S, SCALES, TLX, Swarm
+from tests.support.station_feed import ISA, PATIENCE_S, SCALES, TLX, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -136,7 +136,7 @@ def test_the_inbox(page: Page) -> None:
 
 def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
     swarm = page.player.swarm
-    swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    swarm.probe = ISA
     page.player.show(101.0)
     page.until(lambda: page.at("isa").is_displayed())
     assert page.text("isa-seconds") == "21 s left"
@@ -156,9 +156,7 @@ def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
 
 def test_help_over_isa_does_not_swallow_its_answer(page: Page) -> None:
     """The time to answer passes while the help is read."""
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
-    page.player.show(101.0)
-    page.until(lambda: page.at("isa").is_displayed())
+    page.ask(ISA)
     page.press("?")
     page.until(lambda: page.at("help").is_displayed())
     page.press("5")
@@ -167,9 +165,7 @@ def test_help_over_isa_does_not_swallow_its_answer(page: Page) -> None:
 
 def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
     """Six scales by keyboard, fifteen pairs, and nothing is sent before all are answered."""
-    page.player.swarm.probe = TLX
-    page.player.show(101.0)
-    page.until(lambda: page.at("tlx").is_displayed())
+    page.ask(TLX)
     page.press(Keys.ESCAPE)
     assert page.at("tlx").is_displayed()
     for count, name in enumerate(SCALES):
@@ -195,9 +191,7 @@ def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
 
 
 def test_the_sheet_and_notes(page: Page) -> None:
-    page.player.swarm.probe = {"kind": "sheet"}
-    page.player.show(101.0)
-    page.until(lambda: page.at("sheet").is_displayed())
+    page.ask({"kind": "sheet"})
     assert "You may stop at any time" in page.text("sheet-consent")
     assert page.at("sheet-participant").get_property("value") == "P07"
     assert not page.at("sheet-begin").is_enabled()

@@ -37,6 +37,14 @@ def report(agent: int, step: int, *answers: Answer) -> Report:
     return Report(agent, step, step, "root", 1.0, 2.0, 0, (Event(step + 1, 1.0, 1.0),), (), answers)
 
 
+def attended(**operator: Any) -> Console:
+    """A console with a person at its station, once it is started."""
+    console = Console(briefing(operator=operator))
+    console.attend()
+    console.start(0.0)
+    return console
+
+
 ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
 
 
