@@ -208,4 +208,4 @@ class WorldSource(StepSource):
 
 def _workload(row: Sequence[str]) -> Workload:
     """Parse a row of the table."""
-    return Workload(*(kind(text) for kind, text in zip(Workload.__annotations__.values(), row, strict=True)))
+    return Workload(*(parse(text) for parse, text in zip(Workload.__annotations__.values(), row, strict=True)))

@@ -139,6 +139,6 @@ def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
     world = scenario.world
     settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
     room = scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m
-    kind = find(DYNAMICS, world.dynamics, "world.dynamics")
-    dynamics: Dynamics = ForeignDynamics.make(kind, settings, scenario, obstacles, context=room)
+    cls = find(DYNAMICS, world.dynamics, "world.dynamics")
+    dynamics: Dynamics = ForeignDynamics.make(cls, settings, scenario, obstacles, context=room)
     return dynamics

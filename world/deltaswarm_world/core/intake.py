@@ -50,7 +50,7 @@ class SequenceNumbers(Saved):
 
 
 class Intake(Saved):
-    """The samples of one step, and the counts of a run."""
+    """The samples of one step, and the counts of a run. What takes a sample returns the reason if it is dropped."""
 
     def __init__(self, participants: Participants) -> None:
         self.transmitted: dict[int, bytes] = {}
@@ -92,7 +92,7 @@ class Intake(Saved):
         self._report_numbers.accept_any_next(agent)
 
     def receive(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> str | None:
-        """Take one sample on an agent's key and its attached act; return the reason if anything is dropped."""
+        """Take one sample on an agent's key, and its attached act."""
         if leaf == keys.RADIO:
             return self.hear_radio(agent, data) if act is None else self.hear_both(agent, data, act)
         if leaf == keys.REPORT:
@@ -100,7 +100,6 @@ class Intake(Saved):
         return self.hear_saved(agent, data) if leaf == keys.TAKEN else self.hear_act(agent, data)
 
     def hear_both(self, agent: int, data: bytes, act_bytes: bytes) -> str | None:
-        """Take one encoded radio frame with its act; return the reason if one of them is dropped."""
         try:
             act = decode_act(act_bytes)
         except WireError as error:
@@ -111,7 +110,6 @@ class Intake(Saved):
         return self.accept_act(agent, act, act_bytes) or reason
 
     def hear_radio(self, agent: int, data: bytes, late: bool = False) -> str | None:
-        """Take one encoded radio frame; return the reason if it is dropped."""
         try:
             counter = decode_sample(data).counter
         except WireError as error:
@@ -119,10 +117,7 @@ class Intake(Saved):
         return self.accept_radio(agent, counter, data, late)
 
     def accept_radio(self, agent: int, counter: int, data: bytes, late: bool = False) -> str | None:
-        """Take one decoded radio frame; return the reason if it is dropped.
-
-        A `late` one, whose step does not wait for the agent, is not delivered; its act is checked and counted.
-        """
+        """Take one decoded radio frame. A `late` one, whose step does not wait for the agent, is not delivered."""
         self._radio_numbers.follow(agent, counter)
         if late and self._participants.unanswered(agent):
             return None
@@ -139,7 +134,6 @@ class Intake(Saved):
         return self.accept_report(agent, report, data)
 
     def accept_report(self, agent: int, report: Report, data: bytes) -> str | None:
-        """Take one decoded report with its bytes; return the reason if it is dropped."""
         if report.agent != agent:
             return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
         if report.step > self._step:
@@ -162,7 +156,6 @@ class Intake(Saved):
         return self.accept_act(agent, act, data)
 
     def accept_act(self, agent: int, act: Act, data: bytes) -> str | None:
-        """Take one decoded act with its bytes; return the reason if it is dropped."""
         if act.step > self._step:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self._participants.answer(agent, act.step):
@@ -181,7 +174,6 @@ class Intake(Saved):
         self._saves_due.update(self.unsaved)
 
     def hear_saved(self, agent: int, data: bytes) -> str | None:
-        """Take an agent's confirmation that it is saved; return the reason if it is dropped."""
         try:
             step = decode_taken(data)
         except WireError as error:
