@@ -248,7 +248,6 @@ def _complex(pairs: Floats) -> Complex:
 
 
 def _loop(corners: Sequence[Sequence[float]]) -> tuple[Complex, Complex]:
-    """Return the beginnings and vectors of a polygon's edges."""
     begins = np.array([complex(x, y) for x, y in corners])
     return begins, np.roll(begins, -1) - begins
 

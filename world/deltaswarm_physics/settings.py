@@ -59,11 +59,9 @@ class PhysicsSettings:
 
     @property
     def base_m(self) -> float:
-        """The distance between the wheels [m]."""
         return 1.6 * self.radius_m if self.wheel_base_m is None else self.wheel_base_m
 
     def sensor_m(self, speed_mps: float) -> float:
-        """Return the range of the proximity sensor [m]."""
         to_stop_m = speed_mps * CYCLE_S + speed_mps**2 / (2.0 * BRAKES * self.acceleration_mps2)
         return 2.0 * to_stop_m if self.sensor_range_m is None else self.sensor_range_m
 

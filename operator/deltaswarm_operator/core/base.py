@@ -17,8 +17,6 @@ MAX_FRAME_BYTES = 1400
 
 
 class _Alive(NamedTuple):
-    """A command that is repeated until `ends_s`."""
-
     signed: Signed
     ends_s: float
 

@@ -48,7 +48,6 @@ class SentCommand:
         return {"heard": len(self.answers), **ended}
 
     def state(self, now_s: float) -> str:
-        """Return the outcome, as the station shows it."""
         if self.count(DONE):
             return CARRIED_OUT
         if self.answers:
@@ -100,7 +99,6 @@ class CommandLog:
         *,
         by: str = PERSON,
     ) -> Command:
-        """Queue a command for the next turn."""
         form = named(self.forms, name)
         if form is None:
             known = ", ".join(form.name for form in self.forms) or "none"
@@ -141,7 +139,6 @@ class CommandLog:
         return tuple([Signed(body, self._sign(body) if self._sign else b"") for body in bodies])
 
     def close_step(self) -> None:
-        """Note that a step is closed in which commands have left."""
         self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:

@@ -57,13 +57,11 @@ class Measures:
             self.high_s += min(max(crossed_s if was else passed_s - crossed_s, 0.0), passed_s)
 
     def add_unread(self, unread: int) -> None:
-        """Add the number of items that wait at the end of a step."""
         self.closes += 1
         self.unread_sum += unread
         self.unread_max = max(self.unread_max, unread)
 
     def interact(self, agent: int, began_s: float, ended_s: float) -> None:
-        """Add the time that the person spent on an item of an agent."""
         self.interaction_s += ended_s - began_s
         if agent in self.last_s:
             self.returns += 1

@@ -91,7 +91,6 @@ class Picture:
         """By root, the agents last known as members of its tree; newer reports may have moved some since."""
 
     def go_on_with(self, inbox: InboxSettings) -> None:
-        """Judge what arrives from now on by these rules."""
         self._rules, self._severities = inbox, inbox.severities
 
     def update(self, reports: Iterable[Report], now_s: float) -> list[Item]:

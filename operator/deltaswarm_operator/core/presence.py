@@ -191,7 +191,6 @@ class OpenAirMeter:
 
     @property
     def doubled(self) -> list[int]:
-        """Agents for which several processes report, ascending."""
         return sorted(agent for agent, known in self.agents.items() if known.processes.is_doubled)
 
     def is_doubled(self, agent: int | None) -> bool:

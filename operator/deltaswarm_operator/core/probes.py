@@ -31,8 +31,6 @@ def _reaction_s(message: Mapping[str, Any]) -> float | None:
 
 
 class _Asked(NamedTuple):
-    """A question that is open, or waits for the one before it."""
-
     technique: Technique
     number: int
     asked_s: float
@@ -133,7 +131,6 @@ class Probes:
         self.opened += self._rows(asked, dict.fromkeys(asked.items))
 
     def _close(self, wall_s: float) -> None:
-        """Close the open question, and ask the next one that waits."""
         self._asked = None
         if self._waiting:
             self._open(self._waiting.popleft()._replace(asked_wall_s=wall_s))
@@ -163,7 +160,6 @@ class Probes:
 
     @property
     def next_hold_s(self) -> float | None:
-        """The time at which the run must be held next, if any [s]."""
         times_s = [due.at_s for name, due in self._due.items() if self._techniques[name].wait_s is None]
         first_s = min(times_s, default=math.inf)
         return first_s if math.isfinite(first_s) else None
@@ -266,7 +262,6 @@ class Probes:
         self._asked, self._waiting = None, deque()
 
     def open(self, wall_s: float) -> dict[str, Any] | None:
-        """Return the open question in the page's format, or None."""
         self._expire(wall_s, at_once=False)
         asked = self._asked
         if asked is None:
@@ -329,7 +324,6 @@ class Probes:
         return new
 
     def given(self, name: str) -> list[dict[str, Any]]:
-        """Return the answers to a technique's questions, by item."""
         given: dict[int, dict[str, Any]] = {}
         for row in self.rows:
             if row.probe == name and row.value is not None:

@@ -27,8 +27,6 @@ SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
 
 
 class RecordedStep(NamedTuple):
-    """What reached the operator in one step."""
-
     clock: Clock
     workload: Workload
     reports: tuple[Report, ...]
@@ -138,7 +136,6 @@ class Replay:
         return INTENTS[raw["type"]](self._console, raw, {"by": PERSON, "monotonic_s": 0.0, "page": raw["from"]})
 
     def _told_acts(self, page: int) -> list[Message]:
-        """Return all acts of the run, in messages that the channel takes."""
         acts = self._acts
         return [
             made("acts", to=page, acts=acts[at : at + ACTS_AT_ONCE], is_first=not at)

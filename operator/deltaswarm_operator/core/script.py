@@ -16,8 +16,6 @@ class Scripted(NamedTuple):
 
 
 class Script:
-    """The commands that a script still has to give, in order."""
-
     def __init__(self, commands: Iterable[Scripted], step_s: float) -> None:
         self._waiting = deque(sorted(commands, key=lambda scripted: scripted.command.at_s))
         self._step_s = step_s

@@ -146,7 +146,6 @@ class SimulatedOperator:
         self._now_s = until_s
 
     def _duration_s(self, median_s: float) -> float:
-        """Draw the duration of work that begins now [s]."""
         settings = self.settings
         away = (self.load - settings.best_load) / (1 - settings.best_load)
         return median_s * exp(settings.sigma * self.rng.gauss(0.0, 1.0)) * (1 + settings.slowing * away**2)

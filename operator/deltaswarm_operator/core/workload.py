@@ -116,7 +116,6 @@ class WorkloadMeter(Saved):
         self._lost_in_step += reports
 
     def reject(self, agent: int, reason: str) -> str:
-        """Count a dropped sample; return the reason."""
         self._rejected[agent] += 1
         self._rejected_in_step += 1
         return reason
@@ -179,7 +178,6 @@ class WorkloadMeter(Saved):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The metrics of the run so far, for JSON; `per_sender` by agent."""
         messages = self._messages.total()
         simulated_s = self._steps * self._step_s
         senders = sorted({*self._messages, *self._lost, *self._rejected})

@@ -10,8 +10,6 @@ from deltaswarm_wire.plugins import NoSettings
 
 
 class All:
-    """Shows everything."""
-
     Settings = NoSettings
     ORDER = NEWEST
     HELD = ""

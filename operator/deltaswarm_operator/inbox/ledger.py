@@ -147,7 +147,6 @@ class Ledger:
         return fresh
 
     def rows(self, most: int) -> list[list[Any]]:
-        """Return the newest listed items in the page's format."""
         first = max(0, len(self.listed) - most)
         return [item_row(self.items[number], place) for place, number in enumerate(self.listed[first:], first)]
 
@@ -167,11 +166,9 @@ class Ledger:
         return [*found, *(number for line in lines for number in self._counted.get(line, ()))]
 
     def waiting(self, before_s: float) -> int:
-        """Return the number of unread items that arrived before a time [s]."""
         return sum(self.items[number].time_s < before_s for number in self._unread)
 
     def totals(self, now_s: float) -> dict[str, Any]:
-        """Return the metrics of the inbox up to a time, for JSON."""
         alerts = [item for item in self.items if item.severity == ALERT]
         due = [item for item in alerts if item.time_s + self._patience_s <= now_s]
         missed = sum(self.read_s.get(item.number, now_s + 1.0) > item.time_s + self._patience_s for item in due)

@@ -68,11 +68,9 @@ class ActionLog:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The lengths of the tables by name [bytes], to continue them from."""
         return {name: stream.tell() for name, stream in self._streams.items()}
 
     def close(self, console: Console) -> None:
-        """Write the remaining rows and the other tables, and close the files."""
         self.write(console)
         for stream in self._streams.values():
             stream.close()

@@ -65,7 +65,6 @@ class Arrivals:
         self._queue.put((arrival, sample))
 
     def get(self, timeout_s: float) -> tuple[ArrivalKind, Any]:
-        """Take the first item; raise queue.Empty after this time [s]."""
         return self._queue.get(timeout=timeout_s)
 
     def __len__(self) -> int:

@@ -96,7 +96,6 @@ def _options_of(table: Any, mode: str) -> dict[str, Any]:
 
 
 def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandSettings, ...]:
-    """Read a file's commands and check them against what the controller accepts."""
     if file is None:
         return ()
     commands = checked.load(_Script, _read(file)).command

@@ -129,7 +129,6 @@ class ConsoleServer:
 
     @property
     def is_due(self) -> bool:
-        """Whether the station waits for a picture."""
         return self._channel is not None and time.monotonic() >= self._show_due
 
     def start(self) -> None:

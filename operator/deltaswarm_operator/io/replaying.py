@@ -56,7 +56,6 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
 
 
 def feed(run: str, replay: Replay, end: socket.socket) -> None:
-    """Feed the page until its station has gone."""
     intents = queue.SimpleQueue[bytes | None]()
     channel = Channel(end, intents.put)
     hello_due = 0.0

@@ -207,5 +207,4 @@ class WorldSource(StepSource):
 
 
 def _workload(row: Sequence[str]) -> Workload:
-    """Parse a row of the table."""
     return Workload(*(parse(text) for parse, text in zip(Workload.__annotations__.values(), row, strict=True)))

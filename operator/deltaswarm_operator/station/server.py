@@ -110,8 +110,6 @@ class Visitor(ServerConnection):
 
 
 class Station:
-    """Connects one feed with its browsers."""
-
     def __init__(self, feed: socket.socket, token: str, *, has_watchers: bool = False) -> None:
         self.dropped = 0
         """Number of intents that were refused or that the feed could not take."""

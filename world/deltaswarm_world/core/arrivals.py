@@ -67,7 +67,6 @@ class Expected:
         """The number expected before each rate begins."""
 
     def by(self, time_s: float) -> float:
-        """Return the number expected by a time [s]."""
         part = bisect_right(self._from_s, time_s) - 1
         return self._before[part] + (time_s - self._from_s[part]) * self._rates_hz[part]
 

@@ -139,7 +139,6 @@ def _mean_delta(statuses: Mapping[int, TreeStatus]) -> float | None:
 
 
 def samples_of(closed: ClosedStep) -> list[Sample]:
-    """Return the raw radio frames and reports of a closed step, in agent order."""
     frames = [(agent, RADIO, data) for agent, data in closed.transmitted.items()]
     return sorted(frames + [(agent, REPORT, data) for agent, data in closed.sent])
 

@@ -30,8 +30,6 @@ NEVER = -1
 
 @dataclass
 class _Alive(Saved):
-    """A command that is repeated until the step `ends`."""
-
     signed: Signed
     ends: int
     sent_at: int = NEVER

@@ -135,7 +135,6 @@ class ForeignDynamics(Foreign):
 
 
 def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
-    """Make the dynamics that `world.dynamics` names."""
     world = scenario.world
     settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
     room = scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m

@@ -186,12 +186,10 @@ class Intake(Saved):
         return None
 
     def reject_excess(self, agent: int, reason: str) -> str:
-        """Count a dropped sample beyond the limit per step; return the reason."""
         self.excess[agent] += 1
         return self.reject(agent, reason)
 
     def reject(self, agent: int, reason: str) -> str:
-        """Count a dropped sample on a key of this agent; return the reason."""
         self.rejected[agent] += 1
         return reason
 

@@ -57,7 +57,6 @@ class Obstacles:
         return hidden
 
     def crossed(self, from_m: Floats, to_m: Floats) -> list[int]:
-        """Return the numbers of the obstacles that one line meets."""
         return [index for index, polygon in enumerate(self._polygons) if len(_crossed(from_m, to_m, polygon))]
 
     def stop(self, from_m: Floats, to_m: Floats) -> Floats:

@@ -98,7 +98,6 @@ class Missed(Saved):
 
 
 def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
-    """Return what agents missed, by agent, for JSON."""
     return [
         {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
         for agent, about in sorted(missed.items())
@@ -178,7 +177,6 @@ class Participants(Saved):
         return probed
 
     def unanswered(self, agent: int) -> int:
-        """Return the number of an agent's frames without an act."""
         return (agent in self._in[ASKED]) + (agent in self._in[HUNG]) + self._answers_due[agent]
 
     def answer(self, agent: int, step: int) -> bool:
@@ -201,7 +199,6 @@ class Participants(Saved):
 
     @property
     def is_closed(self) -> bool:
-        """Whether the step waits for no agent."""
         return not self._in[ASKED]
 
     def time_out(self) -> list[int]:

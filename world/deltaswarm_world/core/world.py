@@ -98,7 +98,6 @@ class WorldCore(Saved):
 
     @property
     def agents_in_trees(self) -> int:
-        """Number of agents in trees in the last booked step."""
         return self._books.agents_in_trees
 
     @property

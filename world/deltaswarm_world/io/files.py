@@ -74,7 +74,6 @@ class WorldOutput:
 
     @property
     def wall_s(self) -> float:
-        """Wall time since the first step began [s]."""
         return self._wall_before_s + time.monotonic() - self._started
 
     def sync(self) -> list[int]:

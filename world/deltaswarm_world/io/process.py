@@ -56,7 +56,6 @@ class WorldProcess:
         self._probe_due = 0.0
 
     def wait_for_all(self) -> None:
-        """Wait until every expected process is present."""
         expected = {(AGENT, agent) for agent in self.core.participants.present}
         expected |= {(role, 0) for role in self._config.expect}
         if not self.loop.wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):

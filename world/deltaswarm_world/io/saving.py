@@ -64,7 +64,6 @@ class SavedWorld:
 
 
 def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
-    """Return the agents without a file in a checkpoint, whatever they said."""
     folder = run_folder / checkpoint.FOLDER / str(step)
     return {agent for agent in agents if not (folder / checkpoint.agent_file(agent)).is_file()}
 

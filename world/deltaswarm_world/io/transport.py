@@ -73,7 +73,6 @@ class Transport:
         self._sending = None
 
     def save(self, agents: Iterable[int], step: int) -> None:
-        """Request that these agents save their state after this step."""
         for agent in agents:
             self._sending = agent, time.monotonic()
             self._frames[agent].put(encode_save(step), attachment=b"save")  # distinguishes it from a frame

@@ -130,7 +130,6 @@ class Wakeup:
 
     @property
     def stop_requested(self) -> bool:
-        """Whether a signal has asked the run to end."""
         return self.stopped_by != 0
 
     def wake_at(self, deadline_s: float) -> None:
@@ -171,7 +170,6 @@ class Wakeup:
         self._nudge.set()
 
     def close(self) -> None:
-        """Stop waking; the session is about to close."""
         self._closed = True
         self._nudge.set()
         self._watcher.join()

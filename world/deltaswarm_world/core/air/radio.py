@@ -63,7 +63,6 @@ class Air:
 
     @property
     def under_way(self) -> int:
-        """Number of pending receptions."""
         packets = 0
         if self._sending is not None:
             packets += self._sending.waiting * (len(self._ids) - 1)

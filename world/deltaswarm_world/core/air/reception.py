@@ -93,7 +93,6 @@ class Reception:
         return found + ["delivered"] * self.links.count((sender, receiver))
 
     def losses(self, is_listening: Sequence[bool]) -> list[tuple[int, int, str]]:
-        """Return sender, receiver and reason of each dropped reception of this step."""
         ends, in_reach = range(len(is_listening)), self.links
         lost: list[tuple[int, int, str]] = []
         for reason, _, arrivals in self._lost:

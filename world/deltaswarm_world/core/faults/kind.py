@@ -29,8 +29,6 @@ class ActiveFault:
 
 
 class Orders:
-    """The orders of one step, numbered over the run."""
-
     def __init__(self, step_s: float) -> None:
         self.given: list[ProcessOrder] = []
         self._step_s = step_s

@@ -26,8 +26,6 @@ SteadyLinks = Callable[[float, Ends], list[tuple[int, int]]]
 
 
 class StepState(NamedTuple):
-    """The state of the world at the end of a step, by agent."""
-
     step: int
     time_s: float
     positions_m: Floats

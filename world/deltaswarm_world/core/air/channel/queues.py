@@ -100,7 +100,6 @@ class RateLimitedQueue:
         return end not in self._queues and sum([len(packet.data) for packet in arriving]) <= self._bytes_per_step
 
     def clear(self, end: int) -> list[Packet]:
-        """Empty the queue of an end; return its packets."""
         self._credits.pop(end, None)
         gone = list(self._queues.pop(end, ()))
         self.waiting -= len(gone)

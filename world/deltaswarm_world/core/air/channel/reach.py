@@ -130,7 +130,6 @@ class PathLoss:
         return draws.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1])
 
     def received_dbm(self, links: Links) -> Floats:
-        """Return the received power of each link [dBm]."""
         power_dbm = self._settings.tx_power_dbm - self.loss_db(links.distances_m) + self.shadowing_db(links)
         return power_dbm if self._gains_db is None else power_dbm + self._gains_db[links.senders]
 
@@ -165,7 +164,6 @@ Reach = RangeDisc | PathLoss
 
 
 def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> Reach:
-    """Make the scenario's reach; the generator is for the shadowing."""
     ranges_m = ranges_of(settings, count)
     if settings.reception != LOG_DISTANCE:
         return RangeDisc(settings.range_m, ranges_m)
