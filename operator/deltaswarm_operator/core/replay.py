@@ -59,16 +59,9 @@ class Replay:
         self._kept = {0: copy.deepcopy(self._console)}
         self._newly_read: list[int] = []
         """Items read since the page was last told."""
-        self._now_s = self.from_s
+        self._from_s, self._to_s = steps[0].clock.time_s, steps[-1].clock.time_s
+        self._now_s = self._from_s
         self._told_wall_s: float | None = None
-
-    @property
-    def from_s(self) -> float:
-        return self._steps[0].clock.time_s
-
-    @property
-    def to_s(self) -> float:
-        return self._steps[-1].clock.time_s
 
     def tick(self, wall_s: float) -> None:
         passed_s = wall_s - (wall_s if self._told_wall_s is None else self._told_wall_s)
@@ -78,7 +71,7 @@ class Replay:
 
     def seek(self, time_s: float) -> None:
         """Go to a time, forwards or backwards; a time beyond the run goes to its first or last step."""
-        self._now_s = min(max(time_s, self.from_s), self.to_s)
+        self._now_s = min(max(time_s, self._from_s), self._to_s)
         if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
             self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
             self._console = copy.deepcopy(self._kept[self._done])
@@ -105,7 +98,7 @@ class Replay:
         return [made("read", items=read)] if read else []
 
     def show(self) -> Message:
-        bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
+        bar = {"from_s": self._from_s, "to_s": self._to_s, "speed": self.speed, "paused": self.is_paused}
         acts = [act for act in self._acts if act["kind"] == "judge" and act["time_s"] <= self._now_s]
         answers = {act["event"]: act["name"] for act in acts}
         judged = [[event, answers[event]] for event in self._console.picture.events if event in answers]

@@ -238,10 +238,6 @@ class ConsoleServer:
             self._markers.put(monotonic_s, marker)
 
     @property
-    def is_ended(self) -> bool:
-        return self.console.is_ended
-
-    @property
     def is_asking(self) -> bool:
         """Whether a question to the person at the station is open."""
         return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
@@ -255,10 +251,6 @@ class ConsoleServer:
     @property
     def table_sizes(self) -> dict[str, int]:
         return self._tables.sizes
-
-    @property
-    def totals(self) -> dict[str, Any]:
-        return self.console.totals
 
     def finish(self) -> None:
         self.console.probes.close()

@@ -146,7 +146,7 @@ class OperatorProcess:
         self._source = source
         self._output = output
         self._is_writing = True
-        self._console: ConsoleServer | None = None
+        self._server: ConsoleServer | None = None
         config = source.config
 
         def channel(end: socket.socket | None, intents: ArrivalKind) -> Channel | None:
@@ -154,7 +154,7 @@ class OperatorProcess:
 
         console = source.join(session, output)
         if console is not None:
-            self._console = ConsoleServer(
+            self._server = ConsoleServer(
                 config.run,
                 console,
                 config.out,
@@ -163,13 +163,13 @@ class OperatorProcess:
                 conductor=channel(config.conductor, ArrivalKind.CONDUCT),
                 markers=markers_to(config.markers, config.run) if config.markers else None,
             )
-        source.start(self._console)
+        source.start(self._server)
 
     def run(self) -> End:
         """Process arrivals in order until the end; return why the operator ends."""
-        source, console = self._source, self._console
+        source, server = self._source, self._server
         while True:
-            wait_s, console_s = source.wait_s(), None if console is None else console.wait_s
+            wait_s, console_s = source.wait_s(), None if server is None else server.wait_s
             event, is_idle = None, False
             try:
                 arrival, sample = source.arrivals.get(wait_s if console_s is None else min(wait_s, console_s))
@@ -180,11 +180,11 @@ class OperatorProcess:
                     return End.STOPPED
                 if arrival not in BY:
                     event = source.take(arrival, sample)
-                elif console is not None:
-                    if console.on_intent(sample, BY[arrival]):
+                elif server is not None:
+                    if server.on_intent(sample, BY[arrival]):
                         source.save_act()
-                    console.show()
-                    if console.is_ended:
+                    server.show()
+                    if server.console.is_ended:
                         return End.ENDED
             event = event or source.on_wakeup(is_idle=is_idle)
             if isinstance(event, End):
@@ -193,8 +193,8 @@ class OperatorProcess:
                 self._close(event)
                 if event.clock.last:
                     return End.LAST_CLOCK
-            elif console is not None and (is_idle or console.is_due):
-                console.show()
+            elif server is not None and (is_idle or server.is_due):
+                server.show()
 
     def _close(self, step: ClosedStep) -> None:
         """Write a closed step down and answer it. In open air a full disk ends the table, and nothing else."""
@@ -206,38 +206,38 @@ class OperatorProcess:
                     raise
                 log.error("writing to %s stopped: %s", self._source.config.out, error)
                 self._is_writing = False
-        if self._console is not None:
-            self._console.close_step(step.clock, step.workload, step.reports)
+        if self._server is not None:
+            self._server.close_step(step.clock, step.workload, step.reports)
         self._source.after(step)
 
     def answer_to_the_end(self) -> None:
         """After the last step, release the world and wait for the person's open answers."""
         # The run is complete, even if this process is killed while its person answers.
         self._output.totals(self._totals_at(End.LAST_CLOCK))
-        console = self._console
-        if console is None:
+        server = self._server
+        if server is None:
             return
         self._source.release()
         deadline = time.monotonic() + ANSWER_WITHIN_S
-        while console.is_asking and time.monotonic() < deadline:
+        while server.is_asking and time.monotonic() < deadline:
             try:
-                arrival, sample = self._source.arrivals.get(console.wait_s or 0.0)
+                arrival, sample = self._source.arrivals.get(server.wait_s or 0.0)
             except queue.Empty:
-                console.show()
+                server.show()
                 continue
             if arrival in BY:
-                console.on_intent(sample, BY[arrival])
-                console.show()
-            if arrival is ArrivalKind.STOP or console.is_ended:
+                server.on_intent(sample, BY[arrival])
+                server.show()
+            if arrival is ArrivalKind.STOP or server.console.is_ended:
                 break
 
     def _totals_at(self, end: End) -> dict[str, Any]:
         ending = {"complete": end is self._source.COMPLETE_AT, "end": end.value}
-        return ending | self._source.totals | ({} if self._console is None else self._console.totals)
+        return ending | self._source.totals | ({} if self._server is None else self._server.console.totals)
 
     def finish(self, end: End) -> None:
-        if self._console is not None:
-            self._console.finish()
+        if self._server is not None:
+            self._server.finish()
         self._output.finish(self._totals_at(end))
 
 

@@ -155,9 +155,6 @@ class Participants(Saved):
         """Return the agents that a step may ask, or has asked, ascending."""
         return sorted(self._in[IDLE] | self._in[ASKED])
 
-    def is_present(self, agent: int) -> bool:
-        return agent in self.present
-
     # A step
 
     def begin(self, step: int, asked: Iterable[int]) -> None:

@@ -5,9 +5,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from deltaswarm_wire.commands import Pace, Turn
+from deltaswarm_wire.commands import Pace
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.operator_messages import Status
+from deltaswarm_wire.operator_messages import Status, encode_status
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.core.pace import RealTimePace, StepGate
 from deltaswarm_world.core.retransmit_buffer import RetransmitBuffer
@@ -100,7 +100,10 @@ class EventLoop:
                 self._transport.workload(message.data)
                 continue
             if isinstance(message, OperatorMessage):
-                self._take_operator_message(message.message)
+                if isinstance(message.message, Pace):
+                    self.gate.set_pace(message.message)
+                elif reason := self._core.turns.accept(message.message):
+                    log.warning("dropped: %s", reason)
                 continue
             role, number, is_there = message
             (self.tokens.add if is_there else self.tokens.discard)((role, number))
@@ -112,21 +115,15 @@ class EventLoop:
                 self.persisted.pop(role, None)
                 self.operator_left |= role == OPERATOR and self.has_begun
 
-    def _take_operator_message(self, message: Turn | Pace) -> None:
-        if isinstance(message, Pace):
-            self.gate.set_pace(message)
-        elif reason := self._core.turns.accept(message):
-            log.warning("dropped: %s", reason)
-
     def _take_token(self, agent: int, there: bool) -> None:
         participants = self._core.participants
         if self.order_under_way is not None and agent in self.order_under_way.agents:
             return
-        was_there = participants.is_present(agent)
+        was_there = agent in participants.present
         (participants.token_back if there else participants.token_gone)(agent)
         if agent in participants.boards:  # samples may overtake the token that tells of a return
             self._core.intake.accept_any_next(agent)
-        has_changed = was_there != participants.is_present(agent)
+        has_changed = was_there != (agent in participants.present)
         self._changes[agent] += has_changed
         if has_changed and self.has_begun and not self.is_over and self._changes[agent] <= MAX_LOGGED:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", participants.step)
@@ -136,16 +133,15 @@ class EventLoop:
         self.status_due = time.monotonic() + STATUS_EVERY_S
         core, step = self._core, max(step, 0)
         ready = sum(role == AGENT for role, _ in self.tokens)
-        self._transport.status(
-            Status(
-                step=step,
-                steps=self._settings.steps,
-                time_s=step * self._settings.step_s,
-                agents_alive=ready if phase == "waiting" else len(core.participants.present),
-                agents_in_trees=core.agents_in_trees,
-                mean_waiting_s=core.environment.mean_waiting_s(),
-                events_open=len(core.environment.active),
-                events_completed=core.environment.completed,
-                phase=phase,
-            )
+        status = Status(
+            step=step,
+            steps=self._settings.steps,
+            time_s=step * self._settings.step_s,
+            agents_alive=ready if phase == "waiting" else len(core.participants.present),
+            agents_in_trees=core.agents_in_trees,
+            mean_waiting_s=core.environment.mean_waiting_s(),
+            events_open=len(core.environment.active),
+            events_completed=core.environment.completed,
+            phase=phase,
         )
+        self._transport.status(encode_status(status))

@@ -11,7 +11,7 @@ from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.child import GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
-from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
+from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder, encode_order
 from deltaswarm_wire.session import closing
 from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, StepMessages
@@ -197,7 +197,7 @@ class WorldProcess:
     def _give(self, order: ProcessOrder) -> None:
         """Order the orchestrator to act on processes, and wait until it has, before the next step begins."""
         log.warning("%s", order.text)
-        self._transport.order(order)
+        self._transport.order(encode_order(order))
         if order.action == NOTE:
             return
         self.loop.order_under_way = order

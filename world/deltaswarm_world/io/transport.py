@@ -8,8 +8,7 @@ from contextlib import suppress
 
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Frame, encode_frame
-from deltaswarm_wire.operator_messages import Status, encode_status
-from deltaswarm_wire.orders import ProcessOrder, encode_order, encode_save
+from deltaswarm_wire.orders import encode_save
 from deltaswarm_wire.session import RouterLink, configured, free_port, router_pairs, use_one_worker_thread
 from deltaswarm_world.core.world import untimed
 
@@ -55,8 +54,8 @@ class Transport:
         self._frames = [publisher(keys.agent(agent, FRAME), "Frame") for agent in range(agents)]
         self._sending: tuple[int, float] | None = None
         """The agent whose message is being sent, and since when [wall s]."""
-        self._status = publisher(keys.status, "Status")
-        self._orders = publisher(keys.orders, "Order")
+        self.status = publisher(keys.status, "Status").put
+        self.order = publisher(keys.orders, "Order").put
         self.clock = publisher(keys.clock, "Clock").put
         self.truth = publisher(keys.truth, "Truth").put
         self.wire = publisher(keys.wire, "Wire").put
@@ -82,12 +81,6 @@ class Transport:
         """Return the agent whose link blocks the world's sending, or ""."""
         agent, since_s = self._sending or (0, float("inf"))
         return f"agent {agent}" if time.monotonic() - since_s > BLOCKED_S else ""
-
-    def order(self, order: ProcessOrder) -> None:
-        self._orders.put(encode_order(order))
-
-    def status(self, status: Status) -> None:
-        self._status.put(encode_status(status))
 
     def receive(self, taker: Taker) -> bool:
         """Wait for a sample, and pass on all that are waiting then; return whether no wake-up was among them."""

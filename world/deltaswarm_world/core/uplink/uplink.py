@@ -188,7 +188,7 @@ class Uplink:
         """Pass reports through the queues of senders and relays; return those on the air, by relay, then age."""
         entering.sort(key=_by_carrier)
         queue = self._sending
-        if queue is None or queue.pass_all(entering):
+        if queue is None:
             return entering
         by_end: dict[int, list[Packet]] = {}
         for end, packet in entering:
@@ -229,8 +229,7 @@ class Uplink:
         if queue is None:
             return packets
         order = self._order_rng.random(self._count).tolist()
-        if not queue.is_wide_enough(BASE_INDEX, packets):
-            packets.sort(key=lambda packet: (order[packet.sender], packet.number))
+        packets.sort(key=lambda packet: (order[packet.sender], packet.number))
         passed, dropped = queue.take(BASE_INDEX, packets)
         for packet in dropped:
             self._drop(packet, "base_full")

@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -84,20 +84,6 @@ class RateLimitedQueue:
         narrow = {end for end, load in loads.items() if load > self._bytes_per_step} | self._queues.keys()
         self.passed_bytes += sum(loads.values()) - sum([loads.get(end, 0) for end in narrow])
         return sorted(narrow)
-
-    def pass_all(self, arriving: Sequence[Arrival]) -> bool:
-        """Run the same if it applies to all ends; otherwise do nothing and return False."""
-        loads: dict[int, int] = {}
-        for end, packet in arriving:
-            loads[end] = loads.get(end, 0) + len(packet.data)
-        if self.waiting or max(loads.values(), default=0) > self._bytes_per_step:
-            return False
-        self.passed_bytes += sum(loads.values())
-        return True
-
-    def is_wide_enough(self, end: int, arriving: list[Packet]) -> bool:
-        """Whether all packets that arrive at an end in this step pass at once, in any order."""
-        return end not in self._queues and sum([len(packet.data) for packet in arriving]) <= self._bytes_per_step
 
     def clear(self, end: int) -> list[Packet]:
         self._credits.pop(end, None)
