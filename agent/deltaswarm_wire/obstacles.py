@@ -68,6 +68,15 @@ def is_inside(place: Sequence[float], corners: Sequence[Place]) -> bool:
     return odd
 
 
+def edge_distance_m2(place: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
+    """Return the squared distance of a position from the edge from a to b [m2]."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    length_m2 = dx * dx + dy * dy
+    share = 0.0 if length_m2 == 0 else ((place[0] - a[0]) * dx + (place[1] - a[1]) * dy) / length_m2
+    share = max(0.0, min(1.0, share))
+    return (a[0] + share * dx - place[0]) ** 2 + (a[1] + share * dy - place[1]) ** 2
+
+
 def obstacle_problems(obstacles: Sequence[ObstacleSettings], size_m: tuple[float, float]) -> list[Problem]:
     """Check obstacles against the arena: corners must be within it."""
     allowed = f"must be within the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"

@@ -48,7 +48,6 @@ MODES = ("peer", "router")
 
 
 def parser() -> argparse.ArgumentParser:
-    """Make the operator's argument parser."""
     made = Parser(
         prog="deltaswarm operator",
         description="Run the operator.",
@@ -84,7 +83,6 @@ def _add_measuring(made: argparse.ArgumentParser, step: str) -> None:
 
 
 def open_air_parser() -> argparse.ArgumentParser:
-    """Make the argument parser of the operator without a world."""
     made = Parser(
         prog="deltaswarm operator --no-world",
         description="Monitor boards in open air: which are alive, and how much they report. With a key that the boards "
@@ -130,7 +128,6 @@ def open_air_parser() -> argparse.ArgumentParser:
 
 
 def _add_commanding(made: argparse.ArgumentParser) -> None:
-    """Add the options of commands and station."""
     told = made.add_argument_group("commands and station")
     told.add_argument("--station", action="store_true", help="serve a page to watch and command; prints its address")
     told.add_argument(

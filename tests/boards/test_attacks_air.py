@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.core.presence import INSISTS, RECENT
-from deltaswarm_operator.core.process_tracker import RESTART_S
+from deltaswarm_operator.core.presence import INSISTS, RECENT, RESTART_S
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_wire.codec import pack

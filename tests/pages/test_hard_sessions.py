@@ -48,7 +48,6 @@ class Unlucky(Participant):
         self.done = 0
 
     def answer_isa(self) -> None:
-        """Answer and write a note, while the fate has its way."""
         self.done += 1
         with self.doing("isa", "4"), self.doing("note", f"note {self.done}"):
             self.fate()
@@ -59,7 +58,6 @@ class Unlucky(Participant):
         self.driver.execute_script(WORK, f"note {self.done}")
 
     def nothing(self) -> None:
-        """Answer as everybody does."""
         self.work_on()
 
     def dies(self) -> None:

@@ -11,6 +11,7 @@ from selenium import webdriver
 from selenium.webdriver.support.select import Select
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_wire.messages import Event
@@ -36,7 +37,7 @@ class Served(Looking):
 
     def serve(self) -> None:
         """Send what the operator's process would, and carry out what the page sent."""
-        self.feed.send(self.console.hello("run"), self.console.show(time.monotonic()))
+        self.feed.send(page_hello(self.console, "run"), self.console.show(time.monotonic()))
         try:
             while True:
                 intent = self.feed.hear_any(0.05)
@@ -45,7 +46,6 @@ class Served(Looking):
             pass
 
     def close(self, *reports: Report) -> None:
-        """Close a step in which these reports arrived."""
         self.step += 1
         workload = Workload(self.step, float(self.step), len(reports), 0, 0.0, 0.0, 0.0, 0, 0, 0)
         self.console.close_step(Clock(self.step, float(self.step), False), workload, reports, time.monotonic())
@@ -56,7 +56,6 @@ class Served(Looking):
 
     @property
     def lines(self) -> list[str]:
-        """The lines that the page lists."""
         rows = "return [...document.querySelectorAll('#inbox-list > li')].map((row) => row.dataset.key)"
         return list(self.driver.execute_script(rows))  # type: ignore[no-untyped-call]
 

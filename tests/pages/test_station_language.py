@@ -185,14 +185,12 @@ def test_every_question_is_translated(pseudo: Callable[..., Page]) -> None:
 
 
 def test_a_replay_is_translated(pseudo: Callable[..., Page]) -> None:
-    """With its time bar."""
     page = pseudo("replay")
     page.until(lambda: page.at("replay").is_displayed() and "replay" in page.text("status"))
     page.until(lambda: untranslated(page) == [])
 
 
 def test_another_language_loads_the_page_again(page: Page) -> None:
-    """The next run of a session may speak another one."""
     assert len(untranslated(page)) > 100
     page.player.swarm.language = PSEUDO
     page.feed.send(page.player.swarm.hello())

@@ -4,7 +4,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.support.station_feed import TLX, Feed
+from tests.support.station_feed import ISA, TLX, Feed
 from tests.support.station_page import NEEDS_BROWSER, Page
 from tests.support.tiers import first_of
 
@@ -36,7 +36,7 @@ def test_nothing_lies_on_anything_and_the_map_keeps_its_scale(page: Page, size: 
     form = {"name": "spam", "title": "A question", "text": "", "question": [QUESTION]}
     probes = (
         None,
-        {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0},
+        ISA,
         {"kind": "form", "number": 0, "hides": False, "left_s": 20.0, "form": form},
     )
     for at, probe in enumerate(probes):
@@ -58,9 +58,7 @@ def test_between_the_runs_of_a_session_the_page_is_plain(page: Page) -> None:
     page.player.show(101.0)
     page.until(lambda: page.at("plain").is_displayed() and not page.at("map").is_displayed())
     assert page.text("plain-title") == "Run 2 of 2"
-    page.player.swarm.probe = TLX
-    page.player.show(102.0)
-    page.until(lambda: page.at("tlx").is_displayed())
+    page.ask(TLX, 102.0)
     page.player.swarm.probe = None
     page.player.show(103.0)
     page.feed.hang_up()

@@ -40,7 +40,6 @@ class Station:
         self.page.until(lambda: self.page.text("status") == "live")
 
     def until_lost(self) -> None:
-        """Until the page has seen that its link is dead."""
         self.page.until(lambda: "connection lost" in self.page.text("status"))
 
     def rows(self, name: str) -> list[dict[str, str]]:

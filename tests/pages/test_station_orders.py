@@ -5,14 +5,13 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from tests.support.station_feed import FORMS
+from tests.support.station_feed import FORMS, ISA
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
 
 
 def test_a_command_by_mouse(page: Page) -> None:
-    """Choose an order, then its place on the map."""
     Select(page.at("command-name")).select_by_value("set delta")
     page.all('input[name="target"][value="circle"]')[0].click()
     page.click_map(30, 70)
@@ -34,7 +33,6 @@ def test_a_command_by_mouse(page: Page) -> None:
 
 
 def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
-    """Where it went, with its number."""
 
     def show(expires_s: float) -> None:
         order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0, [], "person"]
@@ -48,7 +46,6 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
 
 
 def test_a_change_by_the_system_is_told_and_vetoed_by_key(page: Page) -> None:
-    """While there is time; and the list says who gave an order."""
     order = [0, "set delta", ["all"], {"delta": 2}, 90.0, 0, 0, 0, 200.0, "sent", 0, [], "system"]
     page.player.show(100.0, proposal={"delta": 3, "left_s": 7.2}, commands=[order])
     page.until(lambda: page.at("proposal").is_displayed() and page.text("proposal-left") == "in 8 s")
@@ -61,7 +58,6 @@ def test_a_change_by_the_system_is_told_and_vetoed_by_key(page: Page) -> None:
 
 
 def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:
-    """Agent 1 is a member of the tree of agent 0."""
     Select(page.at("command-name")).select_by_value("recall a tree")
     row = next(row for row in page.player.swarm.agent_rows(100.0) if row[0] == 1)
     page.until(lambda: page.text("agents-list"))
@@ -109,9 +105,7 @@ def test_an_event_is_the_place_of_an_order(page: Page) -> None:
 
 def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
     """A letter that begins an option chooses it, and so do digits right after it; Escape leaves a field."""
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
-    page.player.show(101.0)
-    page.until(lambda: page.at("isa").is_displayed())
+    page.ask(ISA)
     page.press("c", "h")
     assert page.at("command-name").get_property("value") == "hold"
     page.press("4")
@@ -125,7 +119,6 @@ def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_place_outside_the_arena_is_not_sent(page: Page) -> None:
-    """As when a comma was typed for a point."""
     Select(page.at("command-name")).select_by_value("attend a place")
     page.at("command-x").send_keys("505")
     page.at("command-y").send_keys("50")
@@ -145,7 +138,6 @@ def test_an_order_that_nobody_carries_out_cannot_be_chosen(page: Page) -> None:
 
 
 def test_an_order_that_is_refused_says_why(page: Page) -> None:
-    """In the feed's own words."""
     page.player.swarm.answer = lambda intent, _: [  # type: ignore[method-assign]
         {"type": "refused", "to": intent["from"], "id": intent.get("id"), "why": "no uplink"}
     ]

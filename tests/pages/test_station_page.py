@@ -9,7 +9,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from tests.support.station_feed import PATIENCE_S, SCALES, TLX, Swarm
+from tests.support.station_feed import ISA, PATIENCE_S, SCALES, TLX, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -112,14 +112,12 @@ def test_pause_step_and_speed(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_speed_that_is_not_reached_is_told(page: Page) -> None:
-    """The feed stands still and does not call it a pause."""
     page.until(lambda: (page.player.show(100.0), page.text("speed-reached"))[1] == "now 0×")
     page.at("pause").click()
     page.until(lambda: page.text("speed-reached") == "")
 
 
 def test_the_inbox(page: Page) -> None:
-    """Sorted, filtered, read one by one and all at once."""
     page.until(lambda: len(page.texts("#inbox-list > li")) == 50)
     assert page.text("inbox-count") == "50 unread"
     page.press("u")
@@ -137,9 +135,8 @@ def test_the_inbox(page: Page) -> None:
 
 
 def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
-    """Not by digits that are typed into a field."""
     swarm = page.player.swarm
-    swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    swarm.probe = ISA
     page.player.show(101.0)
     page.until(lambda: page.at("isa").is_displayed())
     assert page.text("isa-seconds") == "21 s left"
@@ -159,9 +156,7 @@ def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
 
 def test_help_over_isa_does_not_swallow_its_answer(page: Page) -> None:
     """The time to answer passes while the help is read."""
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
-    page.player.show(101.0)
-    page.until(lambda: page.at("isa").is_displayed())
+    page.ask(ISA)
     page.press("?")
     page.until(lambda: page.at("help").is_displayed())
     page.press("5")
@@ -170,9 +165,7 @@ def test_help_over_isa_does_not_swallow_its_answer(page: Page) -> None:
 
 def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
     """Six scales by keyboard, fifteen pairs, and nothing is sent before all are answered."""
-    page.player.swarm.probe = TLX
-    page.player.show(101.0)
-    page.until(lambda: page.at("tlx").is_displayed())
+    page.ask(TLX)
     page.press(Keys.ESCAPE)
     assert page.at("tlx").is_displayed()
     for count, name in enumerate(SCALES):
@@ -198,10 +191,7 @@ def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
 
 
 def test_the_sheet_and_notes(page: Page) -> None:
-    """Nobody begins without consent."""
-    page.player.swarm.probe = {"kind": "sheet"}
-    page.player.show(101.0)
-    page.until(lambda: page.at("sheet").is_displayed())
+    page.ask({"kind": "sheet"})
     assert "You may stop at any time" in page.text("sheet-consent")
     assert page.at("sheet-participant").get_property("value") == "P07"
     assert not page.at("sheet-begin").is_enabled()
@@ -301,7 +291,6 @@ def test_a_replay_that_jumps_back_has_its_chart_and_its_read_marks(open_page: Ca
 
 
 def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
-    """On every screen; it has the truth, and takes no orders."""
     page = open_page(Swarm("researcher", silent=()))
     page.until(lambda: page.at("role").is_displayed())
     assert page.text("role") == "Researcher's view: shows what no operator knows"
@@ -354,7 +343,6 @@ def test_the_map_stays_as_it_was_moved(page: Page) -> None:
 
 
 def test_the_end_of_the_run_is_told(page: Page) -> None:
-    """The last picture stays."""
     page.feed.hang_up()
     page.until(lambda: page.text("status").startswith("the run has ended"))
     assert page.feed.process.wait(PATIENCE_S) == 0

@@ -6,7 +6,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 
-from tests.support.station_feed import Feed, Swarm
+from tests.support.station_feed import ISA, Feed, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -29,7 +29,7 @@ def test_a_watcher_sees_everything_and_can_do_nothing(watcher: Page) -> None:
         assert not page.at(name).is_displayed(), name
     page.press("u", "p", "R")
     page.until(lambda: page.text("map-info").startswith("Agent 2"))
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    page.player.swarm.probe = ISA
     page.player.show(101.0)
     page.until(lambda: page.text("role") == "You only watch. The participant is asked: ISA (question 4)")
     page.press("3")

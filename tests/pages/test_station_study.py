@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from tests.support.station_feed import Swarm
+from tests.support.station_feed import ISA, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 from tests.support.tiers import first_of
 
@@ -18,12 +18,6 @@ def hello(page: Page, **changes: Any) -> None:
     page.feed.send(page.player.swarm.hello(**changes))
 
 
-def asks(page: Page, kind: str) -> None:
-    page.player.swarm.probe = {"kind": kind}
-    page.player.show(101.0)
-    page.until(lambda: page.at(kind).is_displayed())
-
-
 def screen(page: Page, width: int, height: int, scale: float = 1.0) -> None:
     metrics = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": False}
     page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -32,12 +26,9 @@ def screen(page: Page, width: int, height: int, scale: float = 1.0) -> None:
 
 @pytest.mark.parametrize("size", first_of([(390, 844), (1366, 768), (683, 384), (768, 1024)]))
 def test_every_answer_to_isa_is_within_the_window(page: Page, size: tuple[int, int]) -> None:
-    """Also at 200 % of a usual screen, and on a telephone."""
     width, height = size
     screen(page, width, height)
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
-    page.player.show(101.0)
-    page.until(lambda: page.at("isa").is_displayed())
+    page.ask(ISA)
     rects = [answer.rect for answer in page.all("#isa [data-answer]")]
     shown = page.driver.execute_script("return document.documentElement.scrollWidth")
     page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
@@ -53,7 +44,7 @@ def test_no_draft_reaches_the_next_participant(page: Page) -> None:
     hello(page, run="first", session=questions)
     page.at("tab-notes").click()
     page.at("note-text").send_keys("tired")
-    asks(page, "tlx")
+    page.ask({"kind": "tlx"})
     page.driver.execute_script(
         "const s = document.getElementById('tlx-mental'); s.value = 95; s.dispatchEvent(new Event('input'))"
     )
@@ -61,14 +52,14 @@ def test_no_draft_reaches_the_next_participant(page: Page) -> None:
     hello(page, run="second", session=questions)
     page.player.show(1.0)
     page.until(lambda: not page.at("tlx").is_displayed() and page.at("note-text").get_property("value") == "")
-    asks(page, "tlx")
+    page.ask({"kind": "tlx"})
     assert page.at("tlx-mental").get_attribute("data-answered") == "false"
     assert page.at("tlx-mental").get_property("value") == "50"
     page.player.swarm.probe = None
     hello(page, run="first", session=questions)
     page.player.show(1.0)
     page.until(lambda: page.at("note-text").get_property("value") == "tired")
-    asks(page, "tlx")
+    page.ask({"kind": "tlx"})
     assert page.at("tlx-mental").get_property("value") == "95"
 
 
@@ -76,9 +67,7 @@ def test_the_first_question_of_the_next_run_is_asked(page: Page) -> None:
     """Though it has the number of one that was answered in the run before."""
     for run in ("first", "second"):
         hello(page, run=run)
-        page.player.swarm.probe = {"kind": "isa", "number": 0, "asked_s": 90.0, "left_s": 21.0}
-        page.player.show(101.0)
-        page.until(lambda: page.at("isa").is_displayed())
+        page.ask({"kind": "isa", "number": 0, "asked_s": 90.0, "left_s": 21.0})
         page.press("2")
         assert page.asked("isa")["answer"] == 2
         page.player.swarm.probe = None
@@ -87,10 +76,9 @@ def test_the_first_question_of_the_next_run_is_asked(page: Page) -> None:
 
 
 def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
-    """Participant and condition are as planned."""
     sheet = {"consent": "Yes", "participant": "P001", "condition": "1 A"}
     hello(page, run="planned", session={"sheet": sheet})
-    asks(page, "sheet")
+    page.ask({"kind": "sheet"})
     for name in ("participant", "condition"):
         field = page.at(f"sheet-{name}")
         field.send_keys("9")
@@ -101,7 +89,6 @@ def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
 
 
 def test_what_a_run_leaves_out_is_not_on_the_page(page: Page) -> None:
-    """The pace, a layer of the map, an order."""
     hello(page, run="bare", speeds=[], layers=["trees"])
     page.player.show(1.0)
     page.until(lambda: not page.at("pause").is_displayed())
@@ -152,9 +139,8 @@ def test_no_target_is_too_small(page: Page) -> None:
     for tab in ("commands", "agents", "events", "notes"):
         page.at(f"tab-{tab}").click()
         page.until(lambda: page.driver.execute_script(SMALL) == [])
-    page.player.swarm.probe = a_form(0)
-    page.player.show(101.0)
-    page.until(lambda: page.at("form").is_displayed() and page.driver.execute_script(SMALL) == [])
+    page.ask(a_form(0))
+    page.until(lambda: page.driver.execute_script(SMALL) == [])
 
 
 SITUATION = {
@@ -179,9 +165,7 @@ def a_form(number: int) -> dict[str, Any]:
 
 def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Page) -> None:
     """Nothing is sent before all that is required is answered; the next form is empty, a reload keeps answers."""
-    page.player.swarm.probe = a_form(0)
-    page.player.show(101.0)
-    page.until(lambda: page.at("form").is_displayed())
+    page.ask(a_form(0))
     assert not page.at("map").is_displayed()
     assert not page.at("inbox-list").is_displayed()
     assert page.text("form-title") == "What is the situation?"
@@ -202,9 +186,8 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
         "number": 0,
         "answers": {"trees": 12, "most": "left", "sure": 2, "why": "a guess"},
     }
-    page.player.swarm.probe = a_form(1)
-    page.player.show(102.0)
-    page.until(lambda: page.at("form").is_displayed() and page.at("question-0").get_property("value") == "")
+    page.ask(a_form(1), 102.0)
+    page.until(lambda: page.at("question-0").get_property("value") == "")
     page.player.swarm.probe = None
     page.player.show(103.0)
     page.until(lambda: page.at("map").is_displayed() and not page.at("form").is_displayed())
@@ -212,13 +195,13 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
 
 def test_what_is_refused_after_the_end_opens_no_answered_form(page: Page) -> None:
     """The page notes by itself how it is used, when the run has ended with the answer."""
-    page.player.swarm.probe = {
-        **a_form(0),
-        "hides": False,
-        "form": {"name": "score", "title": "Your score", "text": "9", "question": []},
-    }
-    page.player.show(101.0)
-    page.until(lambda: page.at("form").is_displayed())
+    page.ask(
+        {
+            **a_form(0),
+            "hides": False,
+            "form": {"name": "score", "title": "Your score", "text": "9", "question": []},
+        }
+    )
     page.at("form-send").click()
     page.asked("form")
     page.feed.hang_up()
@@ -232,9 +215,8 @@ def test_what_is_refused_after_the_end_opens_no_answered_form(page: Page) -> Non
 
 def test_a_question_in_passing_leaves_all_in_view(page: Page) -> None:
     """The map and the shortcuts stay in use beside it, and it goes once its time is over."""
-    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0}
-    page.player.show(101.0)
-    page.until(lambda: page.at("form").is_displayed() and page.text("form-left") == "20 s left")
+    page.ask({**a_form(0), "hides": False, "left_s": 20.0})
+    page.until(lambda: page.text("form-left") == "20 s left")
     page.click_map(50.0, 50.0)
     page.press("u")
     assert page.asked("read")["items"]
@@ -248,23 +230,17 @@ def test_no_question_takes_a_key_that_was_meant_for_something_else(page: Page) -
     form = {**a_form(0)["form"], "title": "Are you ready?", "question": []}
     page.press("n")
     page.press("1")
-    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0, "prompt": True, "form": form}
-    page.player.show(101.0)
-    page.until(lambda: page.at("form").is_displayed())
+    page.ask({**a_form(0), "hides": False, "left_s": 20.0, "prompt": True, "form": form})
     page.press("2")
     assert page.at("note-text").get_property("value") == "12"
     page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0}
     page.player.show(102.0)
     page.until(lambda: page.texts("#form-questions input"))
     page.press("3")
-    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
-    page.player.show(103.0)
-    page.until(lambda: page.at("isa").is_displayed())
+    page.ask(ISA, 103.0)
     page.press("4")
     assert page.at("note-text").get_property("value") == "1234"
-    page.player.swarm.probe = a_form(1)
-    page.player.show(104.0)
-    page.until(lambda: page.at("form").is_displayed())
+    page.ask(a_form(1), 104.0)
     page.press("5")
     assert page.at("question-0").get_property("value") == ""
     page.player.swarm.probe = {**a_form(2), "hides": False, "left_s": 20.0}
@@ -280,9 +256,7 @@ def test_no_question_takes_a_key_that_was_meant_for_something_else(page: Page) -
 def test_a_prompt_comes_before_the_question_and_both_are_timed_by_the_page(page: Page) -> None:
     """From the frame that shows each; the question itself is not on the page before the person is ready."""
     form = {**a_form(0)["form"], "title": "Are you ready?", "question": []}
-    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0, "prompt": True, "form": form}
-    page.player.show(101.0)
-    page.until(lambda: page.at("form").is_displayed())
+    page.ask({**a_form(0), "hides": False, "left_s": 20.0, "prompt": True, "form": form})
     assert page.text("form-send") == "Ready"
     assert page.texts("#form-questions > *") == []
     page.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
@@ -298,7 +272,7 @@ def test_a_prompt_comes_before_the_question_and_both_are_timed_by_the_page(page:
 
 def test_a_scale_has_no_mark_before_the_first_click(page: Page) -> None:
     """Nothing suggests an answer, neither to the eye nor to a screen reader."""
-    asks(page, "tlx")
+    page.ask({"kind": "tlx"})
     slider = page.at("tlx-mental")
     assert slider.get_attribute("aria-valuetext") == "not answered yet"
     looks = []

@@ -41,7 +41,6 @@ def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
 
 
 def test_an_event_is_not_judged_after_the_end(page: Page) -> None:
-    """Neither by a button nor by a key."""
     hello(page, goal="Find the targets.")
     page.at("tab-events").click()
     page.until(lambda: page.texts("#events-list > li"))

@@ -81,7 +81,6 @@ class Participant:
         self.log.append((kind, what, before, time.time()))
 
     def at(self, name: str) -> WebElement:
-        """An element by its id."""
         return self.driver.find_element(By.ID, name)
 
     def work(self) -> bool:
@@ -92,7 +91,6 @@ class Participant:
         return False
 
     def do_next(self) -> None:
-        """Answer what is asked now."""
         if self.at("sheet").is_displayed():
             if (agree := self.at("sheet-agree")).is_displayed() and not agree.is_selected():
                 agree.click()
@@ -118,7 +116,6 @@ class Participant:
         self.isa.append((before, time.time()))
 
     def fill(self) -> None:
-        """Fill in the form, which has one question."""
         title = self.at("form-title").text
         [field] = self.driver.find_elements(By.CSS_SELECTOR, FIELDS)
         if field.get_attribute("type") == "number":

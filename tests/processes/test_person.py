@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.io.console_server import ConsoleServer, SavedConsole
+from deltaswarm_operator.io.console_server import ConsoleServer, Outlet, SavedConsole
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -105,10 +105,8 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
     second: list[Turn] = []
 
     def console(sent: list[Turn], saved: SavedConsole | None = None) -> ConsoleServer:
-        return ConsoleServer(
-            *("run", saved or Console(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
-            is_awaited=briefing.is_awaited,
-        )
+        outlet = Outlet(sent.append, lambda _: None, briefing.is_awaited)
+        return ConsoleServer("run", saved or Console(briefing), tmp_path, outlet)
 
     before = console(first)
     for step in range(5):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_operator.io.console_server import Channel, ConsoleServer, Outlet
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -27,7 +27,7 @@ class AtTheConsole:
         self._lock = threading.Lock()
         self._is_over = False
         put: Any = lambda _: None  # noqa: E731 (no world takes turns or the pace)
-        self._server = ConsoleServer(run, self.console, folder, put, put, self._inbox.put, feed.socket)
+        self._server = ConsoleServer(run, self.console, folder, Outlet(put, put), Channel(feed.socket, self._inbox.put))
         self._server.start()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()

@@ -21,6 +21,7 @@ Message = dict[str, Any]
 
 PATIENCE_S = 30.0
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
+ISA: Message = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
 TLX: Message = {"kind": "tlx", "pairs": [list(pair) for pair in combinations(SCALES, 2)]}
 """NASA-TLX with weights."""
 

@@ -96,6 +96,12 @@ class Page(Looking):
         intent = self.player.heard(lambda intent: intent["type"] == kind)
         return {name: value for name, value in intent.items() if name not in ("from", *INPUT, *SHOWN)}
 
+    def ask(self, probe: Message, time_s: float = 101.0) -> None:
+        """Ask a question, and wait until the page shows it."""
+        self.player.swarm.probe = probe
+        self.player.show(time_s)
+        self.until(lambda: self.at(probe["kind"]).is_displayed())
+
     @property
     def scale(self) -> float:
         """Pixels per metre of the fitted map."""

@@ -46,9 +46,7 @@ class Stage:
         """An event from now on."""
         environment = self.core.environment
         event = EventRecord(len(environment.arrived) + 1, x_m, y_m, 0.0)
-        environment.arrived.append(event)
-        environment.active.append(event)
-        environment._place_active()
+        environment.add([event])
         return event.event
 
     def begin(self, last: bool = False, probe: bool = False) -> dict[int, Frame]:

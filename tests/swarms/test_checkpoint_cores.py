@@ -45,5 +45,4 @@ def digests(sets: Sequence[str], *, every: int) -> tuple[str, str, dict[str, obj
     ids=lambda sets: " ".join(sets)[:60],
 )
 def test_a_run_goes_on_as_if_nothing_had_been(sets: list[str]) -> None:
-    """Over all modes, models of the air, faults and the uplink."""
     assert digests(sets, every=EVERY) == digests(sets, every=STEPS + 1)

@@ -42,7 +42,6 @@ CASES += [
 
 
 def outcome(mode: str, key: str, value: float) -> str:
-    """What becomes of a short run with this value."""
     settings = ["record=off", f"{key}={value!r}", *([f"control.mode={mode}"] if mode else [])]
     try:
         swarm = InProcess(load_scenario("smoke", settings))
@@ -64,7 +63,6 @@ def test_a_number_at_its_limit_is_refused_or_works() -> None:
 
 @pytest.mark.parametrize("value", ["1e200", "-1e200", "1e-300", "inf", "nan", "1" + "0" * 400])
 def test_a_number_beyond_every_use_is_refused(value: str) -> None:
-    """By a key that states no limit of its own."""
     with pytest.raises(SettingsError) as caught:
         load_scenario("smoke", [f"agents.sensing_range_m={value}"])
     (problem,) = caught.value.problems

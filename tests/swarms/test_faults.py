@@ -69,7 +69,6 @@ def test_the_killed_are_no_accident() -> None:
 
 
 def test_without_faults_there_is_nothing_to_see() -> None:
-    """A fault that hits nobody changes nothing."""
     plain_run, nobody = summary(), summary('kind="kill", at_s=40, fraction=0.0')
     assert plain_run["faults"] == []
     assert nobody["faults"][0]["agents"] == []
@@ -77,7 +76,6 @@ def test_without_faults_there_is_nothing_to_see() -> None:
 
 
 def test_roots_are_hit_as_the_world_hears_of_them() -> None:
-    """Whoever was a root in the step before, and nobody else."""
     watched = Watched('kind="kill", at_s=60, roots=true', sets=(*BUSY, "control.delta=1"))
     roots: dict[int, list[int]] = {}
 
@@ -246,7 +244,6 @@ def test_a_liar_tells_of_what_is_not_there(mode: str) -> None:
 
 
 def test_faults_stand_in_the_log_of_the_recording(tmp_path: Any) -> None:
-    """A line for each that begins and each that ends."""
     scenario = load_scenario(
         "smoke", ["run.duration_s=30", timeline('kind="radio-dead", at_s=5, duration_s=5, agents=[1]')]
     )

@@ -37,7 +37,7 @@ def decisions(sets: Sequence[str], steps: int, seed: int) -> Iterator[tuple[tupl
         reports = [forwarded.report for forwarded in world.forwarded]
         state = (
             world.intake.transmitted,
-            world._tree_statuses,
+            world.closed.tree_statuses,
             world.environment.positions_m.tolist(),
             observed,
             reports,

@@ -11,7 +11,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_world.core.air.channel.chance import Loss
+from deltaswarm_world.core.air.channel.loss import Loss
 from tests.support.cores import controllers_of, swarm
 from tests.support.tiers import first_of, nightly
 from tests.support.trees import Spans, check_agreement, cycle_of, true_descendants
@@ -23,8 +23,6 @@ BUSY = ("events.rate_hz=0.1", "arena.width_m=70", "arena.height_m=70", "events.d
 
 
 class Trees:
-    """A swarm under watch."""
-
     def __init__(self, seed: int, *sets: str) -> None:
         self.seed = seed
         self.crew: InProcess = swarm("paper-25", *BUSY, *sets, seed=seed)
@@ -35,7 +33,6 @@ class Trees:
 
     @property
     def present(self) -> set[int]:
-        """The agents that have a process."""
         return self.crew.world.participants.present
 
     @property

@@ -83,7 +83,6 @@ def test_no_agents_seed_follows_from_anothers() -> None:
 
 @given(st.integers(0, 2**63 - 1), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=20, unique=True))
 def test_ids_of_events_are_a_permutation(seed: int, numbers: list[int]) -> None:
-    """No two events, nor phantoms, share one."""
     of = EventIds(seed % 3)
     ids = [of.of(number) for number in numbers]
     assert len(set(ids)) == len(ids)

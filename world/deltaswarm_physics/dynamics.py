@@ -14,7 +14,7 @@ from deltaswarm_physics.steering import (
     Complex,
     Gaps,
     Motors,
-    Seen,
+    Nearby,
     capped,
     closest_m,
     limited,
@@ -29,7 +29,7 @@ from deltaswarm_world.core.obstacles import Obstacles
 
 HEADING_STREAM = 61
 JAM_S = 60.0
-"""A blocked robot is jammed if it has wanted to move for so long and got no further than its diameter."""
+"""A blocked robot is jammed if it has wanted to move for this long [s] and got no further than its diameter."""
 TOUCH_OF_RADIUS = 1.5 * SLOP_OF_RADIUS
 """Gap at which bodies touch, as a share of the radius."""
 STRAYS = 0.5
@@ -37,8 +37,6 @@ STRAYS = 0.5
 
 
 class Physics:
-    """The robots of one run."""
-
     Settings = PhysicsSettings
 
     def __init__(self, settings: PhysicsSettings, scenario: Scenario, obstacles: Obstacles) -> None:
@@ -102,7 +100,6 @@ class Physics:
     # A step
 
     def move(self, positions_m: Floats, velocities_mps: Floats, faults: Sequence[ActiveFault]) -> Floats:
-        """See `Dynamics`."""
         if self._engine is None:
             self._states[:, :2] = positions_m
             settings, arena = self._settings, self._arena
@@ -111,7 +108,7 @@ class Physics:
         engine, tick_s, touch_m = self._engine, self._tick_s, TOUCH_OF_RADIUS * self._settings.radius_m
         commanded = _complex(velocities_mps)
         began_m = _complex(positions_m)
-        seen = self._seen(positions_m, began_m, commanded)
+        nearby = self._nearby(positions_m, began_m, commanded)
         lost = _lost_wheels(faults)
         hindered: Mask = np.zeros(len(commanded), dtype=np.bool_)
         touching: Mask = np.zeros(len(commanded), dtype=np.bool_)
@@ -120,8 +117,8 @@ class Physics:
             places_m = states[:, 0] + 1j * states[:, 1]
             wanted = commanded + PER_S * (began_m + commanded * (tick * tick_s) - places_m)
             gaps = None
-            if len(seen.robots):
-                gaps = Gaps(seen, places_m, self._motors.acceleration_mps2, tick_s)
+            if len(nearby.robots):
+                gaps = Gaps(nearby, places_m, self._motors.acceleration_mps2, tick_s)
                 nearest_m = float(gaps.gaps_m.min())
                 if nearest_m <= touch_m:
                     touching[gaps.robots[gaps.gaps_m <= touch_m]] = True
@@ -175,7 +172,7 @@ class Physics:
         drives[:, 0], drives[:, 1] = forces.real * MASS_KG, forces.imag * MASS_KG
         drives[:, 2] = spins * (MOMENT_OF_RADIUS * radius_m**2)
 
-    def _seen(self, positions_m: Floats, places_m: Complex, commanded: Complex) -> Seen:
+    def _nearby(self, positions_m: Floats, places_m: Complex, commanded: Complex) -> Nearby:
         """Return what robots may see or touch in this step, if none strays too far from where it is commanded to."""
         speed_mps, radius_m = self._motors.speed_mps, self._settings.radius_m
         within_m = radius_m + self._sensor_m + STRAYS * speed_mps**2 / self._motors.acceleration_mps2
@@ -191,7 +188,7 @@ class Physics:
             )
             at_walls, walls = at_walls[comes], walls[comes]
         along_m = self._walls_along_m[walls]
-        return Seen(robots[meets], others[meets], at_walls, self._walls_m[walls], along_m, radius_m)
+        return Nearby(robots[meets], others[meets], at_walls, self._walls_m[walls], along_m, radius_m)
 
     def _near_walls(self, places_m: Complex, within_m: float) -> tuple[Indices, Indices]:
         """Return the robots within a distance of a wall, and that wall, for each such pair."""
@@ -199,7 +196,6 @@ class Physics:
         return robots, walls
 
     def _off_m(self, places_m: Complex, walls: Indices) -> Floats:
-        """Return the distances of places from walls."""
         along_m = self._walls_along_m[walls]
         at_m = places_m - self._walls_m[walls]
         part = (at_m * along_m.conj()).real / (along_m.real**2 + along_m.imag**2)
@@ -238,7 +234,6 @@ class Physics:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """See `Dynamics`."""
         steps = max(1, self._steps)
         return {
             "blocked_share": float(self._blocked_steps.mean()) / steps,
@@ -253,7 +248,6 @@ def _complex(pairs: Floats) -> Complex:
 
 
 def _loop(corners: Sequence[Sequence[float]]) -> tuple[Complex, Complex]:
-    """Return the beginnings and vectors of a polygon's edges."""
     begins = np.array([complex(x, y) for x, y in corners])
     return begins, np.roll(begins, -1) - begins
 

@@ -72,7 +72,6 @@ class Engine:
         self._set.set_float_buf(drives)
 
     def states(self) -> Floats:
-        """Return the state (n, 6) of each disc."""
         self._got.clear()
         batch.get_space_bodies(self._space, STATE, self._got)
         states: Floats = np.frombuffer(self._got.float_buf(), dtype=np.float64).reshape(-1, 6)

@@ -14,8 +14,6 @@ from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
 
 @dataclass(frozen=True)
 class WheelLostSettings:
-    """The keys of wheel-lost."""
-
     wheel: str = key("left", "the wheel that does not turn any more", choices=("left", "right"))
 
 
@@ -28,14 +26,11 @@ class WheelLost(Kind):
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """The keys of actuator-drift."""
-
     angle_deg: float | None = key(
         None, "angle by which the body moves to the left of where it should [degrees]", low=-180, high=180
     )
 
     def problems(self) -> list[Problem]:
-        """The angle must be given."""
         return [Problem("angle_deg", "nothing", "must be given")] if self.angle_deg is None else []
 
 
@@ -49,7 +44,6 @@ class Drift(Kind):
         self._turns: list[tuple[list[int], Floats]] = []
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
-        """See `Kind`."""
         super().look(faults)
         self._turns = []
         for fault in faults:
@@ -57,6 +51,5 @@ class Drift(Kind):
             self._turns.append((sorted(fault.agents), np.array([[cos, sin], [-sin, cos]])))
 
     def drive(self, velocities_mps: Floats) -> None:
-        """See `Kind`."""
         for agents, turn in self._turns:
             velocities_mps[agents] = velocities_mps[agents] @ turn

@@ -7,7 +7,7 @@ from itertools import combinations
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, key
-from deltaswarm_wire.obstacles import is_inside
+from deltaswarm_wire.obstacles import edge_distance_m2, is_inside
 
 DIFFERENTIAL, HOLONOMIC = "differential", "holonomic"
 WHEEL_LOST = "wheel-lost"
@@ -59,11 +59,9 @@ class PhysicsSettings:
 
     @property
     def base_m(self) -> float:
-        """The distance between the wheels [m]."""
         return 1.6 * self.radius_m if self.wheel_base_m is None else self.wheel_base_m
 
     def sensor_m(self, speed_mps: float) -> float:
-        """Return the range of the proximity sensor [m]."""
         to_stop_m = speed_mps * CYCLE_S + speed_mps**2 / (2.0 * BRAKES * self.acceleration_mps2)
         return 2.0 * to_stop_m if self.sensor_range_m is None else self.sensor_range_m
 
@@ -73,7 +71,6 @@ class PhysicsSettings:
         return math.ceil(step_s / longest_s - 1e-9)
 
     def problems_with(self, scenario: Scenario) -> list[Problem]:
-        """Check the robots against the arena, the speed and the control structure."""
         return list(self._problems_with(scenario))
 
     def _problems_with(self, scenario: Scenario) -> Iterator[Problem]:
@@ -132,11 +129,5 @@ class PhysicsSettings:
 
 
 def _gap_m(place: tuple[float, float], corners: tuple[tuple[float, ...], ...]) -> float:
-    """Return the distance from a place to the nearest edge of a polygon."""
-    return min(_to_edge_m(place, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True))
-
-
-def _to_edge_m(place: tuple[float, float], a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    ex, ey, dx, dy = b[0] - a[0], b[1] - a[1], place[0] - a[0], place[1] - a[1]
-    share = min(1.0, max(0.0, (dx * ex + dy * ey) / (ex * ex + ey * ey)))
-    return math.hypot(dx - share * ex, dy - share * ey)
+    edges = zip(corners, [*corners[1:], corners[0]], strict=True)
+    return math.sqrt(min(edge_distance_m2(place, a, b) for a, b in edges))

@@ -37,7 +37,7 @@ class Motors:
     base_m: float | None
 
 
-class Seen:
+class Nearby:
     """What robots may come near in a step: pairs of robots, and pairs of a robot and a wall.
 
     Args:
@@ -66,19 +66,19 @@ class Seen:
 class Gaps:
     """Directions and gaps from robots to what they see at a moment."""
 
-    def __init__(self, seen: Seen, places_m: Complex, acceleration_mps2: float, cycle_s: float) -> None:
-        offsets_m = places_m[seen.others] - places_m[seen.first]
-        if len(seen.at_walls):
-            at_m = places_m[seen.at_walls] - seen.from_m
-            part = (at_m * seen.along_m.conj()).real / seen.squares_m2
-            to_wall_m = seen.along_m * np.minimum(np.maximum(part, 0.0), 1.0) - at_m
+    def __init__(self, nearby: Nearby, places_m: Complex, acceleration_mps2: float, cycle_s: float) -> None:
+        offsets_m = places_m[nearby.others] - places_m[nearby.first]
+        if len(nearby.at_walls):
+            at_m = places_m[nearby.at_walls] - nearby.from_m
+            part = (at_m * nearby.along_m.conj()).real / nearby.squares_m2
+            to_wall_m = nearby.along_m * np.minimum(np.maximum(part, 0.0), 1.0) - at_m
             offsets_m = np.concatenate([offsets_m, to_wall_m])
         distances_m = np.maximum(np.abs(offsets_m), 1e-9)
-        self.robots, self.aside = seen.robots, seen.aside
-        self.gaps_m: Floats = distances_m - seen.reach_m
+        self.robots, self.aside = nearby.robots, nearby.aside
+        self.gaps_m: Floats = distances_m - nearby.reach_m
         self.towards: Complex = offsets_m / distances_m
         brake_mps2 = BRAKES * acceleration_mps2
-        room_m = seen.room * np.maximum(distances_m - seen.standoff_m, 0.0)
+        room_m = nearby.room * np.maximum(distances_m - nearby.standoff_m, 0.0)
         lag_mps = brake_mps2 * cycle_s
         self.allowed_mps: Floats = np.sqrt(2.0 * brake_mps2 * room_m + lag_mps**2) - lag_mps
         """How fast each may be approached: for a cycle, and then braking, there is room."""
@@ -92,7 +92,7 @@ def closest_m(offsets_m: Complex, ways_m: Complex) -> Floats:
 
 
 def limited(wanted_mps: Complex, gaps: Gaps, sensor_m: float) -> tuple[Complex, Mask]:
-    """Return the velocities that keep clear of what is seen, and which robots they hold up."""
+    """Return the velocities that keep clear of what is nearby, and which robots they hold up."""
     robots, towards = gaps.robots, gaps.towards
     excess = (wanted_mps[robots] * towards.conj()).real - gaps.allowed_mps
     excess = np.where(gaps.gaps_m < sensor_m, np.maximum(excess, 0.0), 0.0)

@@ -43,7 +43,6 @@ AGENT_SETTINGS = "agents"
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of the world."""
     parser = Parser(prog="deltaswarm world", description="Run the world and its router.")
     parser.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
     parser.add_argument("--run", required=True, type=run_name, help="name of the run")
@@ -176,11 +175,7 @@ def write_credentials(file: Path, agents: int) -> None:
 
 
 def admit_certified(listen: Sequence[str], credentials: Path) -> None:
-    """Admit clients with a certificate.
-
-    Raises:
-        ValueError: an endpoint other than TLS is open to the network.
-    """
+    """Admit clients with a certificate."""
     for endpoint in listen:
         address = endpoint.partition("/")[2]
         if protocol_of(endpoint) != TLS and not address.startswith(LOOPBACK):

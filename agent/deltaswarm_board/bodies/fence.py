@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from itertools import combinations
 
-from deltaswarm_wire.obstacles import is_inside
+from deltaswarm_wire.obstacles import edge_distance_m2, is_inside
 
 Place = tuple[float, float]
 Edge = tuple[Place, Place]
@@ -44,7 +44,8 @@ class Fence:
         return (vx_mps, vy_mps) == (0.0, 0.0) or self.holds(to) or self._distance_m2(to) < self._distance_m2(at)
 
     def _distance_m2(self, at: Place) -> float:
-        return min(_to_edge_m2(at, a, b) for a, b in self._edges)
+        """Squared distance to the nearest edge [m2]."""
+        return min(edge_distance_m2(at, a, b) for a, b in self._edges)
 
 
 def _shown(at: Place) -> str:
@@ -54,7 +55,7 @@ def _shown(at: Place) -> str:
 def _meet(one: Edge, other: Edge) -> bool:
     """Whether two edges cross or touch outside a shared corner."""
     ends = [(end, edge) for edge, ends in ((one, other), (other, one)) for end in ends if end not in edge]
-    return _cross(*one, *other) or any(_to_edge_m2(end, *edge) < TOUCH_M**2 for end, edge in ends)
+    return _cross(*one, *other) or any(edge_distance_m2(end, *edge) < TOUCH_M**2 for end, edge in ends)
 
 
 def _cross(a: Place, b: Place, c: Place, d: Place) -> bool:
@@ -64,11 +65,3 @@ def _cross(a: Place, b: Place, c: Place, d: Place) -> bool:
 
 def _side(a: Place, b: Place, c: Place) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def _to_edge_m2(at: Place, a: Place, b: Place) -> float:
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    length_m2 = dx * dx + dy * dy
-    share = 0.0 if length_m2 == 0 else ((at[0] - a[0]) * dx + (at[1] - a[1]) * dy) / length_m2
-    share = max(0.0, min(1.0, share))
-    return (a[0] + share * dx - at[0]) ** 2 + (a[1] + share * dy - at[1]) ** 2

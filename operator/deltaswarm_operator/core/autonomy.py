@@ -23,8 +23,6 @@ def next_delta(delta: int, first: int, *, is_high: bool, is_low: bool, step: int
 
 
 class Proposal(NamedTuple):
-    """A delta that the system will command."""
-
     delta: int
     due_s: float
 
@@ -68,7 +66,7 @@ class Autonomy:
         return self.delta
 
     def veto(self, delta: int | None = None) -> int:
-        """Drop the proposal; return its delta. Raises ValueError: there is none, or none of the delta that is given."""
+        """Drop the proposal; return its delta. Raises ValueError if there is none, or none with this delta."""
         if self.proposal is None or delta not in (None, self.proposal.delta):
             raise ValueError("there is no change of delta to veto; it may have been made already")
         delta = self.proposal.delta
@@ -104,7 +102,6 @@ def first_delta(briefing: Briefing) -> int | None:
 
 
 def autonomy_of(briefing: Briefing) -> Autonomy | None:
-    """Make the rule by which the system sets delta, if a briefing asks for it."""
     operator, delta = briefing.operator, first_delta(briefing)
     if operator.autonomy.sets_delta != SYSTEM or delta is None:
         return None

@@ -17,8 +17,6 @@ MAX_FRAME_BYTES = 1400
 
 
 class _Alive(NamedTuple):
-    """A command that is repeated until `ends_s`."""
-
     signed: Signed
     ends_s: float
 
@@ -34,7 +32,6 @@ class Base:
 
     def __init__(self, step_s: float, counter: int = 0) -> None:
         self.frames = 0
-        """Number of frames made."""
         self._step_s = step_s
         self._counter = counter
         self._alive: list[_Alive] = []
@@ -42,7 +39,6 @@ class Base:
         self._due_s: float | None = None
 
     def send(self, commands: Sequence[Signed], now_s: float) -> None:
-        """Send these commands from now on."""
         for signed in commands:
             life_s = decode_command(signed.body).life_s
             self._alive.insert(0, _Alive(signed, now_s + max(life_s, self._step_s)))

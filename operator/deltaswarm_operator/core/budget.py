@@ -72,7 +72,6 @@ class Budget:
 
 
 def budget_of(briefing: Briefing) -> Budget | None:
-    """Make the rule that keeps a message budget, if a briefing asks for it."""
     operator, delta = briefing.operator, first_delta(briefing)
     if not operator.autonomy.keeps_budget or delta is None:
         return None

@@ -26,7 +26,7 @@ LIFE_S = 120.0
 MAX_QUEUE = 128
 SHOWN = 50
 MAX_REFUSERS = 8
-"""Of the agents that refuse a command, the station names this many."""
+"""Number of agents that refuse a command and are named at the station."""
 
 
 @dataclass
@@ -36,11 +36,9 @@ class SentCommand:
     command: Command
     sent_s: float
     by: str
-    """Who gave it."""
     answers: dict[int, int] = field(default_factory=dict)
 
     def count(self, state: int) -> int:
-        """Return the number of agents in this state."""
         return list(self.answers.values()).count(state)
 
     @property
@@ -50,7 +48,6 @@ class SentCommand:
         return {"heard": len(self.answers), **ended}
 
     def state(self, now_s: float) -> str:
-        """Return the outcome, as the station shows it."""
         if self.count(DONE):
             return CARRIED_OUT
         if self.answers:
@@ -81,7 +78,7 @@ class CommandLog:
         self.sent: list[SentCommand] = []
         self.forms = forms
         self.next = 0
-        """The number of the next command, at the least."""
+        """The least number of the next command."""
         self._sign = sign
         self._first = first
         self._queue: list[Command] = []
@@ -90,7 +87,6 @@ class CommandLog:
 
     @property
     def has_room(self) -> bool:
-        """Whether one more command may wait."""
         return len(self._queue) + self._under_way < MAX_QUEUE
 
     def issue(
@@ -103,11 +99,6 @@ class CommandLog:
         *,
         by: str = PERSON,
     ) -> Command:
-        """Queue a command for the next turn.
-
-        Raises:
-            ValueError: the controller does not accept it, or too many wait; the text is for the operator.
-        """
         form = named(self.forms, name)
         if form is None:
             known = ", ".join(form.name for form in self.forms) or "none"
@@ -127,12 +118,12 @@ class CommandLog:
         return self.next if self._first is None else max(self.next, self._first + int(now_s))
 
     def changes_by(self, by: str) -> int:
-        """Count the commands of somebody that say something else than the one before."""
+        """Count the commands of one source that differ from the one before."""
         arguments = [sent.command.arguments for sent in self.sent if sent.by == by]
         return sum(now != before for before, now in pairwise([None, *arguments]))
 
     def skip(self) -> None:
-        """Leave out a number: that of a command which is not given, so that later ones keep theirs."""
+        """Skip the number of a command that is not given, so that later ones keep theirs."""
         self.next += 1
 
     def withdraw(self, number: int) -> None:
@@ -148,11 +139,9 @@ class CommandLog:
         return tuple([Signed(body, self._sign(body) if self._sign else b"") for body in bodies])
 
     def close_step(self) -> None:
-        """Note that a step is closed, in which commands have left."""
         self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:
-        """Note the answers in a report."""
         for number, state in report.answers:
             index = bisect_left(self.sent, number, key=_number)
             if index < len(self.sent) and _number(self.sent[index]) == number:
@@ -179,7 +168,6 @@ class CommandLog:
         return {"commands_by_state": {state: states.count(state) for state in (SENT, KNOWN, CARRIED_OUT, EXPIRED)}}
 
     def table(self, now_s: float) -> list[CommandRow]:
-        """Return all commands and their outcomes."""
         return [
             CommandRow(
                 sent.command.number,
@@ -193,7 +181,6 @@ class CommandLog:
         ]
 
     def described(self, now_s: float) -> list[dict[str, Any]]:
-        """Return all commands and their outcomes, for JSON."""
         return [
             {
                 "number": sent.command.number,

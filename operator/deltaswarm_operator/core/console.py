@@ -7,14 +7,13 @@ import json
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from random import Random
 from typing import Any
 
-from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.budget import Budget, budget_of
 from deltaswarm_operator.core.command_log import CommandLog, target_columns
+from deltaswarm_operator.core.measures import Attention
 from deltaswarm_operator.core.page_beats import QUIET_AFTER_S, PageBeats
 from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.probes import Probes
@@ -30,16 +29,11 @@ from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTUR
 from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_scenario.technique import Seen
-from deltaswarm_wire.checked import plain
-from deltaswarm_wire.commands import CommandForm, Pace, Target, Turn
+from deltaswarm_wire.commands import Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
-LIVE, CONDUCTOR_KIND = "live", "conductor"
-NUMBERS_SHOWN = 1000
-SPEEDS = (1, 2, 5, 10, 20, 50, 0)
 INBOX_SHOWN, INBOX_COUNTS, INBOX_CAUGHT_UP = 20, 100, 1000
 HISTORY_ROWS = 600
-SHEET_FIELDS = ("consent", "participant", "condition")
 HELP_ASKED, HELP_SEEN, HELP_OVER = "asked", "seen", "over"
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
@@ -78,11 +72,9 @@ class Console:
         self.beats = PageBeats()
         self._is_held_for_page = False
         self.has_conductor = False
-        """Whether there is a conductor's page."""
         self.help = HELP_OVER
         """Whether the person has called for help, and whether the conductor has seen it."""
         self.is_ended = False
-        """Whether the conductor has ended the run."""
         self.inputs: dict[str, list[Message]] = {}
         """The answers to the newest inputs by their ids: one that is sent again counts once."""
         self.pace = Pace(briefing.speed, -1)
@@ -95,7 +87,7 @@ class Console:
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
         self.script = Script(map(Scripted, briefing.command), briefing.step_s)
-        self.rule_drops = 0  # so many of the next commands of a simulated person or of the system are not given
+        self.rule_drops = 0  # number of next commands of a simulated person or of the system that are left out
         self.step = -1
         """The newest closed step."""
         self._is_over = False
@@ -103,15 +95,33 @@ class Console:
         """When the last step was closed; None before."""
         self._workload: Workload | None = None
         self._messages = 0
-        self._thresholds = [briefing.operator.threshold_hz, *briefing.operator.more_thresholds_hz]
-        self._steps_above = [0 for _ in self._thresholds]
+        self.thresholds_hz = [briefing.operator.threshold_hz, *briefing.operator.more_thresholds_hz]
+        self._steps_above = [0 for _ in self.thresholds_hz]
         self.history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
 
-    def attend(self, *, has_station: bool = True) -> None:
-        """Note whether there is a station, at which somebody may sit."""
+    def attend(self, *, has_station: bool = True, has_conductor: bool = False) -> None:
         self.is_attended = self.probes.is_timed = has_station and self.person is None
+        self.has_conductor = has_conductor
         if self.is_attended and self.attention is None:
             self.attention = Attention(self.ledger, self.briefing.operator.person.patience_s)
+
+    def lose_station(self) -> None:
+        """Continue without a station: nobody could resume a run that is held."""
+        self.is_attended = False
+        if self.pace.hold_step >= 0:
+            self.pace = self.pace._replace(hold_step=-1)
+
+    def go_on_with(self, briefing: Briefing, script: Script, rule_drops: int) -> None:
+        """Take other settings and another script between two steps (`reconfigure`)."""
+        before, now = self.briefing.operator, briefing.operator
+        self.briefing, self.command_log.forms = briefing, briefing.forms
+        self.script, self.rule_drops = script, rule_drops
+        if now.inbox != before.inbox:
+            self.picture.go_on_with(now.inbox)
+            self.ledger.go_on_with(now.inbox, now.person.patience_s)
+
+    def set_rules(self, person: SimulatedOperator | None, autonomy: Autonomy | None, budget: Budget | None) -> None:
+        self.person, self.autonomy, self.budget = person, autonomy, budget
 
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
@@ -125,7 +135,7 @@ class Console:
                 self._hold_for_page(wall_s)
 
     def conclude(self) -> None:
-        """Note that the run is over, if the console only asks what was not answered in it."""
+        """Note that the run is over: the console only asks its unanswered questions."""
         self.picture.now_s, self._is_over = self.briefing.duration_s, True
 
     @property
@@ -141,7 +151,7 @@ class Console:
 
     def beat(self, wall_s: float) -> None:
         """Note that a page of the participant answers; a run that was held for it goes on."""
-        since_wall_s, is_watched = self.beats.seen_wall_s, math.isfinite(self.probes.heard_wall_s)
+        since_wall_s, is_watched = self.beats.heard_wall_s, math.isfinite(self.probes.heard_wall_s)
         away_s = self.beats.beat(wall_s)
         if is_watched:
             self.probes.heard_wall_s = wall_s
@@ -157,7 +167,7 @@ class Console:
     def watch_page(self, wall_s: float) -> None:
         """Note if no page of the participant answers any more; until one does, no time to answer passes."""
         is_watched = self.is_attended and not self._is_over
-        self.probes.heard_wall_s = self.beats.seen_wall_s if is_watched else math.inf
+        self.probes.heard_wall_s = self.beats.heard_wall_s if is_watched else math.inf
         if not is_watched or (since_wall_s := self.beats.check(wall_s)) is None:
             return
         self.note(PERSON, "page", name="away", text=f"for {wall_s - since_wall_s:.1f} s", monotonic_s=wall_s)
@@ -173,18 +183,16 @@ class Console:
 
     @property
     def is_held(self) -> bool:
-        """Whether the next step may not begin."""
         return 0 <= self.pace.hold_step <= self.step + 1
 
     def close_step(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
-        """Take in a closed step; return the operator's turn."""
         self.step, self._is_over, self._workload = clock.step, clock.last, workload
         self.command_log.close_step()
         for report in reports:
             self.command_log.hear(report)
         items = self.ledger.close_step(clock.time_s, self.picture.update(reports, clock.time_s))
         self._messages += workload.messages
-        for index, threshold_hz in enumerate(self._thresholds):
+        for index, threshold_hz in enumerate(self.thresholds_hz):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self.history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
         self.over_wall_s = wall_s if clock.last else None
@@ -214,7 +222,6 @@ class Console:
         return self.picture.seen(self.briefing.width_m, self.briefing.height_m)
 
     def turn(self) -> Turn:
-        """Return the turn with the commands given so far."""
         return Turn(self.step, self.command_log.take_unsent())
 
     def _follow_script(self, step: int) -> None:
@@ -228,7 +235,6 @@ class Console:
             self.command(SCRIPT, given.name, Target(given.target, given.numbers), given.arguments, given.life_s)
 
     def _act_as(self, person: SimulatedOperator, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
-        """Carry out the simulated person's acts up to now."""
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
                 read = self.ledger.read(act.numbers, self.picture.now_s)
@@ -252,7 +258,6 @@ class Console:
             self.command(SYSTEM, SET_DELTA, Target(), {DELTA: delta})
 
     def _keep_budget(self, budget: Budget, rate_hz: float) -> None:
-        """Order what the budget's rule wants, once there is room for an order."""
         if self.command_log.has_room and (structure := budget.order(self.picture.now_s, rate_hz)) is not None:
             self.command(SYSTEM, SET_STRUCTURE, Target(), structure._asdict())
 
@@ -307,58 +312,37 @@ class Console:
         self.probes.hold(wall_s, is_held=self.is_held or self.beats.is_away)
 
     def note(self, by: str, kind: str, **columns: Any) -> None:
-        """Note an act."""
         self.actions.append(OperatorAction(self.picture.now_s, kind, by, **columns))
 
+    def take_actions(self) -> list[OperatorAction]:
+        """Return the acts that are not yet written down."""
+        actions = list(self.actions)
+        self.actions.clear()
+        return actions
+
+    def judge(self, event: int, answer: str) -> None:
+        self.judgements[event] = answer
+
+    def set_help(self, state: str) -> None:
+        self.help = state
+
+    def end(self) -> None:
+        self.is_ended = True
+
+    def remember(self, code: str, answers: list[Message]) -> None:
+        """Keep the answers to an input, in case a page sends it again."""
+        self.inputs[code] = answers
+        if len(self.inputs) > INPUTS_KEPT:
+            del self.inputs[next(iter(self.inputs))]
+
     def resume(self) -> None:
-        """Go on, once loaded, where an operator was killed: questions of the run that were open are missing."""
+        """Continue for a killed operator, once loaded; open questions of the run count as missing."""
         if self.probes.resume():  # nobody would let the run go on
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
 
     # The station
 
-    def is_refused(self, form: CommandForm) -> bool:
-        """Whether no agent of this run carries out a command."""
-        return self.briefing.mode in form.refused_in
-
-    def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> Message:
-        """Return the message that describes the run to the page."""
-        briefing = self.briefing
-        probes, page = briefing.operator.probes, briefing.operator.page
-        return made(
-            "hello",
-            kind=kind,
-            run=run,
-            title=page.title or briefing.title,
-            language=None if kind == CONDUCTOR_KIND else page.language.told,
-            step_s=briefing.step_s,
-            duration_s=briefing.duration_s,
-            arena_m=[briefing.width_m, briefing.height_m],
-            obstacles=[[list(corner) for corner in obstacle.corners_m] for obstacle in briefing.obstacles],
-            base_m=briefing.base_m,
-            range_m=briefing.range_m,
-            radius_m=briefing.radius_m,
-            agents=briefing.agents,
-            thresholds_hz=self._thresholds,
-            inbox=self.ledger.about,
-            commands=[  # the page need not know the control mode
-                {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)} for form in briefing.offered
-            ],
-            sets_delta=briefing.operator.autonomy.sets_delta,
-            event_numbers=list(self.picture.event_numbers.items())[-NUMBERS_SHOWN:] if kind == CONDUCTOR_KIND else (),
-            goal=briefing.operator.task.goal if briefing.operator.task.is_on else "",
-            speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
-            layers=page.layers,
-            panels=[panel for panel in page.panels if panel != "help" or self.has_conductor],
-            place=page.place,
-            asks=briefing.operator.asks_in_passing,
-            end_text=page.end_text,
-            session={"sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None}
-            | ({name: getattr(probes, name) for name in SHEET_FIELDS[1:]} if kind == CONDUCTOR_KIND else {}),
-        )
-
     def show(self, wall_s: float, **more: Any) -> Message:
-        """Return the newest picture."""
         picture, ledger, workload = self.picture, self.ledger, self._workload
         if self.attention is not None:
             self.attention.show(wall_s)

@@ -12,9 +12,9 @@ from deltaswarm_operator.core.console import (
     HELP_OVER,
     HELP_SEEN,
     INBOX_CAUGHT_UP,
-    INPUTS_KEPT,
     Console,
 )
+from deltaswarm_operator.core.hello import is_refused
 from deltaswarm_operator.core.probes import delay_s
 from deltaswarm_operator.inbox.item import item_row
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
@@ -50,9 +50,7 @@ def carry_out(console: Console, data: bytes, wall_s: float, by: str = PERSON) ->
         answered = INTENTS[raw["type"]](console, raw, at)
         if code:
             answered.append(made("noted", to=page, id=code))
-            console.inputs[code] = [answer for answer in answered if "to" in answer]
-            if len(console.inputs) > INPUTS_KEPT:
-                del console.inputs[next(iter(console.inputs))]
+            console.remember(code, [answer for answer in answered if "to" in answer])
         return answered
 
     return answers(data, CONDUCTOR if by == CONDUCTOR else PARTICIPANT, act)
@@ -66,7 +64,7 @@ def _command(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if form is None:
         names = ", ".join(form.name for form in offered)
         raise ValueError(f"the order must be one that this run offers: {names or 'none'}")
-    if console.is_refused(form):
+    if is_refused(console, form):
         raise ValueError(f"no agent carries out {form.name} in this run")
     numbers = [target[field] for field in TARGET_FIELDS.get(target["kind"], ())]
     aim = make_target([target["kind"], *numbers])
@@ -124,7 +122,7 @@ def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
         raise ValueError(f"the answer must be {' or '.join(CLASSES)} (got {answer!r})")
     if event not in console.picture.events and event not in console.picture.closed:
         raise ValueError(f"event {event} must be one that was reported")
-    console.judgements[event] = answer
+    console.judge(event, answer)
     console.note(kind="judge", name=answer, event=event, **at)
     return []
 
@@ -132,7 +130,7 @@ def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _read(console: Console, raw: Raw, at: Raw) -> list[Message]:
     ledger, items = console.ledger, raw.get("items", ())
     if raw.get("all"):
-        items = ledger.asking[: raw.get("up_to", len(ledger.asking)) + 1]
+        items = ledger.listed[: raw.get("up_to", len(ledger.listed)) + 1]
     fresh = ledger.read(ledger.on_lines(items), console.picture.now_s)
     if fresh:
         if console.attention is not None:
@@ -171,13 +169,13 @@ def _help(console: Console, raw: Raw, at: Raw) -> list[Message]:
         raise ValueError(f"a message's state must be {HELP_ASKED}, {HELP_SEEN} or {HELP_OVER}, as the page may say")
     if not console.has_conductor:
         raise ValueError("nobody conducts this run")
-    console.help = state
+    console.set_help(state)
     console.note(kind="help", name=state, **at)
     return []
 
 
 def _end(console: Console, raw: Raw, at: Raw) -> list[Message]:
-    console.is_ended = True
+    console.end()
     console.note(kind="end", **at)
     return []
 
@@ -232,4 +230,3 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "sheet": _sheet,
     "catch_up": _catch_up,
 }
-"""What is done for each type of message."""

@@ -19,20 +19,19 @@ class PageBeats:
         """Whether a page answers; False before the first one is opened."""
         self.is_away = False
         """Whether it was noted that no page answers."""
-        self.seen_wall_s = math.inf
+        self.heard_wall_s = math.inf
         """When a page was last heard; inf: nobody listens yet."""
         self._began_wall_s: float | None = None
         self._closed_wall_s = 0.0
-        """When the newest step of the run was closed."""
         self._away_s = 0.0
 
     def start(self, wall_s: float) -> None:
-        """Begin to listen: what was said before is not missed."""
-        self.seen_wall_s = wall_s
+        """Begin to listen; earlier silence does not count."""
+        self.heard_wall_s = wall_s
 
     def beat(self, wall_s: float) -> float | None:
         """Take a sign of life; return how long there was none, if that was noted [wall s]."""
-        since_wall_s, self.seen_wall_s, self.is_there = self.seen_wall_s, wall_s, True
+        since_wall_s, self.heard_wall_s, self.is_there = self.heard_wall_s, wall_s, True
         if not self.is_away:
             return None
         self.is_away = False
@@ -41,10 +40,10 @@ class PageBeats:
 
     def check(self, wall_s: float) -> float | None:
         """Return since when no page answers, if that is new [wall s]."""
-        if self.is_away or wall_s - self.seen_wall_s <= AWAY_AFTER_S:
+        if self.is_away or wall_s - self.heard_wall_s <= AWAY_AFTER_S:
             return None
         self.is_there, self.is_away = False, True
-        return self.seen_wall_s
+        return self.heard_wall_s
 
     def close_step(self, wall_s: float) -> None:
         """Note that a step of the run was closed; the time counts from the first to the last of them."""
@@ -55,9 +54,8 @@ class PageBeats:
     @property
     def away_s(self) -> float:
         """The wall time of the run so far in which no page answered [s]."""
-        open_s = self._within_run_s(self.seen_wall_s, self._closed_wall_s) if self.is_away else 0.0
+        open_s = self._within_run_s(self.heard_wall_s, self._closed_wall_s) if self.is_away else 0.0
         return round(self._away_s + open_s, 3)
 
     def _within_run_s(self, since_wall_s: float, until_wall_s: float) -> float:
-        """Return the part of an absence after the first step."""
         return 0.0 if self._began_wall_s is None else max(0.0, until_wall_s - max(since_wall_s, self._began_wall_s))

@@ -1,7 +1,7 @@
 """The operator's picture of the swarm: the sum of the reports that arrived, with its age.
 
-Pure: reports and clock in; positions, roles, trees, events and inbox out. An agent that no report mentioned is absent.
-Everything reported is kept with its time, so it ages; nothing else is made up.
+Pure: reports and clock in; positions, roles, trees, events and new items of the inbox out. An agent that no report
+mentioned is absent. Everything reported is kept with its time, so it ages; nothing else is made up.
 """
 
 from collections.abc import Iterable, Mapping
@@ -61,7 +61,7 @@ class KnownEvent(NamedTuple):
     x_m: float
     y_m: float
     first_s: float
-    seen_s: float
+    last_s: float
     by: int
     trail_m: tuple[tuple[float, float], ...] = ()
 
@@ -73,15 +73,12 @@ class Picture:
         self.go_on_with(inbox or InboxSettings())
         self._unheard: set[int] = set()
         """Agents of which an item says that they are unheard."""
-        self.beyond = 0
-        """Number of items for which the inbox had no room."""
+        self.items = 0
         self.agents: dict[int, KnownAgent] = {}
         self.events: dict[int, KnownEvent] = {}
         """By the picture's own numbers; the first reported event is 1."""
         self.closed: dict[int, tuple[float, float]] = {}
         """Times of the first and last report of events that are no longer reported, complete or not [s]."""
-        self.inbox: list[Item] = []
-        """All items, oldest first; item n is at index n."""
         self.now_s = 0.0
         self._step_s = step_s
         self._numbers: dict[int, int] = {}
@@ -94,7 +91,6 @@ class Picture:
         """By root, the agents last known as members of its tree; newer reports may have moved some since."""
 
     def go_on_with(self, inbox: InboxSettings) -> None:
-        """Judge what arrives from now on by these rules."""
         self._rules, self._severities = inbox, inbox.severities
 
     def update(self, reports: Iterable[Report], now_s: float) -> list[Item]:
@@ -104,7 +100,7 @@ class Picture:
         if self._rules.unheard_s:
             items += self._miss()
         oldest_s = now_s - EVENT_MEMORY_S
-        for event in [event for event, known in self.events.items() if known.seen_s < oldest_s]:
+        for event in [event for event, known in self.events.items() if known.last_s < oldest_s]:
             self._close(event)
         return items
 
@@ -148,11 +144,8 @@ class Picture:
         fresh: tuple[int, ...] = (),
     ) -> Item:
         told = (agent, role, followers, events, news in (NEW_EVENT, NEW_ROOT), fresh, news, self._severities[news])
-        item = Item(len(self.inbox), self.now_s, *told)
-        if len(self.inbox) < MAX_INBOX:
-            self.inbox.append(item)
-        else:
-            self.beyond += 1
+        item = Item(min(self.items, MAX_INBOX), self.now_s, *told)
+        self.items += 1
         return item
 
     def _miss(self) -> list[Item]:
@@ -200,7 +193,7 @@ class Picture:
                 if len(events) < MAX_EVENTS:
                     first_s, _ = self.closed.pop(event, (said_s, said_s))
                     events[event] = KnownEvent(x_m, y_m, first_s, said_s, agent)
-            elif known.seen_s <= said_s:  # else this report was delayed, and the event has been seen since
+            elif known.last_s <= said_s:  # else this report was delayed, and the event has been seen since
                 trail_m = known.trail_m
                 if abs(x_m - known.x_m) + abs(y_m - known.y_m) > MOVED_M:
                     trail_m = (*trail_m, (known.x_m, known.y_m))[-MAX_TRAIL:]
@@ -208,7 +201,7 @@ class Picture:
 
     def _close(self, event: int) -> None:
         known = self.events.pop(event)
-        self.closed[event] = (known.first_s, known.seen_s)
+        self.closed[event] = (known.first_s, known.last_s)
         if len(self.closed) > MAX_NUMBERS:
             del self.closed[next(iter(self.closed))]
 

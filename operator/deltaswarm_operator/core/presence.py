@@ -8,7 +8,6 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltaswarm_operator.core.process_tracker import RESTART_S, ProcessTracker
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import WireError, number, unpack
@@ -32,6 +31,78 @@ CROWDED = f"agents must be at most {MAX_AGENTS} (got one more)"
 
 RECENT = 64
 """Number of recent reports of an agent, kept to recognize copies."""
+
+RESTART_S = 1.5
+"""Shortest restart of a board: systemd waits for 2 s."""
+
+RETURNS = 8
+"""After this many returns to an earlier sequence without a restart, several processes run at the same time."""
+
+ALONE = 100
+"""After this many reports in order there is only one process again."""
+
+MAX_PROCESSES = 32
+"""Maximum number of processes; the least recent are forgotten."""
+
+
+@dataclass
+class TrackedProcess:
+    """One process: its newest number, and the number of reports that seem lost before it."""
+
+    newest: int
+    lost: int = 0
+
+
+class ProcessTracker:
+    """Tells from one agent's sequence numbers whether its process restarts or several processes run at the same time.
+
+    A process counts up by ones and takes a while to restart. If numbers repeatedly fall back at once to an earlier
+    sequence, a second process has the same agent's number.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        """Missing reports of all processes."""
+        self.restarts = 0
+        self.is_doubled = False
+        self.was_doubled = False
+        self._processes: list[TrackedProcess] = []
+        """In order of their latest report."""
+        self._heard_s = -math.inf
+        self._returns = 0
+        self._in_order = 0
+
+    def hear(self, sequence: int, now_s: float) -> None:
+        """Take a report that is no copy.
+
+        A number one above a process's newest continues that process, so nothing counts as lost while two processes
+        alternate. A larger number means lost reports or another process: it continues the latest process until that
+        one continues itself.
+        """
+        processes = self._processes
+        went_back = bool(processes) and sequence <= processes[-1].newest
+        is_soon = now_s - self._heard_s < RESTART_S
+        below = [process for process in processes if process.newest < sequence]
+        before = next((process for process in reversed(below) if process.newest == sequence - 1), None)
+        if before is not None:
+            self.lost -= before.lost
+            processes.remove(before)
+        elif below and (is_soon or not went_back):
+            before = max(below, key=lambda process: process.newest) if self._returns or went_back else processes[-1]
+            self.lost += sequence - before.newest - 1 - before.lost
+            before.lost = sequence - before.newest - 1
+        elif processes:
+            self.restarts += 1
+            self._returns = 0
+        processes.append(TrackedProcess(sequence))
+        del processes[:-MAX_PROCESSES]
+        self._heard_s = now_s
+        self._returns += went_back and is_soon and before is not None
+        self._in_order = 0 if went_back else self._in_order + 1
+        if self._in_order >= ALONE:
+            self._returns, self.is_doubled = 0, False
+        elif self._returns >= RETURNS:
+            self.is_doubled = self.was_doubled = True
 
 
 @dataclass
@@ -83,7 +154,6 @@ class Known:
         return self.stale_run < INSISTS or now_s - self.last_heard_s < RESTART_S
 
     def update(self, report: Report, sent_s: float | None, now_s: float) -> None:
-        """Accept a report as the newest."""
         self.newest, self.last_heard_s = report, now_s
         self.newest_sent_s = -math.inf if sent_s is None else sent_s
         self.reports += 1
@@ -95,7 +165,6 @@ class OpenAirMeter:
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
         self.agents: dict[int, Known] = {}
-        """All agents seen so far, by number."""
         self._meter = WorkloadMeter(settings, step_s)
         self._step_s = step_s
 
@@ -105,12 +174,10 @@ class OpenAirMeter:
         return sorted(agent for agent, known in self.agents.items() if known.is_alive)
 
     def came(self, agent: int) -> None:
-        """Note that an agent's token appeared."""
         if self._is_welcome(agent):
             self._known(agent).is_alive = True
 
     def went(self, agent: int) -> None:
-        """Note that an agent's token disappeared."""
         if not self._is_welcome(agent):
             return
         known = self._known(agent)
@@ -120,16 +187,13 @@ class OpenAirMeter:
 
     @property
     def faulty(self) -> dict[int, str]:
-        """Faults of agents' bodies by number, ascending."""
         return {agent: known.fault for agent, known in sorted(self.agents.items()) if known.fault}
 
     @property
     def doubled(self) -> list[int]:
-        """Agents for which several processes report, ascending."""
         return sorted(agent for agent, known in self.agents.items() if known.processes.is_doubled)
 
     def is_doubled(self, agent: int | None) -> bool:
-        """Whether several processes report as this agent."""
         known = None if agent is None else self.agents.get(agent)
         return known is not None and known.processes.is_doubled
 
@@ -206,7 +270,6 @@ class OpenAirMeter:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The metrics so far, for JSON; `agents` has one entry per agent."""
         agents = {
             str(agent): {
                 "alive": known.is_alive,

@@ -31,8 +31,6 @@ def _reaction_s(message: Mapping[str, Any]) -> float | None:
 
 
 class _Asked(NamedTuple):
-    """A question that is open, or waits for the one before it."""
-
     technique: Technique
     number: int
     asked_s: float
@@ -40,18 +38,16 @@ class _Asked(NamedTuple):
     held_s: float = 0.0
     """Wall time since then in which the run was held [s]."""
     known: Mapping[str, str] = {}
-    """What is right by what the page showed, by item."""
+    """The answer to each item that is right by what the page showed."""
     ready: "_Ready | None" = None
     """How the person became ready, after a prompt."""
 
     @property
     def items(self) -> tuple[str, ...]:
-        """Return what is asked for."""
         return tuple(self.technique.items(self.number))
 
     @property
     def holds_run(self) -> bool:
-        """Whether the run waits for the answer."""
         return self.technique.wait_s is None
 
     @property
@@ -75,8 +71,6 @@ class _Ready(NamedTuple):
 
 
 class _Due(NamedTuple):
-    """The next question of a technique during the run, and its time [s]."""
-
     number: int
     at_s: float
 
@@ -114,7 +108,7 @@ class Probes:
         self._held_since_wall_s: float | None = None
 
     def start(self, wall_s: float) -> None:
-        """Ask what is asked before the run, unless that is done."""
+        """Ask the questions before the run, unless they have been asked."""
         if not self._has_begun and self._asked is None:
             self._ask_all(BEFORE, 0.0, wall_s)
             self._has_begun = self._asked is None
@@ -137,7 +131,6 @@ class Probes:
         self.opened += self._rows(asked, dict.fromkeys(asked.items))
 
     def _close(self, wall_s: float) -> None:
-        """Close the open question, and ask the next one that waits."""
         self._asked = None
         if self._waiting:
             self._open(self._waiting.popleft()._replace(asked_wall_s=wall_s))
@@ -159,17 +152,14 @@ class Probes:
 
     @property
     def is_sheet_open(self) -> bool:
-        """Whether the session's sheet must still be filled in."""
         return self._asked is not None and self._asked.technique.kind == SHEET
 
     @property
     def holds_run(self) -> bool:
-        """Whether the run waits for an answer."""
         return not self._is_over and self._asked is not None and self._asked.holds_run
 
     @property
     def next_hold_s(self) -> float | None:
-        """The time at which the run must be held next, if any [s]."""
         times_s = [due.at_s for name, due in self._due.items() if self._techniques[name].wait_s is None]
         first_s = min(times_s, default=math.inf)
         return first_s if math.isfinite(first_s) else None
@@ -204,7 +194,7 @@ class Probes:
         return None if wait_s is None else wait_s - self._waited_s(asked, wall_s)
 
     def resume(self) -> bool:
-        """Go on, once loaded, where an operator was killed, whose rows are written; return whether it held the run.
+        """Continue for a killed operator, once loaded; return whether a question held the run.
 
         Questions of the run that were open are missing; those before it stay open.
         """
@@ -248,7 +238,7 @@ class Probes:
                 self._due[name] = _Due(number + 1, technique.due_s(number + 1, max(due_s, now_s), self._rng))
 
     def end(self, now_s: float, wall_s: float) -> None:
-        """Ask what is asked after the last step, unless that is done."""
+        """Ask the questions after the last step, unless they have been asked."""
         if not self._is_over:
             self._ask_all(AFTER, now_s, wall_s)
             self._is_over = True
@@ -265,14 +255,13 @@ class Probes:
         self._missing += bool(asked.items)
 
     def close(self) -> None:
-        """At the end, whatever still is asked has no answer."""
+        """Note at the end that open questions have no answer."""
         for asked in (self._asked, *self._waiting):
             if asked is not None:
                 self._miss(asked)
         self._asked, self._waiting = None, deque()
 
     def open(self, wall_s: float) -> dict[str, Any] | None:
-        """Return the open question in the page's format, or None."""
         self._expire(wall_s, at_once=False)
         asked = self._asked
         if asked is None:
@@ -286,11 +275,7 @@ class Probes:
         return asked.technique.shown(asked.number, asked.asked_s, left_s)
 
     def be_ready(self, message: Mapping[str, Any], now_s: float, wall_s: float, seen: Seen) -> None:
-        """Take the person's word to be ready: the question is shown, about what is seen now.
-
-        Raises:
-            ValueError: no such prompt is open.
-        """
+        """Note that the person is ready, and show the question about what the page shows now."""
         self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
         if asked is None or not asked.is_prompt or not self._is_answer(asked, message, wall_s):
@@ -305,11 +290,7 @@ class Probes:
         return asked.technique.is_meant(asked.number, message) and (left_s is None or left_s > 0)
 
     def answer(self, message: Mapping[str, Any], wall_s: float) -> tuple[dict[str, Any], bool]:
-        """Take an answer from the page; return columns of the act, and whether the run was held for it.
-
-        Raises:
-            ValueError: the question is not open, or the answer is not one that it takes.
-        """
+        """Take an answer from the page; return columns of the act, and whether the run was held for it."""
         self._expire(wall_s - delay_s(message), at_once=False)
         asked = self._asked
         is_open = asked is not None and asked.technique.kind == message["type"]
@@ -339,12 +320,10 @@ class Probes:
         return asked.technique.act(answers), asked.holds_run
 
     def take_rows(self) -> list[ProbeRow]:
-        """Return the rows since the last call."""
         new, self._taken = self.rows[self._taken :], len(self.rows)
         return new
 
     def given(self, name: str) -> list[dict[str, Any]]:
-        """Return the answers to a technique's questions, by item."""
         given: dict[int, dict[str, Any]] = {}
         for row in self.rows:
             if row.probe == name and row.value is not None:

@@ -1,4 +1,4 @@
-"""What the conductor is told of the person: the newest acts and answers. Pure."""
+"""The newest acts and answers of the participant, for the conductor's page. Pure."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -9,7 +9,6 @@ from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
 
 ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")
-"""Columns of an act that the page shows."""
 
 ACTS_KEPT = 200
 ANSWERED = ("tlx", "form")
@@ -17,7 +16,7 @@ ANSWERED = ("tlx", "form")
 
 
 class RecentActs:
-    """What the conductor is told of the person: the newest acts and answers, also for a page that connects late."""
+    """Keeps the newest acts and answers, also for a page that connects late."""
 
     def __init__(self) -> None:
         self.acts: deque[dict[str, Any]] = deque(maxlen=ACTS_KEPT)
@@ -32,12 +31,10 @@ class RecentActs:
 
 
 def act_of(row: OperatorAction) -> dict[str, Any]:
-    """Return an act in the page's format."""
     return {name: value for name in ACT_COLUMNS if (value := getattr(row, name)) not in ("", None)}
 
 
 def answers_of(rows: Sequence[ProbeRow]) -> dict[str, Any]:
-    """Return the answers to one question or form in the page's format."""
     values = [(row.item, "no answer" if row.value is None else row.value) for row in rows]
     given = [f"{item}: {value}" if item != rows[0].probe else str(value) for item, value in values]
     return {"time_s": rows[0].asked_s, "kind": "answer", "name": rows[0].probe, "text": "; ".join(given)}

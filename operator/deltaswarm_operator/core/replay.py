@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import INTENTS
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_scenario.page_messages import REPLAY, Message, answers, made
@@ -26,8 +27,6 @@ SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
 
 
 class RecordedStep(NamedTuple):
-    """What reached the operator in one step."""
-
     clock: Clock
     workload: Workload
     reports: tuple[Report, ...]
@@ -60,21 +59,11 @@ class Replay:
         self._kept = {0: copy.deepcopy(self._console)}
         self._newly_read: list[int] = []
         """Items read since the page was last told."""
-        self._now_s = self.from_s
+        self._from_s, self._to_s = steps[0].clock.time_s, steps[-1].clock.time_s
+        self._now_s = self._from_s
         self._told_wall_s: float | None = None
 
-    @property
-    def from_s(self) -> float:
-        """The time of the first step."""
-        return self._steps[0].clock.time_s
-
-    @property
-    def to_s(self) -> float:
-        """The time of the last step."""
-        return self._steps[-1].clock.time_s
-
     def tick(self, wall_s: float) -> None:
-        """Advance to a wall time at the present speed."""
         passed_s = wall_s - (wall_s if self._told_wall_s is None else self._told_wall_s)
         self._told_wall_s = wall_s
         if not self.is_paused:
@@ -82,7 +71,7 @@ class Replay:
 
     def seek(self, time_s: float) -> None:
         """Go to a time, forwards or backwards; a time beyond the run goes to its first or last step."""
-        self._now_s = min(max(time_s, self.from_s), self.to_s)
+        self._now_s = min(max(time_s, self._from_s), self._to_s)
         if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
             self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
             self._console = copy.deepcopy(self._kept[self._done])
@@ -91,9 +80,8 @@ class Replay:
             clock, workload, reports, read, _ = self._steps[self._done]
             self._console.close_step(clock, workload, reports, 0.0)
             self._newly_read += self._console.ledger.read(read, self._console.picture.now_s)
-            acts = self._console.actions  # of a simulated person
+            acts = self._console.take_actions()  # of a simulated person
             self._newly_read += [int(item) for act in acts for item in act.items.split()]
-            self._console.actions.clear()
             self._done += 1
             if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
                 self._kept[self._done] = copy.deepcopy(self._console)
@@ -102,8 +90,7 @@ class Replay:
         return self._steps[done - 1].clock.time_s
 
     def hello(self, run: str) -> Message:
-        """Return the message that describes the run to the page."""
-        return self._console.hello(run, "replay", SPEEDS) | ({"worth": self._worth} if self._worth else {})
+        return page_hello(self._console, run, "replay", SPEEDS) | ({"worth": self._worth} if self._worth else {})
 
     def newly_read(self) -> list[Message]:
         """Return what the page must not miss: the items that were read since."""
@@ -111,15 +98,14 @@ class Replay:
         return [made("read", items=read)] if read else []
 
     def show(self) -> Message:
-        """Return the picture at the present time."""
-        bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
-        judged = [act for act in self._acts if act["kind"] == "judge" and act["time_s"] <= self._now_s]
-        self._console.judgements = {act["event"]: act["name"] for act in judged}
-        self._console.pace = self._console.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
-        return self._console.show(0.0, replay=bar, probe=None)
+        bar = {"from_s": self._from_s, "to_s": self._to_s, "speed": self.speed, "paused": self.is_paused}
+        acts = [act for act in self._acts if act["kind"] == "judge" and act["time_s"] <= self._now_s]
+        answers = {act["event"]: act["name"] for act in acts}
+        judged = [[event, answers[event]] for event in self._console.picture.events if event in answers]
+        pace = {"paused": self.is_paused, "speed": self.speed}
+        return self._console.show(0.0, replay=bar, judged=judged, pace=pace, probe=None)
 
     def intend(self, data: bytes) -> list[Message]:
-        """Carry out what the page sent; return the answers."""
         return answers(data, REPLAY, self._act)
 
     def _act(self, raw: Message) -> list[Message]:
@@ -143,7 +129,6 @@ class Replay:
         return INTENTS[raw["type"]](self._console, raw, {"by": PERSON, "monotonic_s": 0.0, "page": raw["from"]})
 
     def _told_acts(self, page: int) -> list[Message]:
-        """Return all acts of the run, in messages that the channel takes."""
         acts = self._acts
         return [
             made("acts", to=page, acts=acts[at : at + ACTS_AT_ONCE], is_first=not at)

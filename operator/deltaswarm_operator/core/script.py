@@ -8,8 +8,6 @@ from deltaswarm_scenario.operator_links import CommandSettings
 
 
 class Scripted(NamedTuple):
-    """A command of a script."""
-
     command: CommandSettings
     is_dropped: bool = False
     """It is not given; its number is left out, so that later commands keep theirs."""
@@ -18,8 +16,6 @@ class Scripted(NamedTuple):
 
 
 class Script:
-    """The commands that a script still has to give, in order."""
-
     def __init__(self, commands: Iterable[Scripted], step_s: float) -> None:
         self._waiting = deque(sorted(commands, key=lambda scripted: scripted.command.at_s))
         self._step_s = step_s
@@ -30,5 +26,4 @@ class Script:
         return first if first is not None and round(first.command.at_s / self._step_s) <= step else None
 
     def take(self) -> None:
-        """Take the next command off the script."""
         self._waiting.popleft()

@@ -29,8 +29,6 @@ class Read(NamedTuple):
 
 
 class SetDelta(NamedTuple):
-    """The person commands a delta to all agents."""
-
     delta: int
 
 
@@ -51,7 +49,6 @@ class _Entry:
     more: int = 0
 
     def join(self, item: Item, now_s: float) -> None:
-        """Add an item to the line."""
         self.numbers.append(item.number)
         self.more += 1
         self.item, self.shown_s = _with_news(self.item, item), now_s
@@ -65,8 +62,6 @@ def _with_news(item: Item, other: Item) -> Item:
 
 @dataclass
 class _Job:
-    """The person's present work, with its start and end."""
-
     began_s: float
     ends_s: float
     entry: _Entry | None
@@ -124,7 +119,7 @@ class SimulatedOperator:
             self._take(item)
         self._renege()
         self._rate_hz = rate_hz
-        self.measures.see_unread(self.unread)
+        self.measures.add_unread(self.unread)
         return acts
 
     def totals(self, isa: float | None = None) -> dict[str, Any]:
@@ -147,11 +142,10 @@ class SimulatedOperator:
         is_busy = self._job is not None
         before, goal = self.load, float(is_busy)
         self.load = goal + (before - goal) * exp(-passed_s / self.settings.memory_s)
-        self.measures.see_load(before, self.load, passed_s, self.settings.memory_s, is_busy=is_busy)
+        self.measures.add_load(before, self.load, passed_s, self.settings.memory_s, is_busy=is_busy)
         self._now_s = until_s
 
     def _duration_s(self, median_s: float) -> float:
-        """Draw the duration of work that begins now [s]."""
         settings = self.settings
         away = (self.load - settings.best_load) / (1 - settings.best_load)
         return median_s * exp(settings.sigma * self.rng.gauss(0.0, 1.0)) * (1 + settings.slowing * away**2)
@@ -189,7 +183,6 @@ class SimulatedOperator:
         return Read(tuple(job.entry.numbers))
 
     def _wanted_delta(self) -> int | None:
-        """Return the delta to command now, or None."""
         settings, first = self.settings, self._first_delta
         if not settings.commands or self.delta is None or first is None or self._rate_hz is None:
             return None
@@ -235,7 +228,6 @@ class SimulatedOperator:
 
 
 def person_of(briefing: Briefing, *, is_ranked: bool = False) -> SimulatedOperator | None:
-    """Make the simulated person that a briefing asks for, if any."""
     operator = briefing.operator
     if not operator.person.is_on:
         return None

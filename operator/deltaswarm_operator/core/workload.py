@@ -108,7 +108,6 @@ class WorkloadMeter(Saved):
         return None
 
     def count(self, report: Report, data: bytes) -> None:
-        """Take a decoded report with its bytes."""
         self._held.append((report.agent, report.sequence, report, data))
 
     def lose(self, agent: int, reports: int) -> None:
@@ -117,7 +116,6 @@ class WorkloadMeter(Saved):
         self._lost_in_step += reports
 
     def reject(self, agent: int, reason: str) -> str:
-        """Count a dropped sample; return the reason."""
         self._rejected[agent] += 1
         self._rejected_in_step += 1
         return reason
@@ -126,9 +124,6 @@ class WorkloadMeter(Saved):
         """Close the clock's step; `backlog` is the number of samples waiting after the clock.
 
         `time_above_s` counts from the start of the run; the other fields are for this step.
-
-        Raises:
-            ValueError: the step is closed already.
         """
         if clock.step <= self.step:
             raise ValueError(f"clock.step must be after step {self.step} (got {clock.step})")
@@ -183,7 +178,6 @@ class WorkloadMeter(Saved):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The metrics of the run so far, for JSON; `per_sender` by agent."""
         messages = self._messages.total()
         simulated_s = self._steps * self._step_s
         senders = sorted({*self._messages, *self._lost, *self._rejected})

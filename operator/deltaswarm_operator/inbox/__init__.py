@@ -1,1 +1,1 @@
-"""Inbox policies: which items of the inbox the person is shown, when, and on which lines. One file per policy."""
+"""Inbox policies: which items of the inbox the person is shown, when, and on which lines."""

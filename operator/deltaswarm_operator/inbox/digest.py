@@ -10,8 +10,6 @@ from deltaswarm_wire.checked import OURS, key
 
 @dataclass(frozen=True)
 class DigestSettings:
-    """The policy's options."""
-
     every_s: float = key(60.0, "time between two summaries [s]", source=OURS, low=1, high=3600)
 
 
@@ -28,7 +26,6 @@ class Digest:
         self._waiting: list[Item] = []
 
     def close_step(self, now_s: float, items: Sequence[Item]) -> list[Put]:
-        """Sum up what waits, if a summary is due."""
         self._waiting += items
         if now_s < self._due_s - 1e-9:
             return []

@@ -24,7 +24,6 @@ class Grouped:
         self._line_of_sender: dict[int, int] = {}
 
     def close_step(self, now_s: float, items: Sequence[Item]) -> list[Put]:
-        """Put each item on its line."""
         return [self._put(item) for item in items]
 
     def _put(self, item: Item) -> Put:

@@ -7,7 +7,6 @@ from deltaswarm_scenario.operator_settings import CHANGE, INFO
 from deltaswarm_wire.messages import NOBODY
 
 MAX_INBOX = 100_000
-"""Maximum number of items that an inbox keeps."""
 
 
 class Item(NamedTuple):

@@ -16,12 +16,9 @@ from deltaswarm_scenario.operator_settings import ALERT, InboxSettings
 
 
 class Held(NamedTuple):
-    """What is held back now."""
-
     items: int
     alerts: int
     oldest_s: float | None
-    """When the oldest of them arrived [s]."""
 
 
 class Ledger:
@@ -30,10 +27,6 @@ class Ledger:
     Args:
         settings: the policy and its options.
         patience_s: an alert that is read later than this after its arrival is missed [s].
-
-    Raises:
-        SettingsError: there is no such policy, or its options have mistakes.
-        PluginError: the policy raised.
     """
 
     def __init__(self, settings: InboxSettings, patience_s: float) -> None:
@@ -41,24 +34,22 @@ class Ledger:
         """All items, with the lines of those that are shown; item n is at index n."""
         self.shown: list[int] = []
         """Numbers of the items in the order in which they were shown."""
-        self.asking: list[int] = []
-        """The same, without those that a line only counts."""
+        self.listed: list[int] = []
+        """Shown items that raise the unread count."""
         self.shown_s: dict[int, float] = {}
-        """When each item was shown [s]."""
         self.read_s: dict[int, float] = {}
-        """When each item was read [s]."""
         self.opened: set[int] = set()
         """Items that the person opened while they were held back."""
         self._sent = 0
-        """Number of items in `asking` that were sent to the page."""
+        """Number of listed items that were sent to the page."""
         self._counted: dict[int, list[int]] = {}
         """By line, the items that it only counts; the line that changed last is last."""
         self._held: dict[int, None] = {}
         """Numbers of the items held back, oldest first."""
         self._held_alerts = 0
         self._unread: set[int] = set()
-        """Numbers of the items that ask to be read."""
-        self._asking_of: Counter[int] = Counter()
+        """Numbers of the listed items that are not read."""
+        self._unread_of: Counter[int] = Counter()
         """By line, how many of them it has."""
         self._policy: Policy
         self._offered: list[Item] = []
@@ -73,7 +64,6 @@ class Ledger:
 
     @property
     def order(self) -> str:
-        """How lines are listed."""
         return self._policy.ORDER
 
     @property
@@ -83,7 +73,6 @@ class Ledger:
 
     @property
     def held(self) -> Held:
-        """What is held back now."""
         oldest = next(iter(self._held), None)
         return Held(len(self._held), self._held_alerts, None if oldest is None else self.items[oldest].time_s)
 
@@ -94,8 +83,8 @@ class Ledger:
 
     @property
     def unread(self) -> int:
-        """Number of lines that ask to be read."""
-        return len(self._asking_of)
+        """Number of lines with unread items."""
+        return len(self._unread_of)
 
     def why_held(self, number: int) -> str:
         """Return why an item was not shown when it arrived; empty if it was."""
@@ -106,9 +95,6 @@ class Ledger:
         """Take in the new items of a closed step; return those that are shown from now on, with their lines.
 
         Items for which the inbox has no room are shown at once, without an entry in the books.
-
-        Raises:
-            PluginError: the policy raised, or put what has not arrived on a line.
         """
         kept = [item for item in items if item.number < MAX_INBOX]
         self.items += kept
@@ -133,9 +119,9 @@ class Ledger:
                     self._counted[put.line] = counted
                     counted.append(number)
                 else:
-                    self.asking.append(number)
+                    self.listed.append(number)
                     self._unread.add(number)
-                    self._asking_of[put.line] += 1
+                    self._unread_of[put.line] += 1
                 shown.append(item)
         return shown
 
@@ -155,19 +141,18 @@ class Ledger:
         for number in self._unread.intersection(fresh):
             line = self.items[number].line
             self._unread.remove(number)
-            self._asking_of[line] -= 1
-            if not self._asking_of[line]:
-                del self._asking_of[line]
+            self._unread_of[line] -= 1
+            if not self._unread_of[line]:
+                del self._unread_of[line]
         return fresh
 
     def rows(self, most: int) -> list[list[Any]]:
-        """Return the newest of the items that asked to be read, in the page's format."""
-        first = max(0, len(self.asking) - most)
-        return [item_row(self.items[number], place) for place, number in enumerate(self.asking[first:], first)]
+        first = max(0, len(self.listed) - most)
+        return [item_row(self.items[number], place) for place, number in enumerate(self.listed[first:], first)]
 
     def new_rows(self, least: int, most: int) -> list[list[Any]]:
-        """Return those since the last call, in the page's format; of each call's at least the newest few."""
-        new, self._sent = len(self.asking) - self._sent, len(self.asking)
+        """Return the items listed since the last call in the page's format, and always the newest few."""
+        new, self._sent = len(self.listed) - self._sent, len(self.listed)
         return self.rows(min(max(new, least), most))
 
     def counts(self, most: int) -> list[list[int]]:
@@ -175,17 +160,15 @@ class Ledger:
         return [[line, len(self._counted[line])] for line in islice(reversed(self._counted), most)]
 
     def on_lines(self, numbers: Iterable[int]) -> list[int]:
-        """Return items with those that their lines count: who reads a line at the page reads them too."""
+        """Return items with those that their lines count, which are read with a line."""
         found = [number for number in numbers if 0 <= number < len(self.items)]
         lines = {self.items[number].line for number in found}
         return [*found, *(number for line in lines for number in self._counted.get(line, ()))]
 
     def waiting(self, before_s: float) -> int:
-        """Return how many items that ask to be read arrived before a time [s]."""
         return sum(self.items[number].time_s < before_s for number in self._unread)
 
     def totals(self, now_s: float) -> dict[str, Any]:
-        """Return the metrics of the inbox up to a time, for JSON."""
         alerts = [item for item in self.items if item.severity == ALERT]
         due = [item for item in alerts if item.time_s + self._patience_s <= now_s]
         missed = sum(self.read_s.get(item.number, now_s + 1.0) > item.time_s + self._patience_s for item in due)

@@ -1,4 +1,4 @@
-"""The policy `limited`: at most so many lines per minute, most severe first; the rest waits or is summed up."""
+"""The policy `limited`: a limited number of lines per minute, most severe first; the rest waits or is summed up."""
 
 import math
 from collections import deque
@@ -16,8 +16,6 @@ MINUTE_S = 60.0
 
 @dataclass(frozen=True)
 class LimitedSettings:
-    """The policy's options."""
-
     per_min: int = key(6, "new lines in any 60 s, at most", source=OURS, low=1, high=10_000)
     reserve: int = key(3, "of these, lines that items of severity info leave free", source=OURS, low=0, high=10_000)
     rest: str = key(
@@ -42,15 +40,14 @@ class Limited:
 
     def __init__(self, settings: LimitedSettings) -> None:
         self._settings = settings
-        self._asking: dict[str, deque[Item]] = {ALERT: deque(), NOTICE: deque()}
+        self._severe: dict[str, deque[Item]] = {ALERT: deque(), NOTICE: deque()}
         self._others: dict[str, deque[Item]] = {INFO: deque()}
         """Items that wait, by severity, the oldest first."""
         self._shown_s: deque[float] = deque()
         """Times of the lines of the last 60 s."""
 
     def close_step(self, now_s: float, items: Sequence[Item]) -> list[Put]:
-        """Show as many of the waiting items as the limit allows."""
-        waiting = self._asking | self._others
+        waiting = self._severe | self._others
         for item in items:
             waiting[item.severity].append(item)
         while self._shown_s and self._shown_s[0] <= now_s - MINUTE_S:
@@ -62,12 +59,12 @@ class Limited:
     def _puts(self, room: int) -> list[Put]:
         """Fill at most `room` lines; items of severity info leave `reserve` of them free."""
         if self._settings.rest == WAITS:
-            asking = _take(self._asking, room)
-            return alone([*asking, *_take(self._others, room - self._settings.reserve - len(asking))])
-        excess = sum(map(len, self._asking.values())) > room
-        puts = alone(_take(self._asking, room - excess))
+            severe = _take(self._severe, room)
+            return alone([*severe, *_take(self._others, room - self._settings.reserve - len(severe))])
+        excess = sum(map(len, self._severe.values())) > room
+        puts = alone(_take(self._severe, room - excess))
         if excess and room:
-            puts += summed(_take(self._asking))
+            puts += summed(_take(self._severe))
         if room - self._settings.reserve > len(puts) and (others := _take(self._others)):
             puts += summed(others)
         return puts

@@ -1,7 +1,7 @@
 """The protocol of an inbox policy: new items in, what goes on which line out.
 
-Pure: it has no clock and no chance. A policy decides; `ledger.py` keeps the books, so that no policy can lose an item:
-what it does not put on a line is held back, and can be opened.
+Pure: it has no clock and no randomness. A policy decides; `ledger.py` keeps the books, so that no policy can lose an
+item: what it does not put on a line is held back, and can be opened.
 """
 
 from collections.abc import Iterable, Sequence
@@ -74,12 +74,7 @@ class ForeignPolicy(Foreign):
 
 
 def policy_of(settings: InboxSettings, arrived: Sequence[Item]) -> Policy:
-    """Make the policy that `operator.inbox.policy` names; `arrived` are all items, to which the ledger adds.
-
-    Raises:
-        SettingsError: there is no such policy, or its options have mistakes.
-        PluginError: it cannot be made, or is no policy.
-    """
+    """Make the policy that `operator.inbox.policy` names; `arrived` are all items, to which the ledger adds."""
     cls = find(INBOX_POLICIES, settings.policy, "operator.inbox.policy")
     policy: Policy = ForeignPolicy.make(cls, settings.own, context=arrived)
     _ = policy.ORDER, policy.HELD  # before hours are spent
@@ -93,11 +88,11 @@ def urgency(item: Item) -> tuple[int, int]:
 
 def summed(items: Sequence[Item]) -> list[Put]:
     """Put items on one line, which counts those of severity info, unless there are no others."""
-    asking = sorted(item.number for item in items if item.severity != INFO)
+    listed = sorted(item.number for item in items if item.severity != INFO)
     counted = sorted(item.number for item in items if item.severity == INFO)
-    if not asking:
-        asking, counted = counted[:1], counted[1:]
-    return [Put(asking[0], tuple(asking)), *([Put(asking[0], tuple(counted), is_quiet=True)] if counted else [])]
+    if not listed:
+        listed, counted = counted[:1], counted[1:]
+    return [Put(listed[0], tuple(listed)), *([Put(listed[0], tuple(counted), is_quiet=True)] if counted else [])]
 
 
 def alone(items: Iterable[Item]) -> list[Put]:

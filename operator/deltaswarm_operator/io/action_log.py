@@ -43,11 +43,9 @@ class ActionLog:
                 writer.writerow(TABLES[Path(name).stem]._fields)
 
     def write(self, console: Console) -> list[OperatorAction | ProbeRow]:
-        """Write the new acts and answers; return them."""
-        acts, answers = list(console.actions), console.probes.take_rows()
+        acts, answers = console.take_actions(), console.probes.take_rows()
         if not acts and not answers:
             return []
-        console.actions.clear()
         for act in acts:
             self._writers[ACTIONS].writerow(act._replace(utc=utc_of(act.monotonic_s)))
         for row in answers:
@@ -57,7 +55,6 @@ class ActionLog:
         return [*acts, *answers]
 
     def close_step(self, step: int, time_s: float, monotonic_s: float) -> None:
-        """Note when a step was closed."""
         self._writers[WALL_TIMES].writerow(WallTimeRow(step, time_s, utc_of(monotonic_s), monotonic_s))
 
     def _flush(self) -> None:
@@ -65,18 +62,15 @@ class ActionLog:
             stream.flush()
 
     def sync(self) -> None:
-        """Force all rows to disk."""
         self._flush()
         for stream in self._streams.values():
             os.fsync(stream.fileno())
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The lengths of the tables by name [bytes], to continue them from."""
         return {name: stream.tell() for name, stream in self._streams.items()}
 
     def close(self, console: Console) -> None:
-        """Write the remaining rows and the other tables, and close the files."""
         self.write(console)
         for stream in self._streams.values():
             stream.close()

@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_operator.io.asking`: ask the person what a finished run's questions had no answer to."""
+"""`python -m deltaswarm_operator.io.asking`: ask the unanswered questions of a finished run."""
 
 import argparse
 import contextlib
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
+from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, Channel, ConsoleServer, Outlet
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import Parser, whole
@@ -19,7 +19,6 @@ from deltaswarm_wire.reading import read_toml
 
 
 def parser() -> argparse.ArgumentParser:
-    """Make the argument parser."""
     made = Parser(prog="python -m deltaswarm_operator.io.asking", description="Ask questions on the station's page.")
     made.add_argument("--briefing", type=Path, required=True, metavar="FILE", help="its probes are what is asked")
     made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for the answers: probes.csv")
@@ -33,10 +32,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Ask until all is answered, the time is over, the station has gone or a signal ends it."""
     arguments = parser().parse_args(argv)
     briefing = checked.load(Briefing, read_toml(arguments.briefing))
-    console, inbox = Console(briefing), queue.SimpleQueue[bytes | None]()
+    console, intents = Console(briefing), queue.SimpleQueue[bytes | None]()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     end, out = socket.socket(fileno=arguments.channel_fd), arguments.out
-    server = ConsoleServer(out.name, console, out, lambda _: None, lambda _: None, inbox.put, end)
+    server = ConsoleServer(out.name, console, out, Outlet(lambda _: None, lambda _: None), Channel(end, intents.put))
     console.conclude()
     console.probes.end(briefing.duration_s, time.monotonic())
     deadline = time.monotonic() + ANSWER_WITHIN_S
@@ -44,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         while server.is_asking and time.monotonic() < deadline:
             server.show()
             with contextlib.suppress(queue.Empty):
-                server.on_intent(inbox.get(timeout=server.wait_s))
+                server.on_intent(intents.get(timeout=server.wait_s))
     server.finish()
     return 0
 

@@ -21,8 +21,6 @@ NO_KEY = "needs --command-key FILE, whose public part the boards know; make one:
 
 @dataclass(frozen=True)
 class CommandOptions:
-    """A console in open air."""
-
     briefing: Briefing
     sign: Sign | None
     """Signs commands; None: no commands, the station only watches."""
@@ -34,8 +32,6 @@ class CommandOptions:
 
 @dataclass(frozen=True)
 class _Script:
-    """A file of commands."""
-
     command: tuple[CommandSettings, ...] = checked.key((), "commands, by the time since the operator's start")
 
 
@@ -100,7 +96,6 @@ def _options_of(table: Any, mode: str) -> dict[str, Any]:
 
 
 def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandSettings, ...]:
-    """Read a file's commands and check them against what the controller accepts."""
     if file is None:
         return ()
     commands = checked.load(_Script, _read(file)).command

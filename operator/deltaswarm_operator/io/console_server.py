@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import CONDUCTOR_KIND, page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.markers import Markers
@@ -70,18 +71,25 @@ class SavedConsole:
     """Lengths of the tables by name."""
 
 
+@dataclass(frozen=True)
+class Outlet:
+    """Sends turns and the pace to the world, or on the air; whether each turn is awaited there."""
+
+    send_turn: Callable[[Turn], None]
+    send_pace: Callable[[Pace], None]
+    is_awaited: bool = False
+
+
 class ConsoleServer:
     """A console with its inputs and outputs.
 
     Args:
         run: the run's name.
         console: the console, before the first step, or that of a killed operator to go on from.
-        is_awaited: whether the world waits for each turn.
         folder: for the tables of the person's acts and answers.
-        send_turn, send_pace: send to the world, or on the air.
-        on_intent: called in the channel's thread; the main thread must then pass the intent to `on_intent`.
-        end: the operator's end of the socket pair, if there is a station.
-        conductor: the operator's end of the socket pair to the conductor's page, if there is one.
+        outlet: where turns and the pace go.
+        station, conductor: the channels to the participant's and the conductor's page, if there are any. The main
+            thread must pass what they take to `on_intent`.
         markers: where acts and questions are told as they happen.
     """
 
@@ -90,25 +98,20 @@ class ConsoleServer:
         run: str,
         console: Console | SavedConsole,
         folder: Path,
-        send_turn: Callable[[Turn], None],
-        send_pace: Callable[[Pace], None],
-        on_intent: Callable[[bytes | None], None],
-        end: socket.socket | None,
+        outlet: Outlet,
+        station: Channel | None = None,
         *,
         conductor: Channel | None = None,
-        is_awaited: bool = False,
         markers: Markers | None = None,
     ) -> None:
         saved = console if isinstance(console, SavedConsole) else None
         self.console = console = console.console if isinstance(console, SavedConsole) else console
         self._markers = markers
-        self.is_awaited = is_awaited
         self._run = run
-        self._send_turn, self._send_pace = send_turn, send_pace
-        self._channel = None if end is None else Channel(end, on_intent)
+        self._outlet = outlet
+        self._channel = station
         self._conductor = conductor
-        console.attend(has_station=self._channel is not None)
-        console.has_conductor = conductor is not None
+        console.attend(has_station=station is not None, has_conductor=conductor is not None)
         if saved is not None:
             console.resume()
         self._pace = self.console.pace
@@ -117,7 +120,7 @@ class ConsoleServer:
         self._answers: list[tuple[Message, str]] = []
         """Answers to inputs, and whose: they are sent once what was done is saved."""
         self._show_due = self._hello_due = 0.0
-        self._tables = ActionLog(folder, saved.table_bytes if saved else None, has_station=self._channel is not None)
+        self._tables = ActionLog(folder, saved.table_bytes if saved else None, has_station=station is not None)
 
     @property
     def wait_s(self) -> float | None:
@@ -126,31 +129,28 @@ class ConsoleServer:
 
     @property
     def is_due(self) -> bool:
-        """Whether the station waits for a picture."""
         return self._channel is not None and time.monotonic() >= self._show_due
 
     def start(self) -> None:
-        """Start the console before the first step."""
         self.console.start(time.monotonic())
-        if self.is_awaited:
+        if self._outlet.is_awaited:
             for turn in self._turns:  # the world drops those that it has
-                self._send_turn(turn)
+                self._outlet.send_turn(turn)
         if self._channel is not None:
             self._pace = self.console.pace
-            self._send_pace(self._pace)
+            self._outlet.send_pace(self._pace)
         self.show()
 
     def close_step(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
-        """Take in a closed step and answer with the operator's turn."""
         now = time.monotonic()
         turn = self.console.close_step(clock, workload, reports, now)
         if self._channel is not None:
             self._tables.close_step(clock.step, clock.time_s, now)
         if clock.step == 0 or clock.last:
             self._mark(now, {"kind": "end" if clock.last else "begin", "time_s": clock.time_s})
-        if self.is_awaited or turn.commands:
+        if self._outlet.is_awaited or turn.commands:
             self._turns.append(turn)
-            self._send_turn(turn)
+            self._outlet.send_turn(turn)
         if clock.last:
             self._show_due = 0.0
         self.show()
@@ -166,13 +166,11 @@ class ConsoleServer:
             return False
         if intent is None:
             self._channel = None
-            console.is_attended = False
-            if console.pace.hold_step >= 0:  # nobody could resume the run
-                console.pace = console.pace._replace(hold_step=-1)
+            console.lose_station()
         else:
             self._answers += ((answer, by) for answer in carry_out(console, intent, time.monotonic(), by))
-        if not self.is_awaited and (turn := console.turn()).commands:
-            self._send_turn(turn)
+        if not self._outlet.is_awaited and (turn := console.turn()).commands:
+            self._outlet.send_turn(turn)
         is_changed = self._write()
         is_changed |= self._pass_on_pace()
         if is_changed or any(answer["type"] != "beat" for answer, _ in self._answers):
@@ -184,7 +182,7 @@ class ConsoleServer:
         if self.console.pace == self._pace:
             return False
         self._pace = self.console.pace
-        self._send_pace(self._pace)
+        self._outlet.send_pace(self._pace)
         return True
 
     def _answer(self) -> None:
@@ -210,9 +208,9 @@ class ConsoleServer:
         self._show_due = now + SHOW_EVERY_S
         if now >= self._hello_due:
             self._hello_due = now + HELLO_EVERY_S
-            self._channel.send(self.console.hello(self._run))
+            self._channel.send(page_hello(self.console, self._run))
             if self._conductor is not None:
-                self._conductor.send(self.console.hello(self._run, CONDUCTOR_KIND))
+                self._conductor.send(page_hello(self.console, self._run, CONDUCTOR_KIND))
         picture = self.console.show(now)
         self._channel.send(picture)
         if self._conductor is not None:
@@ -240,17 +238,11 @@ class ConsoleServer:
             self._markers.put(monotonic_s, marker)
 
     @property
-    def is_ended(self) -> bool:
-        """Whether the conductor has ended the run."""
-        return self.console.is_ended
-
-    @property
     def is_asking(self) -> bool:
         """Whether a question to the person at the station is open."""
         return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
 
     def state(self, *, sync: bool = False) -> SavedConsole:
-        """Return all that is needed to resume."""
         self._write()
         if sync:
             self._tables.sync()
@@ -258,16 +250,9 @@ class ConsoleServer:
 
     @property
     def table_sizes(self) -> dict[str, int]:
-        """The lengths of its tables by name [bytes]."""
         return self._tables.sizes
 
-    @property
-    def totals(self) -> dict[str, Any]:
-        """The operator's totals besides the workload."""
-        return self.console.totals
-
     def finish(self) -> None:
-        """Complete and close the tables."""
         self.console.probes.close()
         self._write()
         self._tables.close(self.console)

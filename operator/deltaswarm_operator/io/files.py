@@ -8,7 +8,6 @@ import pickle
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from deltaswarm_wire import checkpoint
@@ -48,19 +47,15 @@ class OperatorFiles:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stream.close()
 
     def row(self, values: Sequence[Any]) -> None:
-        """Add a step's row."""
         self._table.writerow(values)
         if time.monotonic() >= self._flush_due:
             self.flush()
 
     def flush(self) -> None:
-        """Flush rows to the operating system."""
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 

@@ -9,7 +9,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 from deltaswarm_operator.io.action_log import utc_of
 from deltaswarm_wire.session import host_and_port
@@ -18,28 +18,11 @@ LSL = "lsl"
 STREAM, KIND = "deltaswarm", "Markers"
 MAX_CLIENTS = 16
 SEND_BUFFER_BYTES = 128 * 1024
-"""What a client may leave unread before it is dropped, and what its own system takes in."""
-
-
-class Markers(Protocol):
-    """Where markers go."""
-
-    def put(self, monotonic_s: float | None, marker: Mapping[str, Any]) -> None:
-        """Pass a marker on, without waiting for anybody; its time is `monotonic_s`, or now."""
-
-    def serve(self) -> None:
-        """Let those in who wait; called several times a second."""
-
-    def close(self) -> None:
-        """Let all go."""
+"""Unread bytes after which a client is dropped, besides those that its own system buffers."""
 
 
 class SocketMarkers:
-    """JSON lines for whoever connects, from then on. A client that does not read is dropped.
-
-    Raises:
-        OSError: the address is in use, or not of this machine.
-    """
+    """Sends JSON lines to all clients, and drops a client that does not read."""
 
     def __init__(self, listen: str, run: str) -> None:
         host, port = host_and_port(f"tcp/{listen}")
@@ -50,13 +33,13 @@ class SocketMarkers:
         self._run = run
 
     def put(self, monotonic_s: float | None, marker: Mapping[str, Any]) -> None:
-        """Send a line to each client."""
+        """Send a line to each client, without waiting for any; its time is `monotonic_s`, or now."""
         self.serve()
         for client in [*self._clients]:
             self._send(client, monotonic_s, marker)
 
     def serve(self) -> None:
-        """Accept clients; the first line tells each which run it is, and what both clocks say."""
+        """Accept clients; the first line names the run, and the time by both clocks."""
         with suppress(OSError):
             while len(self._clients) < MAX_CLIENTS:
                 client, _ = self._server.accept()
@@ -76,7 +59,6 @@ class SocketMarkers:
         client.close()
 
     def close(self) -> None:
-        """Close all connections."""
         for stream in (self._server, *self._clients):
             stream.close()
 
@@ -92,7 +74,6 @@ class LslMarkers:
         self._outlet = pylsl.StreamOutlet(info)
 
     def put(self, monotonic_s: float | None, marker: Mapping[str, Any]) -> None:
-        """Push a sample."""
         ago_s = 0.0 if monotonic_s is None else time.monotonic() - monotonic_s
         self._outlet.push_sample([_text(monotonic_s, marker)], self._clock() - ago_s)
 
@@ -100,8 +81,10 @@ class LslMarkers:
         """Do nothing: LSL has threads of its own."""
 
     def close(self) -> None:
-        """Close the stream."""
         del self._outlet
+
+
+Markers = SocketMarkers | LslMarkers
 
 
 def markers_to(address: str, run: str) -> Markers:

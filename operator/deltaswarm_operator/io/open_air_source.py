@@ -10,10 +10,10 @@ from deltaswarm_operator.core.base import Base
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.presence import OpenAirMeter
+from deltaswarm_operator.io.arrivals import ArrivalKind, BoundedArrivals, sender_of, whose_key
 from deltaswarm_operator.io.command_options import CommandOptions
 from deltaswarm_operator.io.console_server import ConsoleServer
 from deltaswarm_operator.io.files import OperatorFiles
-from deltaswarm_operator.io.inbox import BoundedInbox, ItemKind, sender_of, whose_key
 from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, StepSource
 from deltaswarm_wire.commands import BASE_ID, Turn
 from deltaswarm_wire.envelope import Sent, encode_sent
@@ -35,12 +35,8 @@ MAX_REPORTS_OF_ONE = 16
 
 @dataclass(frozen=True, kw_only=True)
 class OpenAirConfig(OperatorConfig):
-    """Configuration of the operator without a world."""
-
     pairs: Pairs
-    """Settings of the Zenoh session."""
     status_every_s: float
-    """Interval of status lines [s]."""
     command_options: CommandOptions | None = None
     """A console with commands, a station or both."""
 
@@ -54,7 +50,7 @@ class OpenAirSource(StepSource):
 
     def __init__(self, config: OpenAirConfig) -> None:
         self.config: OpenAirConfig = config
-        self.inbox: BoundedInbox = BoundedInbox()
+        self.arrivals: BoundedArrivals = BoundedArrivals()
         self.pairs = config.pairs
         self.meter = OpenAirMeter(config.settings, config.step_s)
         self._warned: set[int | None] = set()
@@ -66,14 +62,13 @@ class OpenAirSource(StepSource):
         """The newest reports of each agent since the last step, for the console."""
 
     def join(self, session: zenoh.Session, output: OperatorFiles) -> Console | None:
-        """Subscribe to what boards report, and whether they are there; declare the radio of the base."""
         keys = Keys(self.config.run)
         self._start_s = time.monotonic()
         self._subscribers = [
-            session.declare_subscriber(keys.all_reports, self.into_inbox(ItemKind.REPORT)),
-            session.declare_subscriber(keys.all_health, self.into_inbox(ItemKind.HEALTH)),
+            session.declare_subscriber(keys.all_reports, self.enqueue(ArrivalKind.REPORT)),
+            session.declare_subscriber(keys.all_health, self.enqueue(ArrivalKind.HEALTH)),
             session.liveliness().declare_subscriber(
-                keys.token(AGENT, "*"), self.into_inbox(ItemKind.TOKEN), history=True
+                keys.token(AGENT, "*"), self.enqueue(ArrivalKind.TOKEN), history=True
             ),
         ]
         options = self.config.command_options
@@ -97,25 +92,22 @@ class OpenAirSource(StepSource):
         log.info("the operator monitors run %s", self.config.run)
 
     def send_turn(self, turn: Turn) -> None:
-        """Send the turn's commands from the base."""
         if self._base is not None:
             self._base.send(turn.commands, self._now_s())
 
     def wait_s(self) -> float:
-        """Return the time until a step ends or a frame of the base is due."""
         now_s = self._now_s()
         frame_s = None if self._base is None else self._base.wait_s(now_s)
         wait_s = min(WAKES_EVERY_S, self.meter.wait_s(now_s))
         return wait_s if frame_s is None else min(wait_s, frame_s)
 
-    def take(self, arrival: ItemKind, sample: Any) -> None:
-        """Take a report, a health message or a token of a board."""
-        if arrival is ItemKind.TOKEN:
+    def take(self, arrival: ArrivalKind, sample: Any) -> None:
+        if arrival is ArrivalKind.TOKEN:
             self._take_token(sample)
             return
         agent = sender_of(sample)
         data = sample.payload.to_bytes()
-        if arrival is ItemKind.REPORT:
+        if arrival is ArrivalKind.REPORT:
             sent = sample.attachment
             reason = self._take_report(agent, data, None if sent is None else sent.to_bytes())
         else:
@@ -124,7 +116,7 @@ class OpenAirSource(StepSource):
             self._warned.add(agent)
             log.warning("dropped a sample on %s: %s (more are only counted)", whose_key(agent), reason)
 
-    def passed(self, *, is_idle: bool) -> ClosedStep | None:
+    def on_wakeup(self, *, is_idle: bool) -> ClosedStep | None:
         """Send the frame that is due, and close the step that is over. A report counts when it arrives.
 
         The step in a report is by its board's clock.
@@ -133,7 +125,7 @@ class OpenAirSource(StepSource):
         if self._base is not None and self.config.command_options and (frame := self._base.frame(now_s)) is not None:
             base_m = self.config.command_options.briefing.base_m
             self._radio.put(frame, attachment=encode_sent(Sent(now_s, *base_m)) if base_m else None)
-        workload = self.meter.close_second(now_s, len(self.inbox))
+        workload = self.meter.close_second(now_s, len(self.arrivals))
         if workload is None:
             return None
         arrived = [report._replace(step=workload.step) for of_one in self._reports.values() for report in of_one]
@@ -142,7 +134,6 @@ class OpenAirSource(StepSource):
         return ClosedStep(Clock(workload.step, workload.time_s, False), workload, tuple(arrived), row)
 
     def after(self, step: ClosedStep) -> None:
-        """Log a status line if one is due."""
         now_s = self._now_s()
         if now_s >= self._status_due_s:
             self._status_due_s = now_s + self.config.status_every_s
@@ -150,9 +141,8 @@ class OpenAirSource(StepSource):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The meter's totals, with refused samples per sender, and the commands."""
-        refused = {whose_key(agent): count for agent, count in self.inbox.refused.items()}
-        totals = {"refused": self.inbox.refused.total(), **self.meter.totals, "refused_on": refused}
+        refused = {whose_key(agent): count for agent, count in self.arrivals.refused.items()}
+        totals = {"refused": self.arrivals.refused.total(), **self.meter.totals, "refused_on": refused}
         if self._base is not None and self._command_log is not None:
             totals |= {"commands": self._command_log.described(self._now_s()), "frames": self._base.frames}
         return totals
@@ -170,7 +160,7 @@ class OpenAirSource(StepSource):
             + (f"not well ({faulty}), " if faulty else "")
             + (f"doubled ({', '.join(map(str, doubled))}), " if doubled else "")
             + f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
-            f"{totals['messages']} in all, {totals['lost']} lost, {self.inbox.refused.total()} refused"
+            f"{totals['messages']} in all, {totals['lost']} lost, {self.arrivals.refused.total()} refused"
         )
 
     def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from types import TracebackType
 from typing import Self
 
 from deltaswarm_wire.child import READY_VARIABLE
@@ -17,15 +16,10 @@ ENDS_WITHIN_S = 3.0
 
 
 class Page:
-    """The station's process. However the operator ends, the station ends too, because its feed closes.
-
-    Raises:
-        OSError: the station did not start; the text is for the user, and the station has said why.
-    """
+    """The station's process. However the operator ends, the station ends too, because its feed closes."""
 
     def __init__(self, listen: str) -> None:
         self.end, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        """The operator's end of the channel."""
         command = [sys.executable, "-P", "-m", "deltaswarm_operator.station", "--listen", listen]
         reader, writer = os.pipe()
         with theirs:
@@ -68,7 +62,5 @@ class Page:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

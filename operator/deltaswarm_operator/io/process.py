@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, Channel, ConsoleServer, SavedConsole
+from deltaswarm_operator.io.arrivals import BY, ArrivalKind, Arrivals
+from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, Channel, ConsoleServer, Outlet, SavedConsole
 from deltaswarm_operator.io.files import OperatorFiles
-from deltaswarm_operator.io.inbox import BY, Inbox, ItemKind
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_operator.io.page import Page
 from deltaswarm_scenario.operator_settings import OperatorSettings
@@ -36,8 +36,6 @@ log = logging.getLogger("deltaswarm.operator")
 
 @dataclass(frozen=True, kw_only=True)
 class OperatorConfig:
-    """Configuration of the operator's process, whatever its source."""
-
     run: str
     link: RouterLink
     settings: OperatorSettings
@@ -53,12 +51,10 @@ class OperatorConfig:
     listen: str | None = None
     """HOST:PORT of a station that the operator starts itself; None: it starts none."""
     markers: str = ""
-    """HOST:PORT or `lsl`: where the person's acts and questions are told as they happen; empty: nowhere."""
+    """Where to publish the person's acts and questions as they happen: HOST:PORT, `lsl`, or nowhere if empty."""
 
 
 class End(Enum):
-    """Why the operator ends."""
-
     LAST_CLOCK = "the last step is closed"
     WORLD_GONE = "the world is gone before its last step"
     STOPPED = "stopped by a signal"
@@ -67,20 +63,16 @@ class End(Enum):
 
 
 class ClosedStep(NamedTuple):
-    """A step that the source has closed."""
-
     clock: Clock
     workload: Workload
     reports: tuple[Report, ...]
     row: Sequence[Any]
-    """Its row of the operator's table."""
 
 
 class StepSource(ABC):
     """Where reports and time come from, and where turns go. Its methods run in the main thread."""
 
     COLUMNS: ClassVar[Sequence[str]]
-    """Columns of the operator's table."""
     COMPLETE_AT: ClassVar[End]
     """The end that leaves a complete run."""
     NEEDS_TABLE: ClassVar[bool] = True
@@ -91,18 +83,17 @@ class StepSource(ABC):
     """The exit code then."""
 
     config: OperatorConfig
-    inbox: Inbox
+    arrivals: Arrivals
     pairs: Pairs
-    """Settings of the Zenoh session."""
     is_awaited = False
     """Whether every turn is sent, because somebody waits for it."""
 
-    def into_inbox(self, arrival: ItemKind) -> Any:
-        """Make a callback that puts a sample into the inbox, in the thread that reads the link.
+    def enqueue(self, arrival: ArrivalKind) -> Any:
+        """Make a callback that queues a sample, in the thread that reads the link.
 
         By default each subscriber has its own thread, and a clock could overtake earlier reports.
         """
-        put = self.inbox.put
+        put = self.arrivals.put
         return zenoh.handlers.Callback(lambda sample: put(arrival, sample), indirect=False)
 
     @abstractmethod
@@ -111,7 +102,7 @@ class StepSource(ABC):
 
     @abstractmethod
     def start(self, console: ConsoleServer | None) -> None:
-        """Begin, with this console, which the source starts when its turns are heard."""
+        """Begin, and start the console once its turns are received."""
 
     @abstractmethod
     def send_turn(self, turn: Turn) -> None:
@@ -122,15 +113,15 @@ class StepSource(ABC):
 
     @abstractmethod
     def wait_s(self) -> float:
-        """Return the longest time until `passed` must be called again [s]."""
+        """Return the longest time until `on_wakeup` must be called again [s]."""
 
     @abstractmethod
-    def take(self, arrival: ItemKind, sample: Any) -> ClosedStep | End | None:
-        """Take an item of the inbox."""
+    def take(self, arrival: ArrivalKind, sample: Any) -> ClosedStep | End | None:
+        """Take what has arrived."""
 
     @abstractmethod
-    def passed(self, *, is_idle: bool) -> ClosedStep | End | None:
-        """Do what is due; called after each item, and `is_idle` if none came in time."""
+    def on_wakeup(self, *, is_idle: bool) -> ClosedStep | End | None:
+        """Handle time-outs; called after each arrival, with `is_idle` after a time-out without one."""
 
     @abstractmethod
     def after(self, step: ClosedStep) -> None:
@@ -149,64 +140,61 @@ class StepSource(ABC):
 
 
 class OperatorProcess:
-    """One run of the operator over an open session."""
-
     def __init__(
         self, source: StepSource, session: zenoh.Session, output: OperatorFiles, station: socket.socket | None = None
     ) -> None:
         self._source = source
         self._output = output
         self._is_writing = True
-        self._console: ConsoleServer | None = None
-        config, put = source.config, source.inbox.put
+        self._server: ConsoleServer | None = None
+        config = source.config
+
+        def channel(end: socket.socket | None, intents: ArrivalKind) -> Channel | None:
+            return None if end is None else Channel(end, lambda intent: source.arrivals.put(intents, intent))
+
         console = source.join(session, output)
         if console is not None:
-            self._console = ConsoleServer(
+            self._server = ConsoleServer(
                 config.run,
                 console,
                 config.out,
-                source.send_turn,
-                source.send_pace,
-                lambda intent: put(ItemKind.INTENT, intent),
-                station,
-                conductor=None
-                if config.conductor is None
-                else Channel(config.conductor, lambda intent: put(ItemKind.CONDUCT, intent)),
-                is_awaited=source.is_awaited,
+                Outlet(source.send_turn, source.send_pace, source.is_awaited),
+                channel(station, ArrivalKind.INTENT),
+                conductor=channel(config.conductor, ArrivalKind.CONDUCT),
                 markers=markers_to(config.markers, config.run) if config.markers else None,
             )
-        source.start(self._console)
+        source.start(self._server)
 
     def run(self) -> End:
-        """Process the inbox in order until the end; return why it ends."""
-        source, console = self._source, self._console
+        """Process arrivals in order until the end; return why the operator ends."""
+        source, server = self._source, self._server
         while True:
-            wait_s, console_s = source.wait_s(), None if console is None else console.wait_s
+            wait_s, console_s = source.wait_s(), None if server is None else server.wait_s
             event, is_idle = None, False
             try:
-                arrival, sample = source.inbox.get(wait_s if console_s is None else min(wait_s, console_s))
+                arrival, sample = source.arrivals.get(wait_s if console_s is None else min(wait_s, console_s))
             except queue.Empty:
                 is_idle = True
             else:
-                if arrival is ItemKind.STOP:
+                if arrival is ArrivalKind.STOP:
                     return End.STOPPED
                 if arrival not in BY:
                     event = source.take(arrival, sample)
-                elif console is not None:
-                    if console.on_intent(sample, BY[arrival]):
+                elif server is not None:
+                    if server.on_intent(sample, BY[arrival]):
                         source.save_act()
-                    console.show()
-                    if console.is_ended:
+                    server.show()
+                    if server.console.is_ended:
                         return End.ENDED
-            event = event or source.passed(is_idle=is_idle)
+            event = event or source.on_wakeup(is_idle=is_idle)
             if isinstance(event, End):
                 return event
             if event is not None:
                 self._close(event)
                 if event.clock.last:
                     return End.LAST_CLOCK
-            elif console is not None and (is_idle or console.is_due):
-                console.show()
+            elif server is not None and (is_idle or server.is_due):
+                server.show()
 
     def _close(self, step: ClosedStep) -> None:
         """Write a closed step down and answer it. In open air a full disk ends the table, and nothing else."""
@@ -218,40 +206,38 @@ class OperatorProcess:
                     raise
                 log.error("writing to %s stopped: %s", self._source.config.out, error)
                 self._is_writing = False
-        if self._console is not None:
-            self._console.close_step(step.clock, step.workload, step.reports)
+        if self._server is not None:
+            self._server.close_step(step.clock, step.workload, step.reports)
         self._source.after(step)
 
     def answer_to_the_end(self) -> None:
         """After the last step, release the world and wait for the person's open answers."""
         # The run is complete, even if this process is killed while its person answers.
         self._output.totals(self._totals_at(End.LAST_CLOCK))
-        console = self._console
-        if console is None:
+        server = self._server
+        if server is None:
             return
         self._source.release()
         deadline = time.monotonic() + ANSWER_WITHIN_S
-        while console.is_asking and time.monotonic() < deadline:
+        while server.is_asking and time.monotonic() < deadline:
             try:
-                arrival, sample = self._source.inbox.get(console.wait_s or 0.0)
+                arrival, sample = self._source.arrivals.get(server.wait_s or 0.0)
             except queue.Empty:
-                console.show()
+                server.show()
                 continue
             if arrival in BY:
-                console.on_intent(sample, BY[arrival])
-                console.show()
-            if arrival is ItemKind.STOP or console.is_ended:
+                server.on_intent(sample, BY[arrival])
+                server.show()
+            if arrival is ArrivalKind.STOP or server.console.is_ended:
                 break
 
     def _totals_at(self, end: End) -> dict[str, Any]:
-        """Return the metrics of the whole run, and how it ended."""
         ending = {"complete": end is self._source.COMPLETE_AT, "end": end.value}
-        return ending | self._source.totals | ({} if self._console is None else self._console.totals)
+        return ending | self._source.totals | ({} if self._server is None else self._server.console.totals)
 
     def finish(self, end: End) -> None:
-        """Complete the tables of the person's acts, and write the totals."""
-        if self._console is not None:
-            self._console.finish()
+        if self._server is not None:
+            self._server.finish()
         self._output.finish(self._totals_at(end))
 
 
@@ -270,7 +256,7 @@ def run_operator(source: StepSource) -> int:
 
     def stop(number: int, _: object) -> None:
         signals.append(number)
-        source.inbox.stop()  # after what has already arrived
+        source.arrivals.stop()  # after what has already arrived
 
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:

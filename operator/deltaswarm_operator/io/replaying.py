@@ -26,7 +26,6 @@ from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
 
 
 def parser() -> argparse.ArgumentParser:
-    """Make the argument parser of a replay."""
     made = Parser(prog="python -m deltaswarm_operator.io.replaying", description="Feed the page of a finished run.")
     made.add_argument("--steps", type=Path, required=True, metavar="FILE", help="as `deltaswarm replay` makes them")
     made.add_argument("--worth", type=Path, metavar="FILE", help="what orders were worth, as `deltaswarm value` says")
@@ -57,9 +56,8 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
 
 
 def feed(run: str, replay: Replay, end: socket.socket) -> None:
-    """Feed the page until its station has gone."""
-    inbox = queue.SimpleQueue[bytes | None]()
-    channel = Channel(end, inbox.put)
+    intents = queue.SimpleQueue[bytes | None]()
+    channel = Channel(end, intents.put)
     hello_due = 0.0
     asked: bytes | None = b""
     while asked is not None:
@@ -71,13 +69,12 @@ def feed(run: str, replay: Replay, end: socket.socket) -> None:
         for message in (replay.show(), *replay.newly_read()):
             channel.send(message)
         with contextlib.suppress(queue.Empty):
-            asked = inbox.get(timeout=SHOW_EVERY_S)
+            asked = intents.get(timeout=SHOW_EVERY_S)
             for message in replay.intend(asked) if asked is not None else ():
                 channel.send(message)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Feed the page of a replay until its station has gone."""
     arguments = parser().parse_args(argv)
     briefing, steps = read(arguments.steps)
     worth = json.loads(arguments.worth.read_text(encoding="utf-8"))["texts"] if arguments.worth else {}

@@ -8,9 +8,9 @@ from typing import Any, cast
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_operator.io.arrivals import ArrivalKind, Arrivals
 from deltaswarm_operator.io.console_server import ConsoleServer, SavedConsole
 from deltaswarm_operator.io.files import OperatorFiles
-from deltaswarm_operator.io.inbox import Inbox, ItemKind
 from deltaswarm_operator.io.process import ClosedStep, End, OperatorConfig, StepSource
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.checkpoint import is_due
@@ -36,8 +36,6 @@ PUBLISH_EVERY_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSourceConfig(OperatorConfig):
-    """Configuration of an operator in a world."""
-
     publish_all: bool = False
     """Publish the workload of every step, for a recorder."""
     checkpoint_steps: int = 0
@@ -56,7 +54,7 @@ class WorldSource(StepSource):
 
     def __init__(self, config: WorldSourceConfig) -> None:
         self.config: WorldSourceConfig = config
-        self.inbox = Inbox()
+        self.arrivals = Arrivals()
         self.pairs = client_pairs(config.link)
         self.is_awaited = config.briefing is not None and config.briefing.is_awaited
         self._console: ConsoleServer | None = None
@@ -75,9 +73,9 @@ class WorldSource(StepSource):
         self._session = session
         self._output = output
         self._subscribers = [
-            session.declare_subscriber(keys.forwarded, self.into_inbox(ItemKind.REPORT)),
-            session.declare_subscriber(keys.clock, self.into_inbox(ItemKind.CLOCK)),
-            session.liveliness().declare_subscriber(keys.token(WORLD), self.into_inbox(ItemKind.TOKEN), history=True),
+            session.declare_subscriber(keys.forwarded, self.enqueue(ArrivalKind.REPORT)),
+            session.declare_subscriber(keys.clock, self.enqueue(ArrivalKind.CLOCK)),
+            session.liveliness().declare_subscriber(keys.token(WORLD), self.enqueue(ArrivalKind.TOKEN), history=True),
         ]
         self._workload = self._publisher(keys.workload, "Workload")
         self._taken = self._publisher(keys.taken(OPERATOR), "Taken")
@@ -93,7 +91,7 @@ class WorldSource(StepSource):
     def start(self, console: ConsoleServer | None) -> None:
         """Wait until every publisher has a subscriber."""
         self._console = console
-        listen = self.into_inbox(ItemKind.LISTENER)
+        listen = self.enqueue(ArrivalKind.LISTENER)
         self._matching = [publisher.declare_matching_listener(listen) for publisher in self._unheard.values()]
         if self.config.publish_all:
             log.info("waiting for a subscriber to %s", self._keys.workload)
@@ -122,28 +120,24 @@ class WorldSource(StepSource):
             log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
 
     def send_turn(self, turn: Turn) -> None:
-        """Send a turn to the world."""
         self._turns.put(encode_turn(turn))
 
     def send_pace(self, pace: Pace) -> None:
-        """Send the pace that the person wants to the world."""
         self._paces.put(encode_pace(pace))
 
     def wait_s(self) -> float:
-        """Return the interval of saving."""
         return SAVE_EVERY_S
 
-    def take(self, arrival: ItemKind, sample: Any) -> ClosedStep | End | None:
-        """Take a report, the clock or news of the world itself."""
-        if arrival is ItemKind.REPORT:
+    def take(self, arrival: ArrivalKind, sample: Any) -> ClosedStep | End | None:
+        if arrival is ArrivalKind.REPORT:
             reason = self.meter.receive_forwarded(sample.payload.to_bytes())
             if reason is not None:
                 self._warn(f"report: {reason}")
-        elif arrival is ItemKind.CLOCK:
+        elif arrival is ArrivalKind.CLOCK:
             return self._take_clock(sample.payload.to_bytes())
-        elif arrival is ItemKind.LISTENER:
+        elif arrival is ArrivalKind.LISTENER:
             self._declare_ready()
-        elif arrival is ItemKind.TOKEN and sample.kind == zenoh.SampleKind.DELETE:
+        elif arrival is ArrivalKind.TOKEN and sample.kind == zenoh.SampleKind.DELETE:
             return self._end_without_world()
         return None
 
@@ -152,7 +146,7 @@ class WorldSource(StepSource):
             clock = decode_clock(data)
             if clock.step == self.meter.step and self.meter.is_over:
                 return End.LAST_CLOCK  # sent again: the operator that had closed it was killed
-            workload = self.meter.close_step(clock, len(self.inbox))
+            workload = self.meter.close_step(clock, len(self.arrivals))
         except (WireError, ValueError) as error:
             self._warn(f"clock: {error}")
             return None
@@ -162,8 +156,7 @@ class WorldSource(StepSource):
         """The run is complete if the world went while this operator replaced one that had closed the last step."""
         return End.LAST_CLOCK if self.meter.is_over else End.WORLD_GONE
 
-    def passed(self, *, is_idle: bool) -> End | None:
-        """Save what is due."""
+    def on_wakeup(self, *, is_idle: bool) -> End | None:
         if not is_idle:
             return None
         if time.monotonic() >= self._save_due:
@@ -173,7 +166,6 @@ class WorldSource(StepSource):
         return None
 
     def after(self, step: ClosedStep) -> None:
-        """Publish the workload and save the counts, as far as they are due."""
         clock = step.clock
         if self.config.publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
@@ -206,7 +198,6 @@ class WorldSource(StepSource):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The meter's totals, the digest of the reports, and when the operator was told of each event."""
         return {"digest": self.meter.digest_hex, **self.meter.totals, "told_s": self.meter.told_s}
 
     def _warn(self, reason: str) -> None:
@@ -216,5 +207,4 @@ class WorldSource(StepSource):
 
 
 def _workload(row: Sequence[str]) -> Workload:
-    """Parse a row of the table."""
-    return Workload(*(kind(text) for kind, text in zip(Workload.__annotations__.values(), row, strict=True)))
+    return Workload(*(parse(text) for parse, text in zip(Workload.__annotations__.values(), row, strict=True)))

@@ -24,7 +24,6 @@ TOKEN_BYTES = 24
 
 
 def parser() -> argparse.ArgumentParser:
-    """Make the station's argument parser."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False,
         prog="python -m deltaswarm_operator.station",
@@ -52,11 +51,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Parse HOST:PORT, with an IPv6 address in brackets.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is no HOST:PORT.
-    """
+    """Parse HOST:PORT, with an IPv6 address in brackets."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isdecimal() or int(port) > 65535:

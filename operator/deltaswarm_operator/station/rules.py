@@ -75,9 +75,6 @@ def intent_of(message: str | bytes, browser: int, role: str = OPERATE) -> bytes:
     """Convert a browser's message to a datagram for the feed, with the browser's number.
 
     Whether its page may send it is for the feed to say, except for one that only watches.
-
-    Raises:
-        RefusedError: the message is too long, no JSON object, of no known type, wrong, or not for who only watches.
     """
     if not isinstance(message, str):
         raise RefusedError("a message must be text")

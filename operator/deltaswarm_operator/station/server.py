@@ -74,8 +74,6 @@ COMPRESSION = [ServerPerMessageDeflateFactory(server_max_window_bits=15, compres
 
 
 class Visitor(ServerConnection):
-    """A connection; their number is limited."""
-
     all: ClassVar[dict["Visitor", None]] = {}
     """All connections of the process, which has one station, oldest first."""
     role = rules.OPERATE
@@ -103,19 +101,15 @@ class Visitor(ServerConnection):
             super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Make room for another connection."""
         super().connection_lost(exc)
         self.all.pop(self, None)
 
     @property
     def waiting_bytes(self) -> int:
-        """Number of bytes that the browser has not taken yet."""
         return int(self.transport.get_write_buffer_size())
 
 
 class Station:
-    """Connects one feed with its browsers."""
-
     def __init__(self, feed: socket.socket, token: str, *, has_watchers: bool = False) -> None:
         self.dropped = 0
         """Number of intents that were refused or that the feed could not take."""
@@ -169,7 +163,6 @@ class Station:
             loop.call_later(CLOSE_WITHIN_S, self._abort_all)
 
     def stop(self) -> None:
-        """Stop serving soon."""
         self._stop.set()
 
     @staticmethod
@@ -254,13 +247,11 @@ class Station:
         return _response(HTTPStatus.OK, *file) if file else _response(HTTPStatus.NOT_FOUND)
 
     def _has_room(self, visitor: Visitor) -> bool:
-        """Whether one more browser in this role may connect."""
         roles = [browser.role for browser in self._browsers.values()]
         is_full = visitor.role == rules.WATCH and roles.count(rules.WATCH) >= MAX_WATCHERS
         return len(roles) < MAX_BROWSERS and not is_full
 
     async def _converse(self, connection: ServerConnection) -> None:
-        """Serve one browser until it leaves."""
         assert isinstance(connection, Visitor)
         if not self._has_room(connection):  # several browsers connected at the same time
             await connection.close(1013, "too many browsers")

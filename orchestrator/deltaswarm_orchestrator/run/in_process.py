@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
-from deltaswarm_operator.core.change_of_course import go_on_with
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.reconfigure import reconfigure
 from deltaswarm_operator.core.script import Scripted as Scripted  # for those that make a branch's script
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
@@ -133,14 +133,14 @@ class InProcess:
         """Between two steps, go on by the settings of another scenario at the operator, and by other commands.
 
         Agents, world and air keep theirs; `restart` gives the agents the new ones. The console is one that has listened
-        from the beginning. See `script.go_on_with`.
+        from the beginning. See `reconfigure`.
         """
         self.scenario = self.world.scenario = scenario
         self.world.turns.mode = AWAITED if scenario.has_commander else OFF
         self.operator.go_on_with(scenario.operator)
         if self.console is None:
             return
-        go_on_with(self.console, briefing_of(scenario), commands, rule_drops)
+        reconfigure(self.console, briefing_of(scenario), commands, rule_drops)
         for number in [scripted.number for scripted in commands if scripted.is_dropped and scripted.number is not None]:
             self.console.command_log.withdraw(number)
             self.world.turns.withdraw(number)

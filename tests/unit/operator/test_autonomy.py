@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.autonomy import Autonomy, next_delta
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -37,7 +38,6 @@ def close(one: Console, step: int, rate_hz: float) -> Turn:
 
 
 def deltas(turn: Turn) -> list[Any]:
-    """The deltas that a turn commands."""
     return [decode_command(signed.body).arguments["delta"] for signed in turn.commands]
 
 
@@ -115,7 +115,7 @@ def test_who_may_set_delta_is_whom_the_page_offers_it() -> None:
     order = {"name": "set delta", "target": {"kind": "all"}, "arguments": {"delta": 2}}
     for who, offered in (("operator", ["set delta", "go"]), ("system", ["go"]), ("swarm", ["go"])):
         one = console(sets_delta=who)
-        hello = one.hello("run")
+        hello = page_hello(one, "run")
         assert ([form["name"] for form in hello["commands"]], hello["sets_delta"]) == (offered, who)
         assert say(one, "command", **order)[0]["type"] == ("accepted" if who == "operator" else "refused")
         assert say(one, "veto")[0]["type"] == "refused"
@@ -143,12 +143,10 @@ def test_a_run_by_the_system_repeats_itself() -> None:
     ],
 )
 def test_what_cannot_work_is_refused(overrides: list[str]) -> None:
-    """Before the run."""
     with pytest.raises(SettingsError, match=r"operator\.autonomy"):
         load_scenario("smoke", overrides)
 
 
 def test_an_adaptive_swarm_sets_it_itself() -> None:
-    """Accepted."""
     scenario = load_scenario("smoke", ["control.mode=adaptive", "operator.autonomy.sets_delta=swarm"])
     assert not scenario.has_commander

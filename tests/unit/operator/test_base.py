@@ -11,6 +11,7 @@ from deltaswarm_operator.core import picture
 from deltaswarm_operator.core.base import MAX_FRAME_BYTES, REPEAT_S, Base
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.commands import (
@@ -84,7 +85,6 @@ def test_every_command_leaves_and_none_outlives_its_life(lives_s: list[float], s
 
 
 def test_long_commands_share_the_frames() -> None:
-    """Of the longest ones few fit into one."""
     base = Base(1.0)
     texts = {f"a{index}": "x" * MAX_TEXT for index in range(3)}
     base.send([signed(number, **texts) for number in range(5)], 0.0)
@@ -94,7 +94,6 @@ def test_long_commands_share_the_frames() -> None:
 
 
 def test_a_new_command_does_not_wait_for_the_next_round() -> None:
-    """It leaves at once, before those that are repeated."""
     base = Base(1.0)
     base.send([signed(1)], 0.0)
     assert base.frame(0.0) is not None
@@ -121,7 +120,7 @@ def test_a_later_operator_numbers_higher() -> None:
 def test_in_open_air_there_is_no_pace() -> None:
     """The page is told so, and who asks for one all the same is refused."""
     console = Console(Briefing(forms=FORMS), in_air=True)
-    assert console.hello("field")["speeds"] == ()
+    assert page_hello(console, "field")["speeds"] == ()
     for intent in ({"paused": True}, {"steps": 1}, {"speed": 5}):
         [answer] = carry_out(console, json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
         assert answer["type"] == "refused"
@@ -129,18 +128,18 @@ def test_in_open_air_there_is_no_pace() -> None:
 
 
 def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The oldest numbers are forgotten, and none is given twice."""
     monkeypatch.setattr(picture, "MAX_NUMBERS", 10)
     seen = picture.Picture(1.0)
+    items = []
     for step in range(40):
-        seen.update([Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))], float(step))
-    assert len(seen._numbers) == 10
-    assert [item.events for item in seen.inbox] == [(number,) for number in range(1, 41)]
+        report = Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))
+        items += seen.update([report], float(step))
+    assert seen.event_numbers == {1000 + step: step + 1 for step in range(30, 40)}
+    assert [item.events for item in items] == [(number,) for number in range(1, 41)]
 
 
 @pytest.mark.parametrize("kind", ["text", "number"])
 def test_what_boards_do_not_accept_is_not_sent(kind: str) -> None:
-    """As in a simulated run."""
     command_log = CommandLog((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), first=5)
     with pytest.raises(ValueError, match="for"):
         command_log.issue("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]

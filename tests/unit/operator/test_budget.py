@@ -27,7 +27,6 @@ def rule(settings: BudgetSettings = PLAIN, delta: float = 2.0, working: float = 
 
 
 def orders(one: Budget, rates: Iterable[float], step_s: float = 1.0) -> dict[float, Structure]:
-    """The orders by their times, for one rate per step."""
     given = ((step * step_s, one.order(step * step_s, rate)) for step, rate in enumerate(rates))
     return {now_s: order for now_s, order in given if order is not None}
 
@@ -118,7 +117,6 @@ def test_the_rule_follows_the_rate_over_a_minute_and_changes_are_counted() -> No
 
 
 def test_an_order_waits_for_room() -> None:
-    """The rule does not count as given what could not be sent."""
     console, budget = console_with_budget()
     for _ in range(MAX_QUEUE):
         console.command("person", "resume", Target(), {})
@@ -128,7 +126,6 @@ def test_an_order_waits_for_room() -> None:
 
 
 def test_a_swarm_keeps_its_budget_better_than_without_the_rule() -> None:
-    """By the operator's own count; the run repeats itself."""
     keys = ["record=off", "control.mode=adaptive", "operator.threshold_hz=2.5", "run.duration_s=900", "seed=3"]
     budget = [*keys, "operator.autonomy.sets_delta=budget"]
     scenarios = [load_scenario("smoke", overrides) for overrides in (budget, budget, keys)]

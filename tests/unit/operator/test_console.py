@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.command_log import MAX_QUEUE, CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.core.intents import INTENTS, carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_scenario.person_tables import CONDUCTOR
@@ -34,6 +35,14 @@ def close(console: Console, step: int, *reports: Report, last: bool = False, wal
 
 def report(agent: int, step: int, *answers: Answer) -> Report:
     return Report(agent, step, step, "root", 1.0, 2.0, 0, (Event(step + 1, 1.0, 1.0),), (), answers)
+
+
+def attended(**operator: Any) -> Console:
+    """A console with a person at its station, once it is started."""
+    console = Console(briefing(operator=operator))
+    console.attend()
+    console.start(0.0)
+    return console
 
 
 ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
@@ -84,7 +93,7 @@ TASK = {"operator": {"task": {"target_share": 0.5, "goal": "Find the targets."}}
 def test_a_reported_event_is_judged_and_another_is_not() -> None:
     """The page has the goal and the judgement; a console that takes over has it too; the conductor does not judge."""
     one = Console(briefing(**TASK))
-    assert one.hello("run")["goal"] == "Find the targets."
+    assert page_hello(one, "run")["goal"] == "Find the targets."
     close(one, 0, report(1, 0))
     assert say(one, "judge", event=1, answer="decoy") == say(one, "judge", event=1, answer="target") == []
     for wrong in (
@@ -103,16 +112,14 @@ def test_a_reported_event_is_judged_and_another_is_not() -> None:
 
 
 def test_without_a_task_nothing_is_judged() -> None:
-    """And the page has no goal."""
     one = Console(briefing())
     close(one, 0, report(1, 0))
-    assert one.hello("run")["goal"] == ""
+    assert page_hello(one, "run")["goal"] == ""
     assert say(one, "judge", event=1, answer="target")[0]["type"] == "refused"
     assert not one.actions
 
 
 def test_only_what_the_controller_accepts_is_given() -> None:
-    """The refusal is for the operator, and leaves no trace."""
     one = command_log()
     wrong: Sequence[tuple[str, Any]] = [("fly", {}), ("go", {"a": 1}), ("test", {**RIGHT, "whole": True}), ("test", [])]
     for name, arguments in wrong:
@@ -159,7 +166,6 @@ def test_a_script_gives_each_command_two_steps_before_it_leaves() -> None:
 
 
 def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
-    """In their order, and none is left out."""
     console = Console(briefing(*[at(0)] * 300))
     given = [number for step in range(30) for number in numbers(close(console, step))]
     assert given == list(range(300))
@@ -167,7 +173,6 @@ def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
 
 @in_one_test("killed_after", [0, 2, 3, 4, 9])
 def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None:
-    """It gives the same turns, as if nothing had happened."""
     script = briefing(at(2), *[at(5)] * 40, at(9))
     one, other = Console(script), Console(script)
     turns = []
@@ -202,7 +207,6 @@ def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
 
 
 def test_a_command_is_accepted_or_refused_with_a_reason() -> None:
-    """And leaves with the next turn."""
     console = Console(briefing())
     circle = {"kind": "circle", "x_m": 1, "y_m": 2, "radius_m": 3}
     answer = say(console, "command", id="c1", name="test", target=circle, arguments=RIGHT)
@@ -242,21 +246,11 @@ def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
     assert math.isfinite(console.pace.speed)
 
 
-@given(st.binary(max_size=40) | st.sampled_from([b"{", b"[]", b"3", b"null", b'{"type":[]}', b'{"type":"pace"}']))
-def test_what_is_no_intent_changes_nothing(data: bytes) -> None:
-    """It is refused, if it can be answered at all."""
-    console = Console(briefing())
-    before = console.pace
-    assert {answer["type"] for answer in carry_out(console, data, 0.0)} <= {"refused"}
-    assert console.pace == before
-
-
 @in_one_test(
     "fields",
     [{"speed": 10**400}, {"speed": "nan"}, {"speed": -1}, {"steps": math.inf}, {"steps": 0}, {"steps": 10**9}, {}],
 )
 def test_a_wrong_pace_is_refused(fields: dict[str, Any]) -> None:
-    """The pace stays."""
     console = Console(briefing(speed=2.0))
     assert say(console, "pace", **fields)[0]["type"] == "refused"
     assert (console.pace.speed, console.pace.hold_step) == (2.0, -1)
@@ -278,7 +272,6 @@ def test_pause_step_and_speed() -> None:
 
 
 def test_a_page_that_comes_late_catches_up() -> None:
-    """With items, what was read of them, and the rates so far."""
     console = Console(briefing())
     for step in range(30):
         close(console, step, report(1, step))
@@ -338,7 +331,7 @@ def test_a_command_that_every_agent_refuses_is_offered_as_such() -> None:
     made = briefing(mode="decentralised")
     go, form = made.forms
     console = Console(replace(made, forms=(replace(go, refused_in=("decentralised",)), form)))
-    offered = console.hello("run")["commands"]
+    offered = page_hello(console, "run")["commands"]
     assert [row["refused"] for row in offered] == [True, False]
     assert [row["refused_in"] for row in offered] == [[], []]
     [refusal] = say(console, "command", name="go", target={"kind": "all"})

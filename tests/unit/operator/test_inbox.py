@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -17,18 +16,16 @@ from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.inbox import ledger as ledger_module
 from deltaswarm_operator.inbox.item import Item
 from deltaswarm_operator.inbox.ledger import Ledger
-from deltaswarm_operator.inbox.policy import Put, urgency
+from deltaswarm_operator.inbox.policy import urgency
 from deltaswarm_scenario.operator_settings import (
     ALERT,
     INFO,
-    NEWS,
     NOTICE,
     SEVERITIES,
     InboxSettings,
     PersonSettings,
 )
 from deltaswarm_wire import checked
-from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.plugin_errors import PluginError
@@ -105,7 +102,7 @@ def test_each_item_is_held_back_or_shown_once_and_stays_on_its_line(
             assert item.line in ledger.shown_s
             assert ledger.shown_s[number] >= item.time_s
         assert all(ledger.why_held(number) for number in held)
-        asking = {ledger.items[number].line for number in ledger.asking if number not in ledger.read_s}
+        asking = {ledger.items[number].line for number in ledger.listed if number not in ledger.read_s}
         assert ledger.unread == len(asking)
     found = ledger.totals(len(stream) * step_s)
     assert found["items"] == found["shown"] + found["never_shown"]
@@ -115,7 +112,6 @@ def test_each_item_is_held_back_or_shown_once_and_stays_on_its_line(
 @pytest.mark.parametrize("table", POLICIES, ids=str)
 @given(stream=streams, step_s=steps_s, cut=st.integers(0, 50))
 def test_the_same_items_give_the_same_lines(table: dict[str, Any], stream: Any, step_s: float, cut: int) -> None:
-    """Also from a checkpoint on."""
     steps = list(enumerate(items_of(stream, step_s)))
     whole, before = inbox(**table), inbox(**table)
     shown = [whole.close_step(step * step_s, items) for step, items in steps]
@@ -140,7 +136,7 @@ def test_a_flood_leaves_memory_bounded(table: dict[str, Any], monkeypatch: pytes
         shown += ledger.close_step(float(step), picture.update(reports, float(step)))
         if step == 20:
             size = len(str([value for value in vars(ledger).values() if not hasattr(value, "close_step")]))
-    assert (len(ledger.items), picture.beyond) == (50, 350)
+    assert (len(ledger.items), picture.items) == (50, 400)
     assert len(ledger.shown) + ledger.held.items == 50
     assert sum(item.number == 50 for item in shown) == 350
     assert len(str([value for value in vars(ledger).values() if not hasattr(value, "close_step")])) < 3 * size
@@ -181,6 +177,15 @@ def test_a_digest_comes_at_its_time_and_counts_what_does_not_matter() -> None:
     assert [(item.number, item.is_quiet) for item in shown[20]] == [(12, False), (13, True)]
 
 
+def test_digests_do_not_drift() -> None:
+    """In steps of 3 s each comes in the first step that is not before its time, also after a gap."""
+    ledger = inbox(policy="digest", every_s=10.0)
+    times_s = [*range(0, 63, 3), *range(90, 120, 3)]
+    items = [item(number, time_s, INFO, (number,)) for number, time_s in enumerate(times_s)]
+    shown = [time_s for time_s, one in zip(times_s, items, strict=True) if ledger.close_step(float(time_s), [one])]
+    assert shown == [12, 21, 30, 42, 51, 60, 90, 102, 111]
+
+
 def test_grouped_has_one_line_for_each_event_or_sender() -> None:
     """Events that one item names first share one; an event that returns has a new one; only news asks to be read."""
     ledger = inbox(policy="grouped")
@@ -199,7 +204,6 @@ def test_grouped_has_one_line_for_each_event_or_sender() -> None:
 
 
 def test_new_holds_back_what_says_nothing_new_and_ranked_ranks() -> None:
-    """As `all` they show each item on its own line, at once."""
     [items] = items_of([[(0, INFO, []), (1, NOTICE, []), (2, ALERT, [])]], 1.0)
     assert [item.number for item in inbox(policy="new").close_step(0.0, items)] == [1, 2]
     for policy in ("all", "ranked"):
@@ -310,7 +314,6 @@ def test_an_item_that_the_person_opened_at_once_was_held_back() -> None:
     ],
 )
 def test_a_wrong_key_is_named(table: dict[str, Any], wrong: str) -> None:
-    """Before a run."""
     assert [path for path, _ in mistakes({"operator": {"inbox": table}})] == [f"operator.inbox.{wrong}"]
 
 
@@ -368,15 +371,6 @@ def test_a_simulated_person_reads_lines_at_their_price() -> None:
     ranked = person(listed)
     ranked.is_ranked = True
     assert [numbers for _, numbers in reads(*mixed, one=ranked)] == [(2,), (0,), (1,)]
-
-
-def test_every_kind_of_news_has_a_severity() -> None:
-    """Each a key of its own, beside those of the policies."""
-    assert InboxSettings().severities.keys() == set(NEWS)
-    assert Counter(InboxSettings().severities.values()) == {ALERT: 3, NOTICE: 1, INFO: 2}
-    with pytest.raises(SettingsError):
-        checked.load(InboxSettings, {"repeat": "none"})
-    assert isinstance(Put(0, (0,)), tuple)
 
 
 def test_the_example_of_the_guide_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,12 +14,12 @@ from unittest.mock import MagicMock
 import pytest
 
 from deltaswarm_operator.__main__ import main
-from deltaswarm_operator.io.inbox import (
+from deltaswarm_operator.io.arrivals import (
     MAX_TOKENS,
     MAX_WAITING_BYTES_OF_ONE,
     SAMPLE_BYTES,
-    BoundedInbox,
-    ItemKind,
+    ArrivalKind,
+    BoundedArrivals,
 )
 from deltaswarm_operator.io.open_air_source import OpenAirConfig, OpenAirSource
 from deltaswarm_operator.io.process import End, OperatorProcess
@@ -168,7 +168,6 @@ def test_it_says_whose_body_is_not_well_and_when_it_is_well_again(tmp_path: Path
 
 @pytest.mark.processes
 def test_a_password_is_asked_for_where_there_are_credentials(tmp_path: Path) -> None:
-    """Only who is in the file comes in."""
     port = free_port()
     everyone, wrong = tmp_path / "everyone", tmp_path / "wrong"
     everyone.write_text("operator:o\nagent-0:a\nagent-1:b\n")
@@ -197,7 +196,6 @@ def test_a_password_is_asked_for_where_there_are_credentials(tmp_path: Path) -> 
     ],
 )
 def test_it_refuses(arguments: Sequence[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With exit code 2 and the reason."""
     assert main(["--no-world", "--run", RUN, "--out", str(tmp_path / "out"), *arguments]) == 2
     assert message in capsys.readouterr().err
 
@@ -229,7 +227,6 @@ def test_another_ones_certificate_is_refused(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A table that is there stays."""
     (tmp_path / "operator.csv").touch()
     assert main(["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:0"]) == 2
     assert "--out must" in capsys.readouterr().err
@@ -237,15 +234,11 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 class Payload(bytes):
-    """As Zenoh has it."""
-
     def to_bytes(self) -> bytes:
-        """The same."""
         return self
 
 
 def sample(key: str, data: bytes) -> Any:
-    """What Zenoh would hand over."""
     return SimpleNamespace(key_expr=f"deltaswarm/{RUN}/agent/{key}/report", payload=Payload(data), attachment=None)
 
 
@@ -261,12 +254,12 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
         status_every_s=10.0,
     )
     source = OpenAirSource(config)
-    inbox = source.inbox
+    inbox = source.arrivals
     operator = OperatorProcess(source, MagicMock(), MagicMock())
-    inbox.put(ItemKind.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
+    inbox.put(ArrivalKind.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
     room = MAX_WAITING_BYTES_OF_ONE // (SAMPLE_BYTES + 1)
     for number in range(2 * room + 10):
-        inbox.put(ItemKind.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
+        inbox.put(ArrivalKind.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
     inbox.stop()
     assert operator.run() is End.STOPPED
     assert source.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
@@ -276,23 +269,23 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
 
 def test_one_that_floods_leaves_room_for_the_others() -> None:
     """Of its own samples few wait, however large they are; what was taken makes room again. Tokens are never lost."""
-    inbox = BoundedInbox()
+    inbox = BoundedArrivals()
     large = bytes(MAX_SAMPLE_BYTES)
     for _ in range(2 * MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES):
-        inbox.put(ItemKind.REPORT, sample("7", large))
+        inbox.put(ArrivalKind.REPORT, sample("7", large))
     waiting = len(inbox)
     assert waiting <= MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES
-    inbox.put(ItemKind.REPORT, sample("8", large))
+    inbox.put(ArrivalKind.REPORT, sample("8", large))
     assert len(inbox) == waiting + 1
     inbox.get(0.0)
-    inbox.put(ItemKind.REPORT, sample("7", large))
+    inbox.put(ArrivalKind.REPORT, sample("7", large))
     assert len(inbox) == waiting + 1
     assert set(inbox.refused) == {7}
     for number in range(2 * MAX_TOKENS):
-        inbox.put(ItemKind.TOKEN, sample(str(number % 3), b""))
-    inbox.put(ItemKind.TOKEN, last := sample("1", b""))
+        inbox.put(ArrivalKind.TOKEN, sample(str(number % 3), b""))
+    inbox.put(ArrivalKind.TOKEN, last := sample("1", b""))
     assert len(inbox) == MAX_TOKENS
     taken = [inbox.get(0.0) for _ in range(MAX_TOKENS + 3)]
-    assert (ItemKind.TOKEN, last) in taken
+    assert (ArrivalKind.TOKEN, last) in taken
     with pytest.raises(queue.Empty):
         inbox.get(0.0)

@@ -8,9 +8,9 @@ from typing import Any
 
 from deltaswarm_operator.core.console import INPUTS_KEPT, Console
 from deltaswarm_operator.core.page_beats import AWAY_AFTER_S, PageBeats
-from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_operator.io.console_server import Channel, ConsoleServer, Outlet
 from tests.support.commanding import briefing, taken_over
-from tests.unit.operator.test_console import close, report, say, shown
+from tests.unit.operator.test_console import attended, close, report, say, shown
 
 HOLDS = {"page": {"hold_while_away": True}}
 
@@ -37,10 +37,7 @@ def acts(console: Console) -> list[tuple[str, float | None]]:
 
 
 def test_a_page_that_is_gone_is_noted_and_the_run_goes_on() -> None:
-    """As it does without the key; the summary has the time."""
-    console = Console(briefing())
-    console.attend()
-    console.start(0.0)
+    console = attended()
     assert say(console, "beat", 0.5) == [{"type": "beat", "to": 3}]
     close(console, 0, wall_s=1.0)
     console.watch_page(3.0)
@@ -57,9 +54,7 @@ def test_a_page_that_is_gone_is_noted_and_the_run_goes_on() -> None:
 
 def test_a_run_waits_for_its_page_if_it_is_to() -> None:
     """For the first one, and for one that was killed; a pause of the person stays a pause."""
-    console = Console(briefing(operator=HOLDS))
-    console.attend()
-    console.start(0.0)
+    console = attended(**HOLDS)
     assert console.is_held
     say(console, "beat", 9.0)
     assert not console.is_held
@@ -77,9 +72,7 @@ def test_a_run_waits_for_its_page_if_it_is_to() -> None:
 
 def test_no_time_to_answer_passes_while_no_page_answers() -> None:
     """The question stays open, none is asked meanwhile, and the page's clock says how long the answer took."""
-    console = Console(briefing(operator={"probes": {"isa_every_s": 1.0, "isa_wait_s": 20.0}}))
-    console.attend()
-    console.start(0.0)
+    console = attended(probes={"isa_every_s": 1.0, "isa_wait_s": 20.0})
     say(console, "beat", 0.0)
     close(console, 1, wall_s=0.0)
     assert shown(console, 2.0)["probe"]["left_s"] == 18.0
@@ -97,9 +90,7 @@ def test_no_time_to_answer_passes_while_no_page_answers() -> None:
 
 def asked_isa(left_s: float) -> Console:
     """A console whose page was last heard at 20 s, when there was so much time left to answer ISA."""
-    console = Console(briefing(operator={"probes": {"isa_every_s": 1.0, "isa_wait_s": 15.0}}))
-    console.attend()
-    console.start(0.0)
+    console = attended(probes={"isa_every_s": 1.0, "isa_wait_s": 15.0})
     for second in range(1, 21):
         say(console, "beat", float(second))
         console.watch_page(float(second))
@@ -144,7 +135,6 @@ def test_a_beat_before_the_answer_does_not_close_the_question() -> None:
 
 
 def test_all_that_is_read_is_what_the_page_has() -> None:
-    """Not what has come since it was marked."""
     console = Console(briefing())
     for step in range(3):
         close(console, step, report(step, step))
@@ -192,7 +182,9 @@ def test_an_input_is_noted_once_it_is_on_disk(tmp_path: Path) -> None:
     end, page = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     page.setblocking(False)
     sent: list[Any] = []
-    server = ConsoleServer("r", Console(briefing()), tmp_path, sent.append, sent.append, lambda _: None, end)
+    server = ConsoleServer(
+        "r", Console(briefing()), tmp_path, Outlet(sent.append, sent.append), Channel(end, lambda _: None)
+    )
 
     def told() -> list[str]:
         kinds = []

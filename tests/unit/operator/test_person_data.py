@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_scenario.situation import SITUATION
 from tests.support.commanding import RIGHT, briefing, taken_over
-from tests.unit.operator.test_console import close, report, say, shown
+from tests.unit.operator.test_console import attended, close, report, say, shown
 
 
 def test_an_act_has_its_time_by_both_clocks(tmp_path: Path) -> None:
@@ -45,11 +46,8 @@ def test_an_act_has_its_time_by_both_clocks(tmp_path: Path) -> None:
 
 
 def test_notes_and_answers_are_no_formulas(tmp_path: Path) -> None:
-    """Whoever reads the tables gets what was typed."""
     form = {"name": "free", "when": "before", "question": [{"name": "t", "text": "?", "kind": "text"}]}
-    console = Console(briefing(operator={"probes": {"form": [form], "isa_every_s": 0}}))
-    console.attend()
-    console.start(0.0)
+    console = attended(probes={"form": [form], "isa_every_s": 0})
     tables = ActionLog(tmp_path)
     say(console, "sheet", 1.0, consent=True)
     say(console, "form", 2.0, form="free", answers={"t": "=1+1"})
@@ -108,7 +106,7 @@ def test_the_sheet_is_the_planned_one() -> None:
 def test_a_run_may_leave_the_pace_and_orders_out() -> None:
     """The page offers them no more, and the console takes them from nobody."""
     console = Console(briefing(operator={"page": {"pace": False, "orders": ["go"], "title": "Run B"}}))
-    hello = console.hello("run")
+    hello = page_hello(console, "run")
     assert (hello["title"], hello["speeds"]) == ("Run B", ())
     assert [form["name"] for form in hello["commands"]] == ["go"]
     for intent in ({"paused": True}, {"speed": 5}, {"steps": 1}):
@@ -120,9 +118,7 @@ def test_a_run_may_leave_the_pace_and_orders_out() -> None:
 def test_a_run_is_held_for_questions_about_the_situation() -> None:
     """From the step on that closes at their time, until all is answered; whoever steps does not step past them."""
     asks = {"sagat_at_s": [5.0, 8.0], "sagat_questions": [*SITUATION], "isa_every_s": 0}
-    console = Console(briefing(operator={"probes": asks}))
-    console.attend()
-    console.start(0.0)
+    console = attended(probes=asks)
     assert console.pace.hold_step == 6
     assert shown(console)["pace"]["paused"] is False
     close(console, 0)
@@ -162,9 +158,7 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
 def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> None:
     """The run was held for it while ISA was open: both have their rows, and the run goes on."""
     asks = {"probes": {"sagat_at_s": [5.0], "sagat_questions": ["trees"], "isa_every_s": 4}}
-    console = Console(briefing(operator=asks))
-    console.attend()
-    console.start(0.0)
+    console = attended(**asks)
     for step in range(6):
         close(console, step)
     assert shown(console)["probe"]["kind"] == "isa"
@@ -179,9 +173,7 @@ def test_questions_in_passing_let_the_run_go_on() -> None:
     """One question at a time, in a drawn order; not beside another, and missing after its time."""
     spam = {"spam_at_s": [2.0, 4.0, 6.0], "spam_questions": ["trees", "open_events"], "spam_wait_s": 10.0}
     spam |= {"spam_ready": False}
-    console = Console(briefing(operator={"probes": {**spam, "isa_every_s": 5}}))
-    console.attend()
-    console.start(0.0)
+    console = attended(probes={**spam, "isa_every_s": 5})
     for step in range(3):
         close(console, step)
     probe = shown(console)["probe"]
@@ -220,9 +212,7 @@ def test_forms_come_one_after_another() -> None:
         {"name": "free", "when": "before", "question": [{"name": "t", "text": "?", "kind": "text", "required": False}]},
         {"name": "end", "when": "after", "question": [likert]},
     ]
-    console = Console(briefing(operator={"probes": {"consent": "Yes?", "tlx": True, "form": forms, "isa_every_s": 0}}))
-    console.attend()
-    console.start(0.0)
+    console = attended(probes={"consent": "Yes?", "tlx": True, "form": forms, "isa_every_s": 0})
     say(console, "sheet", 1.0, consent=True)
     assert shown(console)["probe"]["form"]["name"] == "you"
     assert say(console, "form", form="end", answers={"trust": 1})[0]["type"] == "refused"
@@ -251,11 +241,8 @@ def test_forms_come_one_after_another() -> None:
 
 @pytest.mark.parametrize(("name", "holds"), [("spam", False), ("sagat", True)])
 def test_an_answer_lets_only_a_run_go_on_that_was_held_for_it(name: str, holds: bool) -> None:
-    """A run that the person has paused stays paused."""
     asks = {"probes": {f"{name}_at_s": [2.0], f"{name}_questions": ["trees"], "isa_every_s": 0, "spam_ready": False}}
-    console = Console(briefing(operator=asks))
-    console.attend()
-    console.start(0.0)
+    console = attended(**asks)
     for step in range(3):
         close(console, step)
     if not holds:

@@ -65,11 +65,11 @@ def test_nothing_is_in_it_that_no_report_told(life: list[list[Report]]) -> None:
             assert known.parent != agent
         for event, seen in picture.events.items():
             assert (seen.x_m, seen.y_m) in places
-            assert seen.first_s <= seen.seen_s <= now
-            assert seen.seen_s >= seen_before.get(event, -1) or seen_before[event] < seen.first_s
+            assert seen.first_s <= seen.last_s <= now
+            assert seen.last_s >= seen_before.get(event, -1) or seen_before[event] < seen.first_s
         assert before.keys() <= picture.agents.keys()
         before = {agent: known.said_s for agent, known in picture.agents.items()}
-        seen_before = {event: seen.seen_s for event, seen in picture.events.items()}
+        seen_before = {event: seen.last_s for event, seen in picture.events.items()}
 
 
 def test_a_late_report_puts_nobody_back() -> None:
@@ -79,7 +79,7 @@ def test_a_late_report_puts_nobody_back() -> None:
     picture.update([attending(5, 3)], 11.0)
     assert picture.agents[5].said_s == 10
     assert picture.agents[5].root == 0
-    assert picture.events[1].seen_s == 10
+    assert picture.events[1].last_s == 10
     picture.update([attending(5, 12)], 12.0)
     picture.update([attending(5, 11)], 13.0)
     assert picture.agents[5].said_s == 12
@@ -118,7 +118,6 @@ def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
 
 
 def test_what_an_agent_says_of_itself_counts_more_than_its_root() -> None:
-    """In the same step, whichever of both has the lower number."""
     for own, other in ((1, 2), (2, 1)):
         picture = Picture(1.0)
         picture.update(sorted([attending(own, 4), root(other, 4, own)]), 4.0)
@@ -161,14 +160,12 @@ def test_events_that_nobody_reports_any_more_are_closed() -> None:
 
 
 def test_a_root_that_names_itself_stays_a_root() -> None:
-    """As a hostile one might."""
     picture = Picture(1.0)
     picture.update([root(3, 1, 3)], 1.0)
     assert picture.agents[3].role == "root"
 
 
 def test_an_event_goes_when_its_reporter_is_silent_of_it_or_nobody_tells_for_long() -> None:
-    """Another one's word keeps it; its number stays its own."""
     picture = Picture(1.0)
     picture.update([root(0, 1, events=[77, 78]), root(1, 1, events=[78])], 1.0)
     assert set(picture.events) == {1, 2}
@@ -183,7 +180,6 @@ def test_an_event_goes_when_its_reporter_is_silent_of_it_or_nobody_tells_for_lon
 
 
 def test_the_inbox_has_what_is_new_of_each_sender() -> None:
-    """A repetition is no item."""
     picture = Picture(1.0)
     first = picture.update([root(0, 1, events=[5]), attending(1, 1, 5)], 1.0)
     assert [item.is_new for item in first] == [True, False]

@@ -53,7 +53,6 @@ def test_isa_is_asked_at_its_times_and_missing_without_an_answer() -> None:
 
 
 def test_nasa_tlx_wants_every_scale_and_15_weights() -> None:
-    """Once, after the last step."""
     asked = probes(tlx=True, tlx_weights=True, isa_every_s=0)
     scales, weights = dict.fromkeys(SCALES, 50), dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
     with pytest.raises(ValueError, match=r".+"):
@@ -91,7 +90,6 @@ def test_a_late_question_does_not_bring_on_the_next() -> None:
 
 
 def test_a_question_that_was_open_when_the_operator_was_killed_is_missing() -> None:
-    """Its row is there, and it is not asked again."""
     killed = probes(isa_every_s=100, isa_wait_s=30)
     killed.tick(100.0, False, 0.0)
     successor = reloaded(killed)
@@ -281,7 +279,6 @@ def test_a_restart_tells_whether_the_run_was_held() -> None:
 
 
 def test_a_simulated_person_answers_at_once_and_has_no_wall_time() -> None:
-    """It answers ISA by its load and nothing else."""
     asked = probes(isa_every_s=5.0, isa_wait_s=1.0, tlx=True)
     asked.is_timed = False
     assert asked.answer_as(0.5, 0.0) is None

@@ -185,14 +185,12 @@ class WorldMeter:
         self.rows: list[Workload] = []
 
     def take(self, step: int, data: bytes) -> None:
-        """A step with this report."""
         self.meter.count_forwarded(Forwarded(step, step, data))
         self.rows.append(self.meter.close_step(Clock(step, float(step), False), 0))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals) -> None:
-    """What was in its queue is written, and marked incomplete."""
     process = world.running_operator()
     seen = world.workloads()
     world.hand_on(encode_report(report(1, 0, 0)))
@@ -271,15 +269,6 @@ def test_it_does_not_start_without_a_world(world: World) -> None:
     assert not world.out.exists()
 
 
-def test_nothing_is_overwritten(world: World) -> None:
-    """A folder that holds an operator's table already is a mistake of the user."""
-    world.out.mkdir()
-    (world.out / "operator.csv").write_text("precious")
-    assert world.start_operator().wait(PATIENCE_S) == 2
-    assert "--out must" in world.log.read_text()
-    assert (world.out / "operator.csv").read_text() == "precious"
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -290,7 +279,6 @@ def test_nothing_is_overwritten(world: World) -> None:
     ],
 )
 def test_bad_arguments_are_refused_before_anything_starts(world: World, arguments: list[str], said: str) -> None:
-    """Exit code 2, with the argument and what it must be."""
     assert world.start_operator(*arguments).wait(PATIENCE_S) == 2
     assert said in world.log.read_text()
     assert not world.out.exists()

@@ -3,7 +3,8 @@
 import json
 from typing import Any
 
-from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import CONDUCTOR_KIND, page_hello
 from deltaswarm_operator.core.intents import INTENTS, carry_out
 from deltaswarm_operator.core.recent_acts import RecentActs
 from deltaswarm_scenario.person_tables import CONDUCTOR, OperatorAction, ProbeRow
@@ -37,9 +38,9 @@ def test_the_conductor_may_pause_note_help_and_end_and_nothing_else() -> None:
     ]
     assert conduct("catch_up")[0]["acts"] == told
     assert "acts" not in say(console, "catch_up")[0]
-    hello = console.hello("run", CONDUCTOR_KIND)
+    hello = page_hello(console, "run", CONDUCTOR_KIND)
     assert hello["event_numbers"] == list(console.picture.event_numbers.items()) != []
-    assert console.hello("run")["event_numbers"] == ()
+    assert page_hello(console, "run")["event_numbers"] == ()
 
 
 def test_a_call_for_help_is_for_the_conductor_who_says_that_somebody_comes() -> None:
@@ -47,9 +48,9 @@ def test_a_call_for_help_is_for_the_conductor_who_says_that_somebody_comes() -> 
     console = Console(briefing())
     console.start(0.0)
     assert say(console, "help", state="asked")[0]["why"] == "nobody conducts this run"
-    assert "help" not in console.hello("run")["panels"]
+    assert "help" not in page_hello(console, "run")["panels"]
     console.has_conductor = True
-    assert "help" in console.hello("run")["panels"]
+    assert "help" in page_hello(console, "run")["panels"]
     for _ in range(2):
         assert say(console, "help", state="asked", id="h") == [{"type": "noted", "to": 3, "id": "h"}]
     assert console.show(0.0)["help"] == "asked"

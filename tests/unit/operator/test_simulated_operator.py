@@ -4,21 +4,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from random import Random
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.attention import Attention
-from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
+from deltaswarm_operator.core.measures import HIGH_LOAD, Attention, Measures
 from deltaswarm_operator.core.picture import Picture
 from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, SimulatedOperator
 from deltaswarm_operator.inbox.item import Item
 from deltaswarm_operator.inbox.ledger import Ledger
 from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, InboxSettings, PersonSettings
 from tests.support.commanding import reloaded
-from tests.support.complaints import mistakes
 from tests.support.tiers import in_one_test
 from tests.unit.operator.test_console import report
 
@@ -140,7 +137,6 @@ def test_the_rate_moves_delta_and_lets_it_go_back() -> None:
 
 
 def test_a_swarm_without_delta_is_commanded_nothing() -> None:
-    """Its controller has no such command."""
     one = person(replace(CALM, policy=THRESHOLD), delta=None)
     assert live(one, [((), 50.0)] * 300) == []
 
@@ -162,7 +158,6 @@ def test_a_repeat_replaces_what_has_not_been_read() -> None:
 
 @in_one_test(("later", "replaced"), [((1, 2), 1), ((1, 2, 3), 1), ((1,), 0), ((1, 3), 0), ((), 0)])
 def test_only_an_item_that_names_all_the_same_events_replaces_another(later: tuple[int, ...], replaced: int) -> None:
-    """The same events or more."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
     told = [([(3, (9,), True), (0, (1, 2), True)], 0.0), ([(0, later, False)], 0.0), *[([], 0.0)] * 8]
     live(one, told)
@@ -170,7 +165,6 @@ def test_only_an_item_that_names_all_the_same_events_replaces_another(later: tup
 
 
 def test_what_waits_too_long_is_missed() -> None:
-    """Nobody reads it any more."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0, new_s=50.0, patience_s=30.0))
     acts = live(one, [([(0, (1,), True), (1, (2,), True)], 0.0), *[([], 0.0)] * 100])
     assert acts == [(50.0, Read((0,)))]
@@ -216,7 +210,7 @@ def test_the_time_at_high_load_is_exact() -> None:
         for goal in (1.0, 0.0):
             for _ in range(parts):
                 after = goal + (load - goal) * 2.718281828459045 ** (-1 / parts)
-                measures.see_load(load, after, 300.0 / parts, 300.0, is_busy=goal == 1.0)
+                measures.add_load(load, after, 300.0 / parts, 300.0, is_busy=goal == 1.0)
                 load = after
     assert coarse.high_s == pytest.approx(fine.high_s)
     assert 0 < coarse.high_s < coarse.time_s
@@ -233,18 +227,3 @@ def test_agents_in_turn_follow_from_the_times_on_and_between_items() -> None:
     assert totals["agents_in_turn"] == pytest.approx(30 / 4 + 1)
     assert totals["acknowledge_s"] == pytest.approx(4.0)
     assert person().totals()["agents_in_turn"] is None
-
-
-@in_one_test(
-    ("table", "path"),
-    [
-        ({"policy": "lazy"}, "policy"),
-        ({"known_s": 0}, "known_s"),
-        ({"best_load": 1.0}, "best_load"),
-        ({"policy": "threshold", "delta_step": 0}, "delta_step"),
-        ({"patience": 3}, "patience"),
-    ],
-)
-def test_wrong_settings_are_told_by_name(table: dict[str, Any], path: str) -> None:
-    """Before anything runs."""
-    assert [key for key, _ in mistakes(table, PersonSettings)] == [path]

@@ -35,7 +35,6 @@ def feed() -> Iterator[Feed]:
 
 
 def address(feed: Feed) -> tuple[str, str]:
-    """Host with port, and the token."""
     found = urlsplit(feed.url)
     return found.netloc, found.path.strip("/")
 
@@ -48,7 +47,6 @@ def browser(feed: Feed, **changes: Any) -> ClientConnection:
 
 
 def told(client: ClientConnection, kind: str) -> Message:
-    """The next message of that type."""
     while True:
         message: Message = json.loads(client.recv(PATIENCE_S))
         if message["type"] == kind:
@@ -126,7 +124,6 @@ def test_a_page_from_elsewhere_opens_no_socket(feed: Feed, origin: str | None) -
 
 
 def test_the_socket_needs_the_token(feed: Feed) -> None:
-    """With another one it is not found."""
     host, token = address(feed)
     for path in ("live", f"{token[::-1]}/live", f"{token}/live/", f"{token}/lives"):
         with pytest.raises(InvalidStatus) as refused, connect(f"ws://{host}/{path}", origin=Origin(f"http://{host}")):
@@ -157,7 +154,6 @@ def test_who_watches_is_told_everything_and_forwards_nothing(feed: Feed) -> None
 
 
 def test_watchers_do_not_keep_the_participant_out(feed: Feed) -> None:
-    """Some places are the participant's."""
     say(feed, HELLO)
     with ExitStack() as stack:
         for _ in range(server.MAX_WATCHERS):
@@ -185,7 +181,6 @@ def test_who_comes_late_gets_the_newest(feed: Feed) -> None:
 
 
 def test_intents_reach_the_feed_with_the_browsers_number(feed: Feed) -> None:
-    """And an answer to one browser is told to that one alone."""
     with browser(feed) as one, browser(feed) as other:
         one.send('{"type":"catch_up","from":99}')
         first = feed.hear("catch_up")["from"]
@@ -206,7 +201,6 @@ BAD = ["", "{", "[]", "3", "null", '{"type":1}', '{"type":"sudo"}', '{"id":"c1"}
 
 
 def test_what_is_no_intent_is_refused(feed: Feed) -> None:
-    """It does not reach the feed, and the next one does."""
     with browser(feed) as client:
         for text in [*BAD, '{"type":"read","items":[1e999999]}', b"{}"]:
             client.send(text)
@@ -224,7 +218,6 @@ def test_what_is_no_intent_is_refused(feed: Feed) -> None:
 
 
 def test_a_frame_of_a_megabyte_ends_its_own_connection_only(feed: Feed) -> None:
-    """Compressed or not."""
     with browser(feed) as good:
         for compression in (None, "deflate"):
             with browser(feed, compression=compression) as bad:
@@ -237,7 +230,6 @@ def test_a_frame_of_a_megabyte_ends_its_own_connection_only(feed: Feed) -> None:
 
 
 def test_who_floods_is_let_go(feed: Feed) -> None:
-    """More than a person can mean."""
     with browser(feed) as client:
         with pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
             for _ in range(100 * rules.MAX_INTENTS_PER_S):
@@ -269,7 +261,6 @@ def test_only_so_many_browsers_at_a_time(feed: Feed) -> None:
 
 
 def test_connections_that_say_nothing_do_not_keep_others_out(feed: Feed) -> None:
-    """There are only so many, and each has only so long."""
     host, port = urlsplit(feed.url).hostname, urlsplit(feed.url).port
     with ExitStack() as stack:
         idle = [stack.enter_context(socket.create_connection((host, port), PATIENCE_S)) for _ in range(100)]
@@ -338,7 +329,6 @@ def test_a_stopped_station_costs_the_feed_nothing(feed: Feed) -> None:
 
 
 def test_a_feed_that_does_not_listen_holds_nobody_up(feed: Feed) -> None:
-    """The browser is told so, and pictures still come."""
     text = json.dumps({"type": "form", "form": "f", "answers": {"why": "a" * 15_000}})
     with browser(feed) as client:
         refused = None
@@ -356,7 +346,6 @@ def test_a_feed_that_does_not_listen_holds_nobody_up(feed: Feed) -> None:
 
 
 def test_what_the_feed_should_not_say_is_passed_over(feed: Feed) -> None:
-    """The station goes on."""
     for datagram in (b"{", b"[]", b"\xff\xfe", b'{"to":1}', b'{"type":"x","to":[1]}', b'{"type":"picture"\xff'):
         feed.socket.send(datagram)
     say(feed, HELLO)
@@ -394,6 +383,5 @@ def test_a_page_is_told_of_the_end_after_the_last_picture(feed: Feed) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_the_station(feed: Feed, number: signal.Signals) -> None:
-    """At once, with 0."""
     feed.process.send_signal(number)
     assert feed.process.wait(PATIENCE_S) == 0

@@ -16,7 +16,6 @@ CHECKS += ["--target", "es2022", "--module", "es2022", "--lib", "es2022,dom,dom.
 
 @pytest.mark.skipif(not shutil.which("tsc"), reason="tsc is not installed (Debian: node-typescript)")
 def test_the_pages_types_hold() -> None:
-    """JSDoc, checked strictly."""
     files = [*map(str, sorted(PAGE.glob("*.d.ts"))), *map(str, sorted(PAGE.glob("*.js")))]
     done = subprocess.run(["tsc", *CHECKS, *files], cwd=os.sep, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
@@ -35,7 +34,6 @@ def test_the_pages_files_are_short_and_set_no_html() -> None:
 
 
 def test_what_is_vendored_has_its_licence() -> None:
-    """And its version is in its first line."""
     vendor: Path = PAGE / "vendor"
     assert "(v1.6." in (vendor / "uPlot.iife.min.js").read_text()[:100]
     assert "MIT" in (vendor / "uPlot.LICENSE").read_text()

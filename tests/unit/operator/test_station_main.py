@@ -14,7 +14,6 @@ from tests.support.station_feed import PATIENCE_S, Feed
 
 
 def test_the_channel_must_be_a_socket_of_the_right_kind(capsys: pytest.CaptureFixture[str]) -> None:
-    """A file is none, and neither is a stream."""
     one, other = socket.socketpair()
     with other:
         assert main(["--channel-fd", str(one.detach())]) == 2
@@ -33,7 +32,6 @@ def test_the_station_knows_no_fabric() -> None:
 
 
 def test_other_methods_than_get_are_not_allowed() -> None:
-    """Whatever they ask for, with a body or without."""
     with Feed() as feed:
         link = urlsplit(feed.url)
         for method, body in (("POST", "x" * 100_000), ("PUT", None), ("DELETE", None), ("HEAD", None), ("GET", None)):

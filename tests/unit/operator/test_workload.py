@@ -1,6 +1,5 @@
 """The workload meter: what it counts, when, and that nothing is lost."""
 
-import json
 from collections import Counter
 from typing import Any
 
@@ -48,15 +47,6 @@ def feed(meter: WorkloadMeter, *reports: Report) -> None:
 
 def hand_on(meter: WorkloadMeter, sequence: int, data: bytes, step: int = 0) -> str | None:
     return meter.receive_forwarded(encode_forwarded(Forwarded(sequence, step, data)))
-
-
-def test_a_report_is_counted_in_the_step_closed_next() -> None:
-    """Messages, distinct senders, and the backlog as it was at the clock."""
-    meter = a_meter()
-    feed(meter, report(3, 0, 0), report(1, 0, 0), report(3, 1, 0))
-    workload = close(meter, 0, backlog=17)
-    assert (workload.step, workload.messages, workload.senders, workload.backlog) == (0, 3, 2, 17)
-    assert close(meter, 1).messages == 0
 
 
 def test_the_operator_is_told_when_the_first_report_has_arrived() -> None:
@@ -107,7 +97,6 @@ def test_steps_whose_clock_never_came_pass_without_messages() -> None:
 
 
 def test_an_operator_that_comes_late_begins_with_its_first_clock() -> None:
-    """Steps before it are none of its own."""
     meter = a_meter()
     feed(meter, report(1, 0, 5000))
     assert close(meter, 5000).messages == 1
@@ -115,7 +104,6 @@ def test_an_operator_that_comes_late_begins_with_its_first_clock() -> None:
 
 
 def test_the_largest_gap_fits_on_the_wire() -> None:
-    """However much a forged sequence claims to have lost."""
     meter = a_meter()
     for sequence in (2**32 - 1, 0, 2**32 - 1):
         hand_on(meter, sequence, encode_report(report(1, 0, 0)))
@@ -176,13 +164,11 @@ def test_what_the_fabric_loses_behind_the_uplink_is_found() -> None:
     ("window_s", "step_s", "steps"), [(1.0, 0.6, 2), (60.0, 0.7, 86), (60.0, 0.9, 67), (1.0, 0.3, 3), (1.0, 4.0, 1)]
 )
 def test_a_window_is_the_nearest_whole_number_of_steps(window_s: float, step_s: float, steps: int) -> None:
-    """At least one."""
     assert SlidingRate(window_s, step_s).steps == steps
 
 
 @in_one_test(("sequences", "lost"), [((0, 1, 2), 0), ((0, 2), 1), ((1,), 1), ((0, 2, 1), 1), ((0, 5), 4)])
 def test_a_gap_in_the_worlds_sequence_is_a_loss(sequences: tuple[int, ...], lost: int) -> None:
-    """Also of a single report, and of the first."""
     meter = a_meter()
     for sequence in sequences:
         hand_on(meter, sequence, encode_report(report(1, sequence, 0)))
@@ -200,7 +186,6 @@ def test_a_step_never_has_fewer_than_no_losses() -> None:
 
 @given(strange(REPORT))
 def test_no_bytes_break_the_meter(data: bytes) -> None:
-    """It counts or rejects whatever comes."""
     meter = a_meter()
     hand_on(meter, 0, data)
     workload = close(meter, 0)
@@ -249,17 +234,6 @@ def test_time_above_the_threshold_is_that_of_the_long_rate() -> None:
     # Rates over the whole start: 2, 2.5, 1.67, 1.25, 2.8
     assert above == [0.0, 1.0, 1.0, 1.0, 2.0]
     assert meter.totals["time_above_s"] == 2.0
-
-
-def test_rates_are_over_simulated_time() -> None:
-    """Half-second steps with three messages each are six messages per second."""
-    meter = a_meter(step_s=0.5)
-    for step in range(10):
-        feed(meter, *(report(agent, step, step) for agent in range(3)))
-        workload = meter.close_step(Clock(step, step * 0.5, False), 0)
-    assert (workload.rate_1s_hz, workload.rate_60s_hz) == (6.0, 6.0)
-    assert meter.totals["messages_per_s"] == 6.0
-    assert workload.time_above_s == 5.0
 
 
 @st.composite
@@ -312,15 +286,6 @@ def test_the_digest_does_not_depend_on_the_order_of_arrival(steps: list[Any], rn
     assert straight.digest_hex == shuffled.digest_hex == by_hand.hex()
 
 
-def test_totals_are_plain_json() -> None:
-    """Numbers and text alone, before the first step as well."""
-    meter = a_meter()
-    assert json.loads(json.dumps(meter.totals, allow_nan=False)) == meter.totals
-    feed(meter, report(7, 0, 0))
-    close(meter, 0)
-    assert json.loads(json.dumps(meter.totals, allow_nan=False)) == meter.totals
-
-
 def test_a_new_meter_has_counted_nothing() -> None:
     """It is before its first step; and reports without a gap make the world no sender."""
     meter = a_meter(threshold_hz=0.5, step_s=0.5)
@@ -329,11 +294,11 @@ def test_a_new_meter_has_counted_nothing() -> None:
         assert hand_on(meter, sequence, encode_report(report(4, sequence, 0))) is None
     close(meter, 0)
     assert list(meter.totals["per_sender"]) == ["4"]
+    assert meter.totals["messages_per_s"] == 4.0
     assert meter.totals["time_above_s"] == 0.5
 
 
 def test_what_was_missing_in_a_step_that_is_done_again_is_not_counted_twice() -> None:
-    """Once loaded, the operator gets all later reports again."""
     meter = a_meter()
     close(meter, 0)
     hand_on(meter, 3, b"broken")

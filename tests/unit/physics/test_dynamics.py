@@ -2,7 +2,8 @@
 
 import math
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock
 from deltaswarm_world.core.environment import Environment
 from tests.support.tiers import in_one_test, nightly
+from tests.support.worlds import Stage
 
 SQUARE_M = ((60.0, 50.0), (60.0, 60.0), (50.0, 60.0), (50.0, 50.0))
 HERE_M = 0.01
@@ -115,24 +117,47 @@ def test_robots_that_stand_in_each_other_or_in_a_wall_are_misplaced() -> None:
     assert dynamics.misplaced(places_m).tolist() == [False, False, True, False, True, False]
 
 
+def test_a_jammed_robot_got_no_further_than_its_diameter() -> None:
+    """One that creeps along a wall by 0.35 m a minute is jammed, and one that creeps by 0.54 m is not."""
+    environment = world("world.drive=holonomic", "world.friction=0", starts=[(0.3, 20.0), (0.3, 70.0)])
+    for _ in range(80):
+        for robot, vy_mps in enumerate((0.006, 0.01)):
+            environment.command(robot, -0.05, vy_mps)
+        environment.move()
+    assert environment.dynamics.blocked == {0, 1}
+    assert environment.dynamics.totals["jams"] == 1
+
+
+def faulty(fault: dict[str, Any], dynamics: str) -> tuple[Environment, Callable[[float, float], None]]:
+    """A body with a fault, and what moves it by a step at a commanded velocity."""
+    stage = Stage(1, world={"dynamics": dynamics}, fault=[fault])
+
+    def go_on(vx_mps: float, vy_mps: float) -> None:
+        stage.end()
+        stage.core.environment.command(0, vx_mps, vy_mps)
+        stage.core.inject(stage.step + 1)
+        stage.begin()
+
+    stage.core.inject(0)
+    stage.begin()
+    go_on(0.0, 0.0)
+    return stage.core.environment, go_on
+
+
 @pytest.mark.parametrize(("wheel", "side"), [("left", 1), ("right", -1)])
 def test_a_robot_turns_to_the_side_of_the_wheel_that_it_lost(wheel: str, side: int) -> None:
     """Its wheel on the other side drives it round, and its own speeds say so."""
-    fault = f'fault=[{{kind="wheel-lost",at_s=0,agents=[0],wheel="{wheel}"}}]'
-    run = InProcess(load_scenario("paper-25", ["world.dynamics=physics", "agents.count=1", fault], 5))
-    run.step(0, False)
-    before = run.world.environment.dynamics.states()[0]
-    run.world.inject(1)
-    run.world.environment.command(0, math.cos(before.heading_rad), math.sin(before.heading_rad))
-    run.world.environment.move(run.world._faults.drive, run.world._faults.active)
-    after = run.world.environment.dynamics.states()[0]
+    fault = {"kind": "wheel-lost", "at_s": 0, "agents": [0], "wheel": wheel}
+    environment, go_on = faulty(fault, "physics")
+    [before] = environment.dynamics.states() or ()
+    go_on(math.cos(before.heading_rad), math.sin(before.heading_rad))
+    [after] = environment.dynamics.states() or ()
     assert math.remainder(after.heading_rad - before.heading_rad, 2 * math.pi) * side > 0.1
     speeds_mps = {"left": after.left_mps, "right": after.right_mps}
     assert abs(speeds_mps.pop(wheel)) < 0.01 < abs(*speeds_mps.values())
 
 
 def test_a_robot_that_lost_a_wheel_turns_about_it() -> None:
-    """It goes round in a circle, and never leaves."""
     fault = 'fault=[{kind="wheel-lost",at_s=0,agents=[0],wheel="left"}]'
     run = InProcess(load_scenario("paper-25", ["world.dynamics=physics", "agents.count=2", "record='off'", fault], 5))
     start_m = run.world.environment.positions_m.copy()
@@ -149,16 +174,12 @@ def test_a_robot_that_lost_a_wheel_turns_about_it() -> None:
 def test_a_body_that_drifts_moves_at_an_angle() -> None:
     """A right angle to the left of its command, robot or point."""
     for dynamics in ("physics", "point"):
-        fault = 'fault=[{kind="actuator-drift",at_s=0,agents=[0],angle_deg=90}]'
-        scenario = load_scenario("paper-25", [f"world.dynamics={dynamics}", "agents.count=1", fault], 5)
-        run = InProcess(scenario)
-        run.step(0, False)
-        before_m = run.world.environment.positions_m[0].copy()
-        for step in range(1, 4):
-            run.world.inject(step)
-            run.world.environment.command(0, 1.0, 0.0)
-            run.world.environment.move(run.world._faults.drive, run.world._faults.active)
-        dx_m, dy_m = (run.world.environment.positions_m[0] - before_m).tolist()
+        fault = {"kind": "actuator-drift", "at_s": 0, "agents": [0], "angle_deg": 90}
+        environment, go_on = faulty(fault, dynamics)
+        before_m = environment.positions_m[0].copy()
+        for _ in range(3):
+            go_on(1.0, 0.0)
+        dx_m, dy_m = (environment.positions_m[0] - before_m).tolist()
         assert dy_m > 1.0
         assert abs(dx_m) < 0.5
 

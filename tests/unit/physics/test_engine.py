@@ -39,7 +39,6 @@ def test_inelastic_discs_go_on_together() -> None:
 
 
 def test_discs_that_meet_at_an_angle_keep_momentum_and_gain_no_energy() -> None:
-    """With friction, which turns them."""
     states = after((50.0, 50.0, 1.0, 0.2), (52.0, 50.5, -1.0, 0.0), elasticity=0.5, friction=0.7)
     assert states[:, VX : VX + 2].sum(axis=0) == pytest.approx([0.0, 0.2], abs=1e-9)
     moment = 0.5 * RADIUS_M**2
@@ -49,7 +48,6 @@ def test_discs_that_meet_at_an_angle_keep_momentum_and_gain_no_energy() -> None:
 
 
 def test_a_disc_slides_on_without_drive() -> None:
-    """Nothing brakes it in the engine."""
     [state] = after((50.0, 50.0, 1.0, -2.0))
     assert state[[X, Y]] == pytest.approx([50.0 + LAST, 50.0 - 2 * LAST])
 
@@ -64,7 +62,6 @@ def test_a_disc_slides_on_without_drive() -> None:
     ],
 )
 def test_the_arena_s_edge_is_solid(start: tuple[float, ...], axis: int, stops_m: float) -> None:
-    """A disc stops a radius from it."""
     [state] = after(start)
     assert state[axis] == pytest.approx(stops_m, abs=0.03)
 

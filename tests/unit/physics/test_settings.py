@@ -4,6 +4,7 @@ import orjson
 import pytest
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import page_hello
 from deltaswarm_orchestrator.live.views import hello
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
@@ -59,7 +60,6 @@ PHYSICS = 'world.dynamics="physics"'
     ],
 )
 def test_a_mistake_is_one_line(overrides: list[str], line: str) -> None:
-    """It says what must hold and where."""
     with pytest.raises(SettingsError) as caught:
         load_scenario("paper-25", [PHYSICS, *overrides])
     assert line in str(caught.value)
@@ -67,9 +67,8 @@ def test_a_mistake_is_one_line(overrides: list[str], line: str) -> None:
 
 
 def test_agents_operator_and_pages_are_told_the_radius_of_a_body() -> None:
-    """Given or by default; a point has none."""
     for overrides, radius_m in (([], 0.0), ([PHYSICS], 0.25), ([PHYSICS, "world.radius_m=1"], 1.0)):
         scenario = load_scenario("paper-25", overrides)
         assert scenario.for_agent(0).radius_m == radius_m
-        assert Console(scenario.for_operator((), 1.0)).hello("run")["radius_m"] == radius_m
+        assert page_hello(Console(scenario.for_operator((), 1.0)), "run")["radius_m"] == radius_m
         assert orjson.loads(hello("run", scenario))["radius_m"] == radius_m

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_operator.core.console import CONDUCTOR_KIND, LIVE, Console
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.hello import CONDUCTOR_KIND, LIVE, page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.page_language import LanguageSettings, page_texts, placeholders
@@ -125,8 +126,8 @@ def test_a_session_has_one_language(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_the_conductor_reads_english_and_consent_is_what_was_read(file: Path) -> None:
     settings = ["operator.probes.consent='Do you agree?'", "operator.probes.participant=P1"]
     console = Console(load_scenario(str(file), settings).for_operator((), 1.0))
-    assert console.hello("a run", LIVE)["language"]["tag"] == "fr"
-    assert console.hello("a run", CONDUCTOR_KIND)["language"] is None
+    assert page_hello(console, "a run", LIVE)["language"]["tag"] == "fr"
+    assert page_hello(console, "a run", CONDUCTOR_KIND)["language"] is None
     console.start(0.0)
     sheet = {"type": "sheet", "from": 1, "consent": True, "participant": "P1", "condition": ""}
     assert carry_out(console, json.dumps(sheet).encode(), 1.0) == []

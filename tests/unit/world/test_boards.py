@@ -129,11 +129,9 @@ class Late:
         self.step = -1
 
     def hear(self, leaf: str, data: bytes, act: bytes | None = None) -> str | None:
-        """A sample of the board; the reason if it is dropped."""
         return self.core.intake.receive(BOARD, leaf, data, act)
 
     def answer(self, step: int) -> None:
-        """A report, which the world takes once, then a radio frame with the act."""
         number = len(self.reported)
         report = report_of(step, number)
         assert self.hear(REPORT, report) is None
@@ -157,7 +155,6 @@ class Late:
         self.forwarded += [decode_report(forwarded.report).step for forwarded in self.core.forwarded]
 
     def cut(self) -> None:
-        """The link goes and comes back; the board's process goes on."""
         for note in (
             self.core.participants.token_gone,
             self.core.participants.token_back,

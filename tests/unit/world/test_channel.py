@@ -16,8 +16,8 @@ from deltaswarm_scenario.radio import (
     PathLossSettings,
     WallSettings,
 )
-from deltaswarm_world.core.air.channel.chance import Asymmetry, Bursts, Contention
 from deltaswarm_world.core.air.channel.links import Ends, LinkDraws, Links
+from deltaswarm_world.core.air.channel.loss import Asymmetry, Bursts, Contention
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.core.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts, Jammers, Walls
@@ -225,7 +225,6 @@ def test_frames_of_one_link_in_one_step_share_its_state() -> None:
 
 @given(st.lists(st.integers(7, 60), min_size=1, max_size=12), st.integers(1, 300), st.integers(0, 99))
 def test_no_receiver_hears_more_than_the_medium_carries(sizes: list[int], most: int, seed: int) -> None:
-    """And nothing is lost where all fits."""
     count = len(sizes)
     nowhere = np.zeros((count, 2))
     frames = [bytes(size) for size in sizes]
@@ -241,7 +240,6 @@ def test_no_receiver_hears_more_than_the_medium_carries(sizes: list[int], most: 
 
 @given(points, points, points, points)
 def test_a_wall_cuts_from_both_sides_alike(a: Place, b: Place, p: Place, q: Place) -> None:
-    """Whoever speaks; and whichever end of the wall comes first."""
     assume(a != b)
     there, back = link(0, p, 1, q), link(1, q, 0, p)
     one = Walls([WallSettings(a, b)]).cuts(there, 0.0)
@@ -280,7 +278,6 @@ def test_a_wall_is_where_it_is(p: Place, q: Place, cut: bool) -> None:
 
 @in_one_test(("time_s", "on"), [(4.9, False), (5.0, True), (7.9, True), (8.0, False)])
 def test_zones_keep_their_times(time_s: float, on: bool) -> None:
-    """From the first moment, to the last and not longer."""
     through = link(0, (0.0, 0.0), 1, (20.0, 0.0))
     for model in (
         Blackouts([BlackoutSettings(5.0, 8.0)]),
@@ -332,7 +329,6 @@ def test_a_pipe_is_exact(steps: list[list[int]], rate: float, queue_bytes: int) 
 
 @given(st.lists(st.integers(1, 60), max_size=40), st.integers(60, 200))
 def test_a_wide_pipe_is_none(sizes: list[int], rate: int) -> None:
-    """Nothing waits, nothing falls."""
     pipes = RateLimitedQueue(float(rate), 0)
     for number, size in enumerate(sizes):
         packet = Packet(0, number, bytes(size))
@@ -357,7 +353,6 @@ def test_the_mean_delay_is_latency_and_half_the_jitter(latency_s: float, jitter_
 
 @in_one_test(("latency_s", "step_s", "steps"), [(0.0, 1.0, 0), (3.0, 1.0, 3), (0.3, 0.1, 3), (7.0, 3.5, 2)])
 def test_a_latency_of_whole_steps_is_exact_and_draws_nothing(latency_s: float, step_s: float, steps: int) -> None:
-    """Whatever the generators are."""
     jitter_rng, rounding_rng = rng(1), rng(2)
     delays = DelayLine(latency_s, 0.0, step_s, jitter_rng, rounding_rng).draw(1000)
     assert set(delays.tolist()) == {steps}

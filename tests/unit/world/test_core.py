@@ -145,7 +145,6 @@ def test_one_frame_per_step_and_none_after_the_act() -> None:
 
 
 def test_whose_count_falls_back_is_named() -> None:
-    """Its gaps too, by the agent; who was away may begin anew."""
     stage = Stage()
     for counters in ((0, 30), (1, 31), (2, 32)):
         stage.begin()
@@ -184,7 +183,6 @@ def test_an_act_of_a_step_to_come_is_refused() -> None:
 
 
 def test_a_second_act_changes_nothing() -> None:
-    """The first one closed the step."""
     stage = Stage()
     event = stage.event(50, 50)
     stage.begin()
@@ -207,7 +205,6 @@ def test_a_gap_in_counters_is_a_loss_on_the_fabric() -> None:
 
 
 def test_the_heard_bytes_are_the_very_bytes_sent() -> None:
-    """Also where a sender writes an integer wider than needed."""
     stage = Stage(2)
     stage.begin()
     odd = b"\x93\x03\xcd\x00\x00\xc5\x00\x02hi"
@@ -217,7 +214,6 @@ def test_the_heard_bytes_are_the_very_bytes_sent() -> None:
 
 
 def test_an_agent_senses_what_is_in_its_own_range() -> None:
-    """And is told its own place, nothing of the others'."""
     stage = Stage()
     stage.core.environment.positions_m[1] = (80.0, 20.0)
     near, far = stage.event(51, 50), stage.event(79, 20)

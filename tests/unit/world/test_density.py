@@ -72,7 +72,6 @@ def test_what_falls_outside_is_drawn_again() -> None:
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0.01, 1e4), st.floats(0.01, 1e4), st.floats(-0.99, 0.99))
 def test_everything_is_in_the_arena(right: float, up: float, xx: float, yy: float, correlation: float) -> None:
-    """Wherever the mean in it, and however wide the covariance."""
     xy = correlation * (xx * yy) ** 0.5
     density = {"mean_m": [40 * right, 25 * up], "covariance_m2": [[xx, xy], [xy, yy]]}
     assert are_inside(places(density, 20, width_m=40.0, height_m=25.0), 40.0, 25.0)
@@ -142,7 +141,6 @@ def test_a_mixture_has_its_shares() -> None:
 
 
 def test_a_uniform_density_is_even() -> None:
-    """Each of 4 x 2 fields has an eighth."""
     found = places({"kind": "uniform"}, width_m=80.0, height_m=20.0)
     assert are_inside(found, 80.0, 20.0)
     fields = np.floor(found / [20, 10]).astype(int)
@@ -270,7 +268,6 @@ def test_a_grids_rows_go_up_and_its_columns_right(tmp_path: Path, name: str) -> 
 
 @pytest.mark.parametrize("name", ["weights.npy", "weights.csv"])
 def test_a_single_row_is_a_grid(tmp_path: Path, name: str) -> None:
-    """It is one row, not one column."""
     assert load_grid(written(tmp_path, name, np.array([[1.0, 2.0, 3.0]]))).shape == (1, 3)
 
 
@@ -291,7 +288,6 @@ def test_a_single_row_is_a_grid(tmp_path: Path, name: str) -> None:
 )
 @pytest.mark.filterwarnings("ignore:overflow")
 def test_weights_that_make_no_density_are_refused(tmp_path: Path, grid: Any) -> None:
-    """By the scenario's key, the file and what is allowed."""
     with pytest.raises(SettingsError) as caught:
         load_grid(written(tmp_path, "weights.npy", np.array(grid)))
     (problem,) = caught.value.problems

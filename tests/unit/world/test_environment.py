@@ -16,18 +16,13 @@ from tests.support.tiers import in_one_test
 
 
 def environment(**tables: Any) -> Environment:
-    """A small one: 3 agents, no events unless asked for."""
     base: dict[str, Any] = {"agents": {"count": 3}, "events": {"rate_hz": 0}, "run": {}}
     return Environment(load(Scenario, {name: {**base.get(name, {}), **tables.get(name, {})} for name in base}))
 
 
 def with_event(x_m: float, y_m: float, **tables: Any) -> Environment:
-    """One event at a place, whatever the density."""
     made = environment(events={"rate_hz": 0, "work_agent_s": 10}, **tables)
-    event = EventRecord(1, x_m, y_m, 0.0)
-    made.arrived.append(event)
-    made.active.append(event)
-    made._place_active()
+    made.add([EventRecord(1, x_m, y_m, 0.0)])
     return made
 
 
@@ -38,7 +33,6 @@ SMOKE = {
 
 
 def test_another_seed_gives_other_events() -> None:
-    """All randomness comes from the seed."""
     one, other = (Environment(load(Scenario, {**SMOKE, "seed": seed})) for seed in (1, 2))
     assert not np.array_equal(one.positions_m, other.positions_m)
     for step in range(100):
@@ -49,7 +43,6 @@ def test_another_seed_gives_other_events() -> None:
 
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(0.1, 50))
 def test_no_body_is_faster_than_the_limit(vx_mps: float, vy_mps: float, speed_mps: float) -> None:
-    """Above it the direction is kept; below it the command is."""
     made = environment(agents={"speed_mps": speed_mps})
     made.command(1, vx_mps, vy_mps)
     got = np.array(made.velocities_mps[1])
@@ -75,7 +68,6 @@ def test_walls_hold(commands: list[tuple[float, float]]) -> None:
 
 
 def test_bodies_move_by_velocity_times_step() -> None:
-    """And go on until commanded otherwise."""
     made = environment(run={"step_s": 0.5})
     made.positions_m[:] = 50.0
     made.command(2, 0.6, -0.8)
@@ -85,7 +77,6 @@ def test_bodies_move_by_velocity_times_step() -> None:
 
 
 def test_agents_begin_uniformly_in_the_arena() -> None:
-    """2,000 of them, a quarter in each quarter."""
     found = Environment(load(Scenario, {"agents": {"count": 2000}, "arena": {"width_m": 300}})).positions_m
     assert np.all(found >= 0)
     assert np.all(found <= [300, 100])
@@ -95,7 +86,6 @@ def test_agents_begin_uniformly_in_the_arena() -> None:
 
 @pytest.mark.parametrize(("distance_m", "sensed"), [(0.0, True), (5.0, True), (5.001, False)])
 def test_an_event_is_sensed_within_range(distance_m: float, sensed: bool) -> None:
-    """The range itself included; by each agent on its own."""
     made = with_event(50.0, 50.0)
     made.positions_m[:] = [[50 + distance_m, 50], [50, 90], [50, 50 - distance_m]]
     found = made.sense(1.0, [True] * 3)
@@ -192,7 +182,6 @@ def by_hand_m2(members: list[tuple[float, float]]) -> int:
 
 @pytest.mark.parametrize("range_m", [3.0, 7.5, 20.0])
 def test_the_disc_grows_with_the_sensing_range(range_m: float) -> None:
-    """To within a third of a cell along its edge."""
     found = area_m2((50.0, 30.0), agents={"sensing_range_m": range_m})
     assert found == pytest.approx(math.pi * range_m**2, abs=math.tau * range_m / 3)
 
@@ -205,7 +194,6 @@ def test_the_area_is_the_union_within_the_arena(members: list[tuple[float, float
 
 @in_one_test("step_s", [0.5, 1.0, 4.0, 60.0])
 def test_coverage_is_measured_each_10_s(step_s: float) -> None:
-    """From the first step on, as nearly as whole steps allow."""
     measure = coverage(run={"step_s": step_s})
     due = [step for step in range(100) if measure.is_due(step)]
     assert due == list(range(0, 100, max(1, round(COVERAGE_EVERY_S / step_s))))

@@ -79,7 +79,6 @@ def mistakes(*overrides: str) -> list[tuple[str, str]]:
     ],
 )
 def test_a_mistake_is_one_message(override: str, path: str, said: str) -> None:
-    """With its key, before anything starts."""
     [(found, text)] = mistakes(override)
     assert found == path
     assert said in text
@@ -155,7 +154,6 @@ def test_the_link_is_explained_by_the_model() -> None:
 
 
 def test_a_model_for_whole_steps_closes_relays_too() -> None:
-    """The relay of reports asks it as it asks the shipped ones."""
     agents = Ends(np.arange(2), np.array([[1.0, 1.0], [2.0, 1.0]]))
     assert Air(scenario(FOG)).steady_links(0.0, agents) == [(1, 0), (0, 1)]
     assert Air(scenario('radio.models."weather:Curtain"={}')).steady_links(0.0, agents) == []
@@ -189,8 +187,8 @@ def test_a_fault_acts_on_its_agents_from_its_time_on() -> None:
         ("Kind", "def distort(self, sensed, _): sensed[0].append(Event(1, np.nan, 0.0))", "distort must leave Events"),
         ("Kind", "def distort(self, sensed, _): sensed[0].append(3)", "distort must leave Events"),
         ("Kind", "def distort(self, sensed, places_m): places_m[:] = 0.0", "distort failed: ValueError"),
-        ("Kind", "def misses(self, agent): pass", "misses must return True or False"),
-        ("Kind", "def begin(self, fault, living, why): pass", "begin must return True or False"),
+        ("Kind", "def misses(self, agent): pass", "misses must be True or False"),
+        ("Kind", "def begin(self, fault, living, why): pass", "begin must be True or False"),
         ("Kind", "def begin(self, fault, living, why): living.add(99)", "begin must give a set of agents"),
         ("Kind", "def begin(self, fault, living, why): self._orders.add('no', {0}, why)", "begin failed: ValueError"),
         ("Kind", "deaf = 3", "deaf must give a set of agents"),

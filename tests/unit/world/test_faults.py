@@ -12,7 +12,6 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
-from deltaswarm_wire.plugins import FAULTS, find
 from deltaswarm_world.core.arrivals import EventIds
 from deltaswarm_world.core.faults.timeline import Faults
 
@@ -38,7 +37,6 @@ def orders(made: Faults, step: int, alive: Collection[int] = ALL, roots: Collect
 
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
 def test_named_agents_are_hit_at_their_step_and_at_no_other(step_s: float) -> None:
-    """Once, whatever step comes after."""
     made, due = faults(fault("kill", 5, agents=[3, 1]), step_s=step_s), round(5 / step_s)
     assert [orders(made, step) for step in range(due + 3)] == [[]] * due + [[(KILL, (1, 3))]] + [[]] * 2
     assert made.log == [{"fault": 0, "kind": "kill", "step": due, "at_s": 5.0, "until_s": None, "agents": [1, 3]}]
@@ -51,7 +49,6 @@ def test_the_dead_are_not_killed_again() -> None:
 
 
 def test_the_roots_are_those_of_that_moment() -> None:
-    """As the world knows them; a dead one is none."""
     made = faults(fault("kill", 5, roots=True), fault("kill", 7, roots=True))
     orders(made, 4, roots=[0])
     assert orders(made, 5, roots=[2, 6]) == [(KILL, (2, 6))]
@@ -60,7 +57,6 @@ def test_the_roots_are_those_of_that_moment() -> None:
 
 @given(st.sets(st.sampled_from(sorted(ALL))), st.floats(0, 1), st.sampled_from(SEEDS))
 def test_a_share_is_a_share_of_the_living(alive: set[int], fraction: float, seed: int) -> None:
-    """Rounded to the nearest; the same for the same seed."""
     hits = [orders(faults(fault("kill", 0, fraction=fraction), seed=seed), 0, alive) for _ in range(2)]
     assert hits[0] == hits[1]
     hit = {agent for _, agents in hits[0] for agent in agents}
@@ -93,7 +89,6 @@ def test_a_freeze_ends(step_s: float) -> None:
 
 
 def test_freezes_that_overlap_are_one() -> None:
-    """Until the last of them ends."""
     made = faults(fault("freeze", 2, agents=[4], duration_s=3), fault("freeze", 3, agents=[4, 5], duration_s=5))
     assert orders(made, 2) == [(STOP, (4,))]
     assert orders(made, 3) == [(STOP, (5,))]
@@ -102,7 +97,6 @@ def test_freezes_that_overlap_are_one() -> None:
 
 
 def test_a_frozen_agent_that_is_killed_does_not_go_on() -> None:
-    """Nor does one that began anew, which is not frozen."""
     made = faults(
         fault("freeze", 2, agents=[4, 5, 6], duration_s=6),
         fault("kill", 3, agents=[4]),
@@ -122,12 +116,6 @@ def test_a_restart_is_for_the_living_and_the_dead() -> None:
     assert orders(made, 1) == [(KILL, (1, 2))]
     assert orders(made, 5, ALL - {1, 2}) == [(START, (2,))]
     assert orders(made, 10, ALL - {1}) == [(START, (1,))]
-
-
-def test_what_kills_acts_on_processes() -> None:
-    """So it is refused where nobody could kill them."""
-    kinds = [find(FAULTS, name, "fault.kind") for name in FAULTS.shipped]
-    assert [kind for kind in kinds if kind.kills and not kind.to_process] == []
 
 
 def test_a_frozen_agent_that_died_by_accident_is_not_frozen_when_it_restarts() -> None:
@@ -202,7 +190,6 @@ def test_a_dead_radio_is_deaf_at_once_and_what_it_said_before_is_heard() -> None
 
 
 def test_slow_actuators_multiply() -> None:
-    """What is left of the speed, for whom it is less."""
     made = faults(
         fault("actuator-slow", 0, agents=[1, 2], factor=0.5), fault("actuator-slow", 2, agents=[2], factor=0.4)
     )
@@ -240,7 +227,6 @@ def test_a_body_that_is_stuck_from_the_start_never_moves() -> None:
 
 
 def test_the_blind_and_the_frozen_see_nothing() -> None:
-    """The others do, as long as they are there."""
     made = faults(fault("sensor-blind", 0, agents=[1]), fault("freeze", 0, agents=[2], duration_s=9))
     orders(made, 0)
     assert made.seeing([agent != 0 for agent in range(COUNT)]) == [agent > 2 for agent in range(COUNT)]
@@ -264,7 +250,6 @@ def test_a_noisy_sensor_errs_in_place_but_not_in_the_event() -> None:
 
 
 def test_a_sensor_misses_its_share() -> None:
-    """Of a thousand looks; a sensor that is well misses none."""
     made = faults(fault("sensor-noisy", 0, agents=[1], miss=0.3))
     orders(made, 0)
     assert 230 < sum(made.misses(1) for _ in range(1000)) < 370

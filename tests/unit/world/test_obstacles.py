@@ -31,7 +31,6 @@ def array(*rows: Place) -> Any:
 
 @given(polygons(), places)
 def test_inside_is_inside(obstacle: ObstacleSettings, place: Place) -> None:
-    """As by the winding of the edges around a place."""
     depth = depth_m(obstacle, place)
     assume(abs(depth) > NEAR_M)
     assert Obstacles([obstacle]).inside(array(place))[0] == (depth > 0)
@@ -81,7 +80,6 @@ def test_no_body_enters_an_obstacle(obstacles: list[ObstacleSettings], start: Pl
     ],
 )
 def test_a_body_stops_at_the_edge(to: Place, stops: Place) -> None:
-    """From (5, 15), to a micrometre of the edge and on its way."""
     assert Obstacles([SQUARE]).stop(array((5.0, 15.0)), array(to))[0] == pytest.approx(stops, abs=1e-5)
 
 
@@ -117,7 +115,6 @@ def test_nothing_begins_in_an_obstacle(obstacle: ObstacleSettings, seed: int) ->
 
 
 def test_an_obstacle_over_everything_is_a_clear_error() -> None:
-    """Rather than an endless search for a place."""
     everywhere = ObstacleSettings(((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M)))
     with pytest.raises(ValueError, match=r"arena\.obstacles"):
         environment(everywhere)
@@ -129,8 +126,7 @@ def test_an_event_behind_an_obstacle_is_not_sensed() -> None:
     scenario = {"arena": {"obstacles": [obstacle]}, "agents": {"count": 2, "sensing_range_m": 15}}
     made = Environment(load(Scenario, {**scenario, "events": {"rate_hz": 0}}))
     made.positions_m = array((9.0, 15.0), (21.0, 9.0))
-    made.active.append(EventRecord(1, 21.0, 15.0, 0.0))
-    made._place_active()
+    made.add([EventRecord(1, 21.0, 15.0, 0.0)])
     assert [len(events) for events in made.sense(0.0, [True, True])] == [0, 1]
 
 
@@ -145,7 +141,6 @@ def stage(positions_m: list[list[float]], attenuation_db: float | None = None, *
 def test_no_link_crosses_an_obstacle_that_blocks(
     positions_m: list[Place], obstacle: ObstacleSettings, reception: str
 ) -> None:
-    """And hearing is mutual where all else is."""
     table = {"obstacles": [{"corners_m": [list(corner) for corner in obstacle.corners_m]}]}
     carried = Stage(positions_m, arena=table, range_m=100.0, reception=reception).carry()
     for sender, receiver in carried.links:
@@ -154,7 +149,6 @@ def test_no_link_crosses_an_obstacle_that_blocks(
 
 
 def test_an_obstacle_is_a_reason_of_its_own() -> None:
-    """For the frames that cross it."""
     carried = stage([[5, 15], [25, 15], [5, 25]]).carry([0])
     assert (carried.links, carried.dropped) == ([(0, 2)], {"obstacle": 1})
 
@@ -197,7 +191,6 @@ def test_a_swarm_lives_with_obstacles_and_is_the_same_again() -> None:
 
 
 def test_why_names_the_obstacle() -> None:
-    """With its number, and what it costs."""
     wall = "arena.obstacles=[{corners_m=[[0,19],[40,19],[40,21],[0,21]]}]"
     scenario = load_scenario("smoke", [*RUN, "radio.range_m=100", wall], seed=2)
     answers = [examine(scenario, 0, receiver, 30, []) for receiver in range(1, 10)]

@@ -27,7 +27,6 @@ class Wall:
         self.pace = RealTimePace(TICK_S, lambda: self.now_s, self.said.append)
 
     def wait(self) -> None:
-        """Let the rest of the tick pass."""
         self.slept.append(max(0.0, self.pace.tick_ends_s - self.now_s))
         self.now_s += self.slept[-1]
 
@@ -49,7 +48,6 @@ def test_a_step_lasts_one_tick_whatever_its_work() -> None:
 
 
 def test_the_end_of_a_step_is_known_as_it_begins() -> None:
-    """It is what the step's participants have time until."""
     wall = Wall(began_s=10.0)
     assert wall.pace.next_tick() == 10.0 + TICK_S
     wall.now_s += 0.125
@@ -84,7 +82,6 @@ def test_overruns_are_counted_and_said_once() -> None:
 
 
 def test_a_pause_makes_nobody_late() -> None:
-    """After it the tick goes on where it stood."""
     wall = Wall(began_s=0.0)
     wall.step()
     wall.now_s += 7.0
@@ -114,7 +111,6 @@ class Gate:
         self.begin_at(100.0)
 
     def begin_at(self, now_s: float) -> None:
-        """Begin a step at a time of the wall clock [s]."""
         self.now_s = now_s
         self.gate.begin_step()
 
@@ -143,7 +139,6 @@ def test_a_step_that_begins_late_is_made_up_for_up_to_a_tick(begins_s: float, ne
 
 
 def test_the_first_step_waits_for_no_pace() -> None:
-    """Not even of a clock that starts at 0."""
     gate = StepGate(Turns(OFF), 1.0, lambda: 0.0)
     gate.set_pace(Pace(2.0, -1))
     assert gate.may_begin(0)
@@ -183,7 +178,6 @@ def test_steps_come_at_the_speed_that_was_asked_for(speed: float) -> None:
 
 
 def test_another_speed_holds_from_the_next_step_on() -> None:
-    """Also after a very slow one."""
     stage = Gate(speed=1e-9)
     assert not stage.gate.may_begin(1)
     stage.gate.set_pace(Pace(0.0, -1))

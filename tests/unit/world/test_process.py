@@ -54,15 +54,12 @@ class Fabric:
         return lambda *_: None
 
     def clock(self, data: bytes) -> None:
-        """A step is handed on."""
         self.clocks.append(data)
 
     def truth(self, data: bytes) -> None:
-        """A step is told to the recorder."""
         self.truths.append(data)
 
     def leave(self) -> None:
-        """The world's token goes."""
         self.has_left = True
 
     def stop(self) -> None:
@@ -74,7 +71,6 @@ COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
 
 
 def begun(fabric: Fabric, folder: Path, expect: tuple[str, ...] = (OPERATOR,)) -> WorldProcess:
-    """A world for which all have come."""
     scenario = load_scenario("smoke", [])
     config = WorldConfig("run", scenario, RouterLink(""), folder, folder, expect=expect, publish_truth=True)
     world = WorldProcess(config, cast(Transport, fabric), cast(Wakeup, fabric), SavedWorld.new(config))
@@ -102,9 +98,9 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Pe
     """However the message of one that dies and of its successor come together."""
     fabric = Fabric([[COMES, *AGENTS], *batches])
     world = begun(fabric, tmp_path)
-    world._core.participants.step, world._loop.has_begun = LAST, True
+    world.core.participants.step, world.loop.has_begun = LAST, True
     for step in range(LAST + 1):
-        world._loop.buffer.add(StepMessages(step, [], b"%d" % step), now=True)
+        world.loop.buffer.add(StepMessages(step, [], b"%d" % step), now=True)
     world.goodbye()
     assert fabric.has_left
     lives = sum(message == GOES for batch in batches for message in batch)
@@ -128,14 +124,14 @@ def test_a_closed_step_is_told_and_on_file_whatever_ends_the_next(
     """Here a radio model, which fails before the next step's frames are out."""
     fabric = Fabric([[COMES, *AGENTS]])
     world = begun(fabric, tmp_path)
-    begin = world._core.begin
+    begin = world.core.begin
 
     def begin_or_fail(step: int, *more: Any) -> Any:
         if step == 1:
             raise ZeroDivisionError("a model of somebody")
         return begin(step, *more)
 
-    monkeypatch.setattr(world._core, "begin", begin_or_fail)
+    monkeypatch.setattr(world.core, "begin", begin_or_fail)
     monkeypatch.setattr(world, "_collect", lambda: None)
     with WorldOutput(tmp_path) as output, pytest.raises(ZeroDivisionError):
         world.run(output)
@@ -149,15 +145,15 @@ def test_a_step_is_told_before_the_world_waits_for_the_pace(tmp_path: Path, monk
     world = begun(fabric, tmp_path)
     told = list[int]()
     monkeypatch.setattr(world, "_collect", lambda: None)
-    monkeypatch.setattr(world._loop.gate, "may_begin", lambda step: step < 2)
-    monkeypatch.setattr(world._loop.gate, "wait_s", lambda step: 1.0)
+    monkeypatch.setattr(world.loop.gate, "may_begin", lambda step: step < 2)
+    monkeypatch.setattr(world.loop.gate, "wait_s", lambda step: 1.0)
 
     def hold(condition: object, within_s: float) -> bool:
         told.append(len(fabric.clocks))
         fabric.stop()
         return True
 
-    monkeypatch.setattr(world._loop, "wait_until", hold)
+    monkeypatch.setattr(world.loop, "wait_until", hold)
     with WorldOutput(tmp_path) as output:
         world.run(output)
     assert told[0] == 2
@@ -167,7 +163,7 @@ def test_a_signal_ends_the_wait_for_who_is_far_behind(tmp_path: Path) -> None:
     """Without an error: the run goes on, and its next step is the last."""
     fabric = Fabric([[COMES, *AGENTS], []])
     world = begun(fabric, tmp_path)
-    world._loop.persisted = {RECORDER: 0}
+    world.loop.persisted = {RECORDER: 0}
     fabric.stop()
     world._let_catch_up(5000)
 
@@ -176,7 +172,7 @@ def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None
     """An operator may be killed before it writes it, and its successor confirms the step."""
     fabric = Fabric([[COMES, *AGENTS]])
     world = begun(fabric, tmp_path)
-    world._core.participants.step, world._loop.persisted = LAST, {OPERATOR: LAST, RECORDER: LAST}
+    world.core.participants.step, world.loop.persisted = LAST, {OPERATOR: LAST, RECORDER: LAST}
     folder = tmp_path / checkpoint.FOLDER
     _, operators, *agents = checkpoint.files(folder / str(LAST), range(len(AGENTS)))
     folder.mkdir()
@@ -184,14 +180,14 @@ def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None
     def save(asked: set[int], step: int) -> None:
         for file in agents:
             checkpoint.write(file, b"an agent")
-        world._core.intake.unsaved -= asked
+        world.core.intake.unsaved -= asked
 
     fabric.save = save  # type: ignore[attr-defined]
     with WorldOutput(tmp_path) as output:
-        world._save(LAST, output)
+        world.save(LAST, output)
         assert not (folder / checkpoint.NEWEST).exists()
         checkpoint.write(operators, b"an operator")
-        world._save(LAST, output)
+        world.save(LAST, output)
     assert (folder / checkpoint.NEWEST).exists()
 
 
@@ -216,10 +212,10 @@ def test_who_saved_another_step_completes_no_checkpoint(late: str, tmp_path: Pat
 
     fabric = Fabric(batches())
     world = begun(fabric, tmp_path, (OPERATOR, RECORDER))
-    inbox = world._core.intake
+    inbox = world.core.intake
     inbox.begin(LAST)
     inbox.await_saved({2})  # an earlier checkpoint, for which it was late
-    world._core.participants.step = LAST
+    world.core.participants.step = LAST
     files = checkpoint.files(newest.parent / str(LAST), range(len(AGENTS)))
     newest.parent.mkdir()
 
@@ -231,7 +227,7 @@ def test_who_saved_another_step_completes_no_checkpoint(late: str, tmp_path: Pat
 
     fabric.save = save  # type: ignore[attr-defined]
     with WorldOutput(tmp_path) as output:
-        world._save(LAST, output)
+        world.save(LAST, output)
     assert newest.exists()
     assert too_early == [False, False]
 

@@ -67,14 +67,12 @@ def test_a_frame_is_heard_by_all_who_are_in_range_and_there(situation: tuple[Flo
 
 @pytest.mark.parametrize(("distance_m", "heard"), [(9.999, True), (10.0, True), (10.001, False)])
 def test_the_range_is_a_sharp_edge(distance_m: float, heard: bool) -> None:
-    """The range itself is within it."""
     carried = Stage([[0.0, 0.0], [distance_m, 0.0]]).carry([0])
     assert carried.links == ([(0, 1)] if heard else [])
     assert carried.dropped.get("range", 0) == (not heard)
 
 
 def test_silence_is_nothing() -> None:
-    """No senders, no links, no drops, and no draw of chance."""
     quiet, other = (Stage(np.zeros((9, 2)), loss=0.5) for _ in range(2))
     silence = quiet.carry([])
     assert (silence.links, silence.dropped, silence.heard) == ([], {}, [[] for _ in range(9)])
@@ -90,7 +88,6 @@ def heard_in(steps: int, loss: float, seed: int) -> list[Reception]:
 
 
 def test_loss_is_reproducible() -> None:
-    """The same seed gives the same losses, another other ones."""
     one, same, other = ([carried.links for carried in heard_in(5, 0.3, seed)] for seed in (1, 1, 2))
     assert one == same != other
 
@@ -147,7 +144,6 @@ def test_no_frame_is_lost_from_the_books(table: dict[str, Any], agents: int, see
 
 @given(radios)
 def test_same_seed_same_air(table: dict[str, Any]) -> None:
-    """Every use of chance comes from the seed."""
     rows = []
     for _ in range(2):
         stage = Stage(np.arange(10).reshape(5, 2) * 5.0, 7, **table)
@@ -170,7 +166,6 @@ ONE_BY_ONE: dict[str, dict[str, Any]] = {
 
 @in_one_test("reason", ONE_BY_ONE)
 def test_each_model_has_its_own_reason(reason: str) -> None:
-    """Alone it cuts the link, and its name is given."""
     stage = Stage([[0, 20], [2, 20]], **ONE_BY_ONE[reason])
     assert stage.carry([0]).dropped == {reason: 1}
 
@@ -223,7 +218,6 @@ def test_no_frame_is_early(latency_s: float, jitter_s: float, seed: int, step_s:
 
 
 def test_jitter_reorders() -> None:
-    """A frame may overtake another of the same sender."""
     stage = Stage([[0, 0], [1, 0]], jitter_s=6.0)
     sent = [data for _ in range(40) for _, data in stage.carry([0]).heard[1]]
     numbers = [int(data.split(b":")[0]) for data in sent]
@@ -231,14 +225,12 @@ def test_jitter_reorders() -> None:
 
 
 def test_every_frame_comes_twice_where_all_are_doubled() -> None:
-    """A copy is one reception more, and is counted as such."""
     carried = Stage([[0, 0], [1, 0]], duplication=1.0).carry([0])
     assert carried.heard[1] == [(0, b"0:0"), (0, b"0:0")]
     assert (carried.duplicated, carried.dropped) == (1, {})
 
 
 def test_a_frame_under_way_to_one_who_dies_is_dropped_as_dead() -> None:
-    """Nothing is kept for when it returns."""
     stage = Stage([[0, 0], [1, 0]], latency_s=2.0)
     assert (stage.carry([0]).dropped, stage.air.under_way) == ({}, 1)
     assert stage.carry([], [True, False]).dropped == {}
@@ -248,7 +240,6 @@ def test_a_frame_under_way_to_one_who_dies_is_dropped_as_dead() -> None:
 
 @pytest.mark.parametrize("gone", [0, 1])
 def test_what_waits_in_a_queue_dies_with_its_agent(gone: int) -> None:
-    """At either end."""
     rate = {"sender_bytes_per_s": 1.0} if gone == 0 else {"receiver_bytes_per_s": 1.0}
     stage = Stage([[0, 0], [1, 0]], bandwidth=rate)
     stage.carry([0])
@@ -320,7 +311,6 @@ def test_over_all_links_the_outcomes_are_the_books(table: dict[str, Any], seed: 
 
 
 def test_a_sender_with_a_dead_radio_is_named() -> None:
-    """Its frame is dropped before it meets anything."""
     stage = Stage([[0, 0], [1, 0]])
     carried = stage.air.carry(0, 0.0, {0: b"frame"}, stage.positions_m, [True, True], mute={0})
     assert carried.dropped == {"dead": 1}

@@ -15,7 +15,6 @@ class Listener:
         self.saved: list[tuple[bytes, ...]] = []
 
     def clock(self, data: bytes) -> None:
-        """A step is closed."""
         assert data == b"%d" % len(self.closed), "in order, none missing, none twice"
         self.closed.append(tuple(self.reports))
         self.reports.clear()

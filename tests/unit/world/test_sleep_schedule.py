@@ -48,7 +48,6 @@ def test_an_agent_is_asked_earlier_when_something_happens(what: str) -> None:
 
 
 def test_an_act_holds_no_longer_than_a_frame_has_places_for() -> None:
-    """However late an agent asks to be asked again."""
     stage = Stage(1)
     stage.begin()
     stage.act(0, until=10_000)
@@ -60,7 +59,6 @@ def test_an_act_holds_no_longer_than_a_frame_has_places_for() -> None:
 
 
 def test_an_agent_that_gets_no_frame_senses_nothing() -> None:
-    """While it hangs, an event before it goes on waiting."""
     stage = Stage(1)
     stage.begin()
     stage.end(0)

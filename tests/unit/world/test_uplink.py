@@ -188,7 +188,6 @@ def test_a_wall_and_another_tree_are_in_the_way(step_s: float) -> None:
 def test_a_carrier_that_leaves_or_dies_drops_what_it_carries(
     trees: dict[int, int] | None, absent: list[int], reason: str
 ) -> None:
-    """And no other is blamed."""
     stage = Stage(LINE_M, {**BASE, "relay": True})
     stage.carry([4])
     stage.carry([], trees, absent)
@@ -255,7 +254,6 @@ def test_the_world_checks_reports_as_the_operator_does() -> None:
 
 
 def test_a_dead_radio_reports_to_nobody() -> None:
-    """As it tells no neighbour anything."""
     fault = {"kind": "radio-dead", "at_s": 1.0, "agents": [0]}
     core = WorldCore(load(Scenario, {"agents": {"count": 2}, "uplink": {"loss": 1e-9}, "fault": [fault]}))
     step_records = []

@@ -1,6 +1,6 @@
 """Types of arrays, the search for neighbours, and the random generators of a run.
 
-Each use of chance has a generator of its own, so that one use does not change the draws of another.
+Each random model has a generator of its own, so that one does not change the draws of another.
 """
 
 from typing import TypeAlias
@@ -66,11 +66,7 @@ def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Ind
 
 
 def checked_rows(value: object, count: int, what: str, low: Floats | float, high: Floats | float) -> Floats:
-    """Return a plug-in's array (count, 2) as floats.
-
-    Raises:
-        ValueError: it is no such array, or one of its values is not from `low` to `high`.
-    """
+    """Return a plug-in's array (count, 2) as floats."""
     if not isinstance(value, np.ndarray) or value.shape != (count, 2) or value.dtype.kind not in "fiu":
         raise ValueError(f"must {what}, an array of numbers of shape ({count}, 2) (got {_kind(value)})")
     rows: Floats = value.astype(np.float64, copy=False)
@@ -86,6 +82,13 @@ def checked_mask(value: object, count: int, what: str) -> Mask:
     if not isinstance(value, np.ndarray) or value.shape != (count,) or value.dtype != np.bool_:
         raise ValueError(f"must return a mask of {what}, an array of bool of shape ({count},) (got {_kind(value)})")
     return value
+
+
+def checked_truth(_: object, value: object, *arguments: object) -> bool:
+    """Return whether a plug-in says yes. Raises ValueError if it says neither."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"must be True or False (got {value!r:.80})")
+    return bool(value)
 
 
 def checked_agents(value: object, count: int) -> frozenset[int]:

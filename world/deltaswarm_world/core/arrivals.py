@@ -49,8 +49,6 @@ TIMES_STREAM, PLACES_STREAM = 1, 4
 
 
 class Arrival(NamedTuple):
-    """One event that arrives."""
-
     event: int
     x_m: float
     y_m: float
@@ -69,12 +67,11 @@ class Expected:
         """The number expected before each rate begins."""
 
     def by(self, time_s: float) -> float:
-        """Return the number expected by a time [s]."""
         part = bisect_right(self._from_s, time_s) - 1
         return self._before[part] + (time_s - self._from_s[part]) * self._rates_hz[part]
 
     def time_s(self, number: float) -> float:
-        """Return when so many are expected [s], for a number that is reached."""
+        """Return the time by which a number is expected [s]; it must be reached."""
         part = max(0, bisect_left(self._before, number) - 1)  # where the rate is 0 the number does not grow
         return self._from_s[part] + (number - self._before[part]) / self._rates_hz[part]
 
@@ -90,7 +87,7 @@ class Arrivals:
         self._times = generator(scenario.seed, TIMES_STREAM)
         self._count = 0
         self._next = float(self._times.standard_exponential())
-        """The next event arrives when so many are expected."""
+        """The next event arrives when this number is expected."""
 
     def until(self, time_s: float) -> Iterator[Arrival]:
         """Yield the events that have arrived since the last call, up to a time [s]."""
@@ -102,7 +99,7 @@ class Arrivals:
             self._next += float(self._times.standard_exponential())
 
     def redraw(self, seed: int, time_s: float) -> None:
-        """Draw all arrivals after a time anew, as those of another seed [s]; the ids of events stay."""
+        """Redraw all arrivals after a time [s] with another seed; the ids of events stay."""
         self._seed, self._times = seed, generator(seed, TIMES_STREAM)
         self._next = self._expected.by(time_s) + float(self._times.standard_exponential())
 
@@ -120,13 +117,12 @@ class EventClasses:
         """The classes of events that are not drawn again."""
 
     def is_target(self, event: int) -> bool:
-        """Whether an event is a target."""
         if event in self._targets:
             return self._targets[event]
         return bool(generator(self._seed, CLASS_STREAM, event).random() < self._task.target_share)
 
     def redraw(self, seed: int, arrived: Iterable[int]) -> None:
-        """Draw anew, as with another seed, but for the classes of the events that have arrived."""
+        """Redraw with another seed, except the classes of the events that have arrived."""
         self._targets = {event: self.is_target(event) for event in arrived}
         self._seed = seed
 

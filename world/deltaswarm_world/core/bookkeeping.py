@@ -32,13 +32,11 @@ class ClosedStep(NamedTuple):
     present: frozenset[int]
     acts: Mapping[int, tuple[bytes, Act]]
     transmitted: Mapping[int, bytes]
-    """Radio frames."""
     delivered: Sequence[tuple[int, bytes]]
     """(agent, sample) of received base frames."""
     sent: Sequence[tuple[int, bytes]]
     """(agent, report) in agent order."""
     arrived: int
-    """Number of reports that reached the operator."""
     tree_statuses: Mapping[int, TreeStatus]
     positions_m: Floats
     bodies: Sequence[BodyState] | None
@@ -46,11 +44,9 @@ class ClosedStep(NamedTuple):
     links: Sequence[tuple[int, int]]
     reception: Reception
     under_way: int
-    """Number of pending receptions."""
     rejected: int
     lost: int
     changed: Sequence[EventState]
-    """Events that changed in this step."""
     shown: Sequence[EventState] | None
     """Events that are incomplete or changed; None if nobody asked for them."""
     events_open: int
@@ -68,12 +64,10 @@ class Bookkeeping(Saved):
         self._density = density
         self._coverage = Coverage(scenario)
         self._metrics = tuple(metrics)
-        """Names of the controller's own numbers."""
         self._no_drops = dict.fromkeys(reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
 
     @property
     def own_columns(self) -> list[str]:
-        """The columns of the controller's own numbers."""
         return [PREFIX + name for name in self._metrics]
 
     def enter(self, closed: ClosedStep, uplink: Uplink | None) -> StepRecord:
@@ -145,7 +139,6 @@ def _mean_delta(statuses: Mapping[int, TreeStatus]) -> float | None:
 
 
 def samples_of(closed: ClosedStep) -> list[Sample]:
-    """Return the raw radio frames and reports of a closed step, in agent order."""
     frames = [(agent, RADIO, data) for agent, data in closed.transmitted.items()]
     return sorted(frames + [(agent, REPORT, data) for agent, data in closed.sent])
 

@@ -1,7 +1,6 @@
 """Where events occur: positions drawn from the paper's density phi(x, y)."""
 
 from copy import copy
-from typing import Protocol
 
 import numpy as np
 
@@ -23,25 +22,84 @@ MESH = 100
 """Positions along each side of the arena among which the densest is looked for."""
 
 
-class Density(Protocol):
-    """A density before it is truncated. pickle must be able to save it in a world's checkpoint."""
+class Uniform:
+    def __init__(self, size_m: Floats) -> None:
+        self.centres_m: Floats = np.zeros((0, 2))
+        self._size_m = size_m
 
-    centres_m: Floats
-    """Positions (n, 2) at which it may have a peak [m]."""
+    def propose(self, rng: np.random.Generator, count: int) -> Floats:
+        places_m: Floats = rng.random((count, 2)) * self._size_m
+        return places_m
+
+    def at(self, places_m: Floats) -> Floats:
+        return np.ones(len(places_m))
+
+
+class Normals:
+    def __init__(self, parts: list[Component], size_m: Floats) -> None:
+        weights = np.array([weight for weight, _, _ in parts])
+        covariances = np.array([covariance for _, _, covariance in parts])
+        self.centres_m: Floats = np.array([mean for _, mean, _ in parts])
+        self._shares = np.cumsum(weights)
+        self._factors_m = np.linalg.cholesky(covariances)
+        self._inverses = np.linalg.inv(covariances)
+        self._heights = weights / (2 * np.pi * np.sqrt(np.linalg.det(covariances)))
+        self._peak = self._heights.sum()
+        """An upper bound of the density [1/m2]."""
+        is_wide = self._peak * size_m.prod() < 1.0
+        self._uniform = Uniform(size_m) if is_wide else None
+        """If the density is much wider than the arena, uniform positions are kept with its probability."""
 
     def propose(self, rng: np.random.Generator, count: int) -> Floats:
         """Draw positions (at most count, 2) [m]."""
+        if self._uniform is not None:
+            uniform_m = self._uniform.propose(rng, count)
+            kept_m: Floats = uniform_m[rng.random(count) * self._peak < self.at(uniform_m)]
+            return kept_m
+        parts = np.searchsorted(self._shares[:-1], rng.random(count)) if len(self._shares) > 1 else np.zeros(count, int)
+        offsets_m = np.einsum("nij,nj->ni", self._factors_m[parts], rng.standard_normal((count, 2)))
+        drawn_m: Floats = self.centres_m[parts] + offsets_m
+        return drawn_m
 
     def at(self, places_m: Floats) -> Floats:
-        """Return the density at positions (n, 2), in any unit."""
+        """Return the density at positions (n, 2) [1/m2]."""
+        offsets_m = places_m[:, None, :] - self.centres_m
+        squares = np.einsum("npi,pij,npj->np", offsets_m, self._inverses, offsets_m)
+        density: Floats = np.exp(-0.5 * squares) @ self._heights
+        return density
+
+
+class Grid:
+    """Cells of equal size with a weight each: rows from y = 0 upwards, columns from x = 0."""
+
+    def __init__(self, weights: Floats, size_m: Floats) -> None:
+        self._weights = weights
+        self._shares = np.cumsum(weights.ravel() / weights.sum())
+        self._cell_m: Floats = size_m / [weights.shape[1], weights.shape[0]]
+        self.centres_m: Floats = (self._corners(np.arange(weights.size)) + 0.5) * self._cell_m
+
+    def propose(self, rng: np.random.Generator, count: int) -> Floats:
+        cells = np.searchsorted(self._shares[:-1], rng.random(count), side="right")
+        places_m: Floats = (self._corners(cells) + rng.random((count, 2))) * self._cell_m
+        return places_m
+
+    def at(self, places_m: Floats) -> Floats:
+        last = [self._weights.shape[1] - 1, self._weights.shape[0] - 1]
+        columns, rows = np.minimum(places_m // self._cell_m, last).astype(int).T
+        weights: Floats = self._weights[rows, columns]
+        return weights
+
+    def _corners(self, cells: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> Floats:
+        columns = self._weights.shape[1]
+        return np.stack([cells % columns, cells // columns], axis=1).astype(np.float64)
+
+
+Density = Uniform | Normals | Grid
+"""A density before it is truncated, with positions (n, 2) `centres_m` at which it may have a peak [m]."""
 
 
 class Places:
-    """Draws positions from a density that is truncated to the arena and to what no obstacle covers.
-
-    Raises:
-        SettingsError: a grid file that cannot be read or holds no weights.
-    """
+    """Draws positions from a density that is truncated to the arena and to what no obstacle covers."""
 
     def __init__(self, settings: DensitySettings, arena: ArenaSettings, obstacles: Obstacles) -> None:
         self._size_m = np.array([arena.width_m, arena.height_m])
@@ -107,92 +165,8 @@ def _density(settings: DensitySettings, size_m: Floats) -> Density:
     return Uniform(size_m) if settings.kind == "uniform" else Normals(settings.normals_at(0.0), size_m)
 
 
-class Uniform:
-    """The same density everywhere."""
-
-    def __init__(self, size_m: Floats) -> None:
-        self.centres_m: Floats = np.zeros((0, 2))
-        self._size_m = size_m
-
-    def propose(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw positions (count, 2) [m]."""
-        places_m: Floats = rng.random((count, 2)) * self._size_m
-        return places_m
-
-    def at(self, places_m: Floats) -> Floats:
-        """Return ones."""
-        return np.ones(len(places_m))
-
-
-class Normals:
-    """A mixture of normal distributions."""
-
-    def __init__(self, parts: list[Component], size_m: Floats) -> None:
-        weights = np.array([weight for weight, _, _ in parts])
-        covariances = np.array([covariance for _, _, covariance in parts])
-        self.centres_m: Floats = np.array([mean for _, mean, _ in parts])
-        self._shares = np.cumsum(weights)
-        self._factors_m = np.linalg.cholesky(covariances)
-        self._inverses = np.linalg.inv(covariances)
-        self._heights = weights / (2 * np.pi * np.sqrt(np.linalg.det(covariances)))
-        self._peak = self._heights.sum()
-        """An upper bound of the density [1/m2]."""
-        is_wide = self._peak * size_m.prod() < 1.0
-        self._uniform = Uniform(size_m) if is_wide else None
-        """If the density is much wider than the arena, uniform positions are kept with its probability."""
-
-    def propose(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw positions (at most count, 2) [m]."""
-        if self._uniform is not None:
-            uniform_m = self._uniform.propose(rng, count)
-            kept_m: Floats = uniform_m[rng.random(count) * self._peak < self.at(uniform_m)]
-            return kept_m
-        parts = np.searchsorted(self._shares[:-1], rng.random(count)) if len(self._shares) > 1 else np.zeros(count, int)
-        offsets_m = np.einsum("nij,nj->ni", self._factors_m[parts], rng.standard_normal((count, 2)))
-        drawn_m: Floats = self.centres_m[parts] + offsets_m
-        return drawn_m
-
-    def at(self, places_m: Floats) -> Floats:
-        """Return the density at positions (n, 2) [1/m2]."""
-        offsets_m = places_m[:, None, :] - self.centres_m
-        squares = np.einsum("npi,pij,npj->np", offsets_m, self._inverses, offsets_m)
-        density: Floats = np.exp(-0.5 * squares) @ self._heights
-        return density
-
-
-class Grid:
-    """Cells of equal size with a weight each: rows from y = 0 upwards, columns from x = 0."""
-
-    def __init__(self, weights: Floats, size_m: Floats) -> None:
-        self._weights = weights
-        self._shares = np.cumsum(weights.ravel() / weights.sum())
-        self._cell_m: Floats = size_m / [weights.shape[1], weights.shape[0]]
-        self.centres_m: Floats = (self._corners(np.arange(weights.size)) + 0.5) * self._cell_m
-
-    def propose(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw positions (count, 2) [m]."""
-        cells = np.searchsorted(self._shares[:-1], rng.random(count), side="right")
-        places_m: Floats = (self._corners(cells) + rng.random((count, 2))) * self._cell_m
-        return places_m
-
-    def at(self, places_m: Floats) -> Floats:
-        """Return the weights at positions (n, 2)."""
-        last = [self._weights.shape[1] - 1, self._weights.shape[0] - 1]
-        columns, rows = np.minimum(places_m // self._cell_m, last).astype(int).T
-        weights: Floats = self._weights[rows, columns]
-        return weights
-
-    def _corners(self, cells: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> Floats:
-        columns = self._weights.shape[1]
-        return np.stack([cells % columns, cells // columns], axis=1).astype(np.float64)
-
-
 def load_grid(file: str) -> Floats:
-    """The weights of a grid, rows from y = 0 upwards, columns from x = 0.
-
-    Raises:
-        SettingsError: the file cannot be read, or is no table of weights >= 0 with a positive sum.
-    """
+    """The weights of a grid, rows from y = 0 upwards, columns from x = 0."""
     try:
         return read_grid(file)
     except (OSError, ValueError) as error:

@@ -15,7 +15,8 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import BASE_ID, Relayed, Signed, decode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
 from deltaswarm_wire.saved import Saved
-from deltaswarm_world.core.air.channel.queues import DelayLine, Packet
+from deltaswarm_world.core.air.channel.queues import Packet, delays_of
+from deltaswarm_world.core.air.channel.zones import is_on
 from deltaswarm_world.core.arrays import Floats, generator
 
 LOSS_STREAM, JITTER_STREAM, ROUNDING_STREAM = 51, 52, 53
@@ -29,8 +30,6 @@ NEVER = -1
 
 @dataclass
 class _Alive(Saved):
-    """A command that is repeated until the step `ends`."""
-
     signed: Signed
     ends: int
     sent_at: int = NEVER
@@ -54,12 +53,10 @@ class Downlink(Saved):
         self._repeat_steps = max(1, round(settings.repeat_s / step_s))
         self._repeat_at = 0
         self._rng = generator(scenario.seed, LOSS_STREAM)
-        rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
         has_delay = settings.latency_s > 0 or settings.jitter_s > 0
-        self._delays = DelayLine(settings.latency_s, settings.jitter_s, step_s, *rngs) if has_delay else None
+        self._delays = delays_of(settings, scenario, JITTER_STREAM, ROUNDING_STREAM) if has_delay else None
 
     def send(self, step: int, commands: Sequence[Signed]) -> None:
-        """Send these commands from this step on."""
         for signed in commands:
             life_s = decode_command(signed.body).life_s
             self._alive.append(_Alive(signed, step + max(1, round(life_s / self._step_s))))
@@ -111,10 +108,9 @@ class Downlink(Saved):
         return encode_sample(Sample(self.frames_sent, None, items))
 
     def _in_reach(self, time_s: float, positions_m: Floats) -> list[int]:
-        """Return the agents that the frame of this step reaches."""
         settings = self._settings
         lucky = self._rng.random(self._count) >= settings.loss
-        if any(o.from_s <= time_s and (o.until_s is None or time_s < o.until_s) for o in settings.outages):
+        if any(is_on(outage, time_s) for outage in settings.outages):
             self.dropped["outage"] += self._count
             return []
         offsets = positions_m - self._base_m
@@ -126,7 +122,6 @@ class Downlink(Saved):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """Return the counts of the run."""
         return {
             "frames_sent": self.frames_sent,
             "frames_heard": self.frames_heard,

@@ -79,11 +79,9 @@ class Points:
         self._obstacles = obstacles
 
     def misplaced(self, places_m: Floats) -> Mask:
-        """See `Dynamics`."""
         return self._obstacles.inside(places_m)
 
     def move(self, positions_m: Floats, velocities_mps: Floats, faults: Sequence[ActiveFault]) -> Floats:
-        """See `Dynamics`."""
         moved = positions_m + velocities_mps * self._step_s
         moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much faster than np.clip
         return self._obstacles.stop(positions_m, moved) if self._obstacles else moved
@@ -93,7 +91,6 @@ class Points:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """See `Dynamics`."""
         return {}
 
 
@@ -127,8 +124,6 @@ def _totals(_: Room, value: Any) -> dict[str, Any]:
 
 
 class ForeignDynamics(Foreign):
-    """Dynamics from outside."""
-
     CHECKS: ClassVar = {
         "starts_m": lambda room, value: value if value is None else _places(room, value),
         "misplaced": lambda room, value, places_m: checked_mask(value, room[0], "the positions"),
@@ -140,14 +135,9 @@ class ForeignDynamics(Foreign):
 
 
 def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
-    """Make the dynamics that `world.dynamics` names.
-
-    Raises:
-        SettingsError: there is no such dynamics, or its options have mistakes.
-    """
     world = scenario.world
     settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
     room = scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m
-    kind = find(DYNAMICS, world.dynamics, "world.dynamics")
-    dynamics: Dynamics = ForeignDynamics.make(kind, settings, scenario, obstacles, context=room)
+    cls = find(DYNAMICS, world.dynamics, "world.dynamics")
+    dynamics: Dynamics = ForeignDynamics.make(cls, settings, scenario, obstacles, context=room)
     return dynamics

@@ -41,7 +41,6 @@ class EventRecord(Saved):
         self.as_sensed = Event(self.event, self.x_m, self.y_m)
 
     def state(self) -> EventState:
-        """The event's state for the recorder and `events.csv`."""
         times = (self.arrived_s, self.sensed_s, self.worked_s, self.completed_s)
         return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
 
@@ -55,7 +54,7 @@ class Environment(Saved):
         self._obstacles = Obstacles(scenario.arena.obstacles)
         self.dynamics = dynamics_of(scenario, self._obstacles)
         self.hindered: frozenset[int] = frozenset()
-        """Agents whose body touched something or was kept from moving in the last step, or just no longer."""
+        """Agents whose body touched something or was kept from moving in one of the last two steps."""
         self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
         self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
         self.arrived: list[EventRecord] = []
@@ -63,13 +62,11 @@ class Environment(Saved):
         self.changed: list[EventRecord] = []
         """The events that arrived, were first sensed, were first worked on or were completed in this step."""
         self.completed = 0
-        """Number of events completed so far."""
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
         self._sensing_range_m = scenario.agents.sensing_range_m
         self._work_agent_s = scenario.events.work_agent_s
         self.density = Places(scenario.events.density, scenario.arena, self._obstacles)
-        """Where events occur."""
         self._arrivals = Arrivals(scenario, self.density)
         self._places_m: Floats = np.zeros((0, 2))
         task = scenario.operator.task
@@ -109,13 +106,15 @@ class Environment(Saved):
         raise ValueError(f"the arena must leave room for {count} agents (got {MAX_TRIES} draws in a row without room)")
 
     def arrive(self, time_s: float) -> None:
-        """Let the events arrive that are due by now [s]."""
         new = [EventRecord(*arrival) for arrival in self._arrivals.until(time_s)]
         if new:
-            self.arrived += new
-            self.active += new
-            self.changed += new
-            self._place_active()
+            self.add(new)
+
+    def add(self, events: Sequence[EventRecord]) -> None:
+        self.arrived += events
+        self.active += events
+        self.changed += events
+        self._place_active()
 
     def sense(
         self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
@@ -159,7 +158,7 @@ class Environment(Saved):
             self._place_active()
 
     def redraw(self, seed: int, time_s: float) -> None:
-        """Draw anew, as with another seed, which events arrive after a time [s], and where they are sensed."""
+        """Redraw with another seed which events arrive after a time [s], and where they are sensed."""
         self._arrivals.redraw(seed, time_s)
         if self._classes is not None:
             self._classes.redraw(seed, [record.event for record in self.arrived])
@@ -169,7 +168,6 @@ class Environment(Saved):
         return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
 
     def states_to_show(self) -> list[EventState]:
-        """Return the events that are incomplete or changed in this step."""
         shown = {event.event: event for event in (*self.active, *self.changed)}
         return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
 
@@ -211,7 +209,6 @@ class Coverage(Saved):
         self._centres_m = tuple(np.arange(count) + 0.5 for count in self._cells)
 
     def is_due(self, step: int) -> bool:
-        """Whether coverage is measured in this step."""
         return step % self._every == 0
 
     def area_m2(self, places_m: Floats) -> float:

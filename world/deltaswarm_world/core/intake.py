@@ -29,13 +29,11 @@ class SequenceNumbers(Saved):
 
     def __init__(self) -> None:
         self.lost: Counter[int] = Counter()
-        """Missing messages by agent."""
         self.fell_back: Counter[int] = Counter()
         """Resets of an agent's number without an absence; many mean that two processes share its id."""
         self._due: dict[int, int | None] = {}
 
     def follow(self, agent: int, number: int) -> None:
-        """Take the number of a message."""
         due = self._due.get(agent, 0)
         if due is not None and number != due:
             if number > due:
@@ -45,16 +43,14 @@ class SequenceNumbers(Saved):
         self._due[agent] = number + 1
 
     def expect_first(self, agent: int) -> None:
-        """Expect the next message from a new process."""
         self._due[agent] = 0
 
     def accept_any_next(self, agent: int) -> None:
-        """Accept any number in the next message."""
         self._due[agent] = None
 
 
 class Intake(Saved):
-    """The samples of one step, and the counts of a run."""
+    """The samples of one step, and the counts of a run. What takes a sample returns the reason if it is dropped."""
 
     def __init__(self, participants: Participants) -> None:
         self.transmitted: dict[int, bytes] = {}
@@ -62,7 +58,6 @@ class Intake(Saved):
         self._reports: dict[int, deque[bytes]] = {}
         """Reports not yet taken; only an agent that was late has more than one."""
         self._newest_report: dict[int, int] = {}
-        """The step of each agent's newest report."""
         self._ahead: Counter[int] = Counter()
         """Number of reports of each agent that came before the act of their frame."""
         self.acts: dict[int, tuple[bytes, Act]] = {}
@@ -87,7 +82,6 @@ class Intake(Saved):
         self.transmitted, self.acts = {}, {}
 
     def expect_new_process(self, agent: int) -> None:
-        """Expect the numbers of a new process of this agent."""
         self._ahead[agent] = 0
         self._radio_numbers.expect_first(agent)
         self._report_numbers.expect_first(agent)
@@ -98,7 +92,7 @@ class Intake(Saved):
         self._report_numbers.accept_any_next(agent)
 
     def receive(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> str | None:
-        """Take one sample on an agent's key and its attached act; return the reason if anything is dropped."""
+        """Take one sample on an agent's key, and its attached act."""
         if leaf == keys.RADIO:
             return self.hear_radio(agent, data) if act is None else self.hear_both(agent, data, act)
         if leaf == keys.REPORT:
@@ -106,7 +100,6 @@ class Intake(Saved):
         return self.hear_saved(agent, data) if leaf == keys.TAKEN else self.hear_act(agent, data)
 
     def hear_both(self, agent: int, data: bytes, act_bytes: bytes) -> str | None:
-        """Take one encoded radio frame with its act; return the reason if one of them is dropped."""
         try:
             act = decode_act(act_bytes)
         except WireError as error:
@@ -117,7 +110,6 @@ class Intake(Saved):
         return self.accept_act(agent, act, act_bytes) or reason
 
     def hear_radio(self, agent: int, data: bytes, late: bool = False) -> str | None:
-        """Take one encoded radio frame; return the reason if it is dropped."""
         try:
             counter = decode_sample(data).counter
         except WireError as error:
@@ -125,10 +117,7 @@ class Intake(Saved):
         return self.accept_radio(agent, counter, data, late)
 
     def accept_radio(self, agent: int, counter: int, data: bytes, late: bool = False) -> str | None:
-        """Take one decoded radio frame; return the reason if it is dropped.
-
-        A `late` one, whose step does not wait for the agent, is not delivered; its act is checked and counted.
-        """
+        """Take one decoded radio frame. A `late` one, whose step does not wait for the agent, is not delivered."""
         self._radio_numbers.follow(agent, counter)
         if late and self._participants.unanswered(agent):
             return None
@@ -138,7 +127,6 @@ class Intake(Saved):
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
-        """Take one encoded report; return the reason if it is dropped."""
         try:
             report = decode_report(data)
         except WireError as error:
@@ -146,7 +134,6 @@ class Intake(Saved):
         return self.accept_report(agent, report, data)
 
     def accept_report(self, agent: int, report: Report, data: bytes) -> str | None:
-        """Take one decoded report with its bytes; return the reason if it is dropped."""
         if report.agent != agent:
             return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
         if report.step > self._step:
@@ -162,7 +149,6 @@ class Intake(Saved):
         return None
 
     def hear_act(self, agent: int, data: bytes) -> str | None:
-        """Take one encoded act; return the reason if it is dropped."""
         try:
             act = decode_act(data)
         except WireError as error:
@@ -170,7 +156,6 @@ class Intake(Saved):
         return self.accept_act(agent, act, data)
 
     def accept_act(self, agent: int, act: Act, data: bytes) -> str | None:
-        """Take one decoded act with its bytes; return the reason if it is dropped."""
         if act.step > self._step:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self._participants.answer(agent, act.step):
@@ -189,7 +174,6 @@ class Intake(Saved):
         self._saves_due.update(self.unsaved)
 
     def hear_saved(self, agent: int, data: bytes) -> str | None:
-        """Take an agent's confirmation that it is saved; return the reason if it is dropped."""
         try:
             step = decode_taken(data)
         except WireError as error:
@@ -202,17 +186,14 @@ class Intake(Saved):
         return None
 
     def reject_excess(self, agent: int, reason: str) -> str:
-        """Count a dropped sample beyond the limit per step; return the reason."""
         self.excess[agent] += 1
         return self.reject(agent, reason)
 
     def reject(self, agent: int, reason: str) -> str:
-        """Count a dropped sample on a key of this agent; return the reason."""
         self.rejected[agent] += 1
         return reason
 
     def drop_frames(self, late: Iterable[int]) -> None:
-        """Drop the radio frames of agents without an act in this step."""
         for agent in late:
             self.transmitted.pop(agent, None)
 
@@ -233,7 +214,6 @@ class Intake(Saved):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """Return the counts of the run, by agent."""
         return {
             "rejected": by_agent(self.rejected),
             "excess": by_agent(self.excess),

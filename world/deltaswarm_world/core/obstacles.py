@@ -36,7 +36,6 @@ class Obstacles:
         return bool(self._polygons)
 
     def inside(self, places_m: Floats) -> Mask:
-        """Return which positions are in an obstacle."""
         inside: Mask = np.zeros(len(places_m), dtype=np.bool_)
         for polygon in self._polygons:
             near = _within(places_m, polygon).nonzero()[0]
@@ -58,7 +57,6 @@ class Obstacles:
         return hidden
 
     def crossed(self, from_m: Floats, to_m: Floats) -> list[int]:
-        """Return the numbers of the obstacles that one line meets."""
         return [index for index, polygon in enumerate(self._polygons) if len(_crossed(from_m, to_m, polygon))]
 
     def stop(self, from_m: Floats, to_m: Floats) -> Floats:
@@ -86,7 +84,6 @@ def _polygon(obstacle: ObstacleSettings) -> _Polygon:
 
 
 def _within(places_m: Floats, polygon: _Polygon) -> Mask:
-    """Which places are in the box around a polygon."""
     return _both((places_m >= polygon.low_m) & (places_m <= polygon.high_m))
 
 

@@ -47,7 +47,6 @@ class RealTimePace:
         return self.tick_ends_s
 
     def pause(self, seconds: float) -> None:
-        """Exclude a pause from the pace."""
         self.tick_ends_s += seconds
 
 
@@ -65,22 +64,20 @@ class StepGate:
         self._last_begin_s = -math.inf
 
     def set_pace(self, pace: Pace) -> None:
-        """The operator wants another pace."""
         self._pace = pace
 
     def may_begin(self, step: int) -> bool:
-        """Whether a step may begin now."""
         return not self._is_held(step) and self._turns.is_due(step) and self._monotonic() >= self._due_s()
 
     def wait_s(self, step: int) -> float | None:
-        """How long to wait before asking again [wall s]; None where only the operator's turn is lacking."""
+        """Return the time to wait before asking again [wall s]; None if only the operator's turn is missing."""
         if self._is_held(step):
             return math.inf
         left_s = self._due_s() - self._monotonic()
         return max(0.0, left_s) if self._turns.is_due(step) else None
 
     def begin_step(self) -> None:
-        """A step begins: the next one is due after its share of the wall's time."""
+        """Note that a step begins; the next one is due a tick later."""
         now_s = self._monotonic()
         due_s = self._due_s()
         self._last_begin_s = due_s if now_s - due_s <= self._tick_s() else now_s
@@ -115,7 +112,6 @@ class TimeoutBackoff:
         """The step at which the next miss of an agent is forgiven."""
 
     def left_s(self, agent: int, step: int) -> float:
-        """Return the time that this step may wait for an agent [s]."""
         return self.most_s * 0.5 ** self._counted(agent, step)
 
     def with_any(self, agents: Collection[int], step: int) -> tuple[float, float]:
@@ -126,7 +122,6 @@ class TimeoutBackoff:
         return min(left_s), max(left_s)
 
     def missed(self, agent: int, step: int) -> None:
-        """Note that an agent missed this step."""
         if not self._counted(agent, step):
             self._forgiven_at[agent] = step + FORGIVEN_STEPS
         self._misses[agent] = min(self._misses[agent] + 1, MAX_MISSES)

@@ -9,8 +9,8 @@ Boards are agents on machines of their own. They may come and go. A hung board i
 for which nobody waits. Its process may go on behind a cut link and answer frames from before, so the number of answers
 still due is kept.
 
-An agent-step is due unless a fault of the scenario takes it: the agent was killed or is frozen by an order. It is
-answered if the agent's act for that step is there when the step is closed, be it that of an earlier step that holds.
+An agent-step is due unless a fault of the scenario prevents it: an order killed or froze the agent. It is answered if
+the agent's act for that step has arrived when the step is closed; an act of an earlier step may still hold.
 """
 
 from collections import Counter
@@ -71,14 +71,10 @@ TRANSITIONS: dict[tuple[Condition, ConditionCause], Condition] = {
 
 @dataclass
 class Attendance(Saved):
-    """A board's attendance in a run."""
-
     late_steps: int = 0
     """Steps that the board missed while present."""
     absences: int = 0
-    """Number of absences."""
     absent_steps: int = 0
-    """Steps of absence."""
 
 
 @dataclass
@@ -95,7 +91,6 @@ class Missed(Saved):
     _newest: int = -1
 
     def count(self, step: int) -> None:
-        """Count a missed step."""
         self._in_a_row = self._in_a_row + 1 if self._newest == step - 1 else 1
         self._newest = step
         self.steps += 1
@@ -103,7 +98,6 @@ class Missed(Saved):
 
 
 def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
-    """Return what agents missed, by agent, for JSON."""
     return [
         {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
         for agent, about in sorted(missed.items())
@@ -123,7 +117,7 @@ class Participants(Saved):
         """Agents whose process reappeared, until the world handles it."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
         self.failed: dict[int, Missed] = {}
-        """Agents whose process ended or whose link was cut, by no order."""
+        """Agents whose process ended or whose link was cut although no order did it."""
         self.late: dict[int, Missed] = {}
         """Agents that were there and did not answer in time."""
         self.due = self.answered = 0
@@ -146,7 +140,6 @@ class Participants(Saved):
 
     @property
     def asked(self) -> Set[int]:
-        """Agents that got the frame of this step and have not answered it."""
         return self._in[ASKED]
 
     @property
@@ -156,16 +149,11 @@ class Participants(Saved):
 
     @property
     def present(self) -> set[int]:
-        """Agents that have a process."""
         return self._in[IDLE] | self._in[ASKED] | self._in[HUNG] | self._in[FROZEN]
 
     def taking_part(self) -> list[int]:
         """Return the agents that a step may ask, or has asked, ascending."""
         return sorted(self._in[IDLE] | self._in[ASKED])
-
-    def is_present(self, agent: int) -> bool:
-        """Whether an agent has a process."""
-        return agent in self.present
 
     # A step
 
@@ -186,7 +174,6 @@ class Participants(Saved):
         return probed
 
     def unanswered(self, agent: int) -> int:
-        """Return the number of an agent's frames without an act."""
         return (agent in self._in[ASKED]) + (agent in self._in[HUNG]) + self._answers_due[agent]
 
     def answer(self, agent: int, step: int) -> bool:
@@ -209,7 +196,6 @@ class Participants(Saved):
 
     @property
     def is_closed(self) -> bool:
-        """Whether the step waits for no agent."""
         return not self._in[ASKED]
 
     def time_out(self) -> list[int]:
@@ -224,7 +210,6 @@ class Participants(Saved):
         return late
 
     def _count(self, late: Collection[int]) -> None:
-        """Count the answers of this step."""
         failed, hung = self._without
         hung = hung.union(late) - failed
         for missed, agents in (self.failed, failed), (self.late, hung):
@@ -268,7 +253,7 @@ class Participants(Saved):
             self._killed.add(agent)
 
     def freeze(self, frozen: Collection[int]) -> None:
-        """Let these agents be frozen, and no others. A frame that a hung agent did not answer may be answered later."""
+        """Freeze exactly these agents. A hung one may still answer the frame that it missed."""
         for agent in sorted(self._in[FROZEN].difference(frozen)):
             self._change(agent, ConditionCause.THAW)
         for agent in frozen:

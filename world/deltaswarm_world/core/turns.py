@@ -44,7 +44,6 @@ class Turns(Saved):
         return None
 
     def withdraw(self, number: int) -> None:
-        """Take a command back that waits for a step."""
         self._waiting = deque(
             [waiting for waiting in self._waiting if decode_command(waiting[1].body).number != number]
         )

@@ -39,7 +39,7 @@ HEARD_BYTES = 6
 NOBODY_HIT: frozenset[int] = frozenset()
 
 
-def _untimed(phase: str) -> None:
+def untimed(phase: str) -> None:
     """Do not measure."""
 
 
@@ -88,7 +88,6 @@ class WorldCore(Saved):
 
     @property
     def closed(self) -> ClosedStep:
-        """The last closed step."""
         assert self._closed is not None, "close a step first"
         return self._closed
 
@@ -99,12 +98,11 @@ class WorldCore(Saved):
 
     @property
     def agents_in_trees(self) -> int:
-        """Number of agents in trees in the last booked step."""
         return self._books.agents_in_trees
 
     @property
     def is_deserted(self) -> bool:
-        """Whether no agent is left that anything could happen to, and not by faults alone."""
+        """Whether no agent is left, not by faults alone, and no fault may start one."""
         return self.participants.is_deserted and not (self._faults and self._faults.may_start_agents)
 
     @property
@@ -140,7 +138,7 @@ class WorldCore(Saved):
         self.intake.expect_new_process(agent)
 
     def redraw(self, seed: int) -> None:
-        """Draw anew, as with another seed, what will happen after the last closed step and is not drawn yet.
+        """Redraw with another seed what happens after the last closed step and is not drawn yet.
 
         The generators that the models of the air have drawn from are not replaced.
         """
@@ -149,7 +147,7 @@ class WorldCore(Saved):
             self._faults.redraw(seed)
 
     def begin(
-        self, step: int, last: bool, probe: bool = False, lap: Callable[[str], None] = _untimed
+        self, step: int, last: bool, probe: bool = False, lap: Callable[[str], None] = untimed
     ) -> Iterator[tuple[int, Frame]]:
         """Move bodies, let events arrive, compute sensing and hearing; yield each awake agent's frame.
 
@@ -252,7 +250,6 @@ class WorldCore(Saved):
         return cut
 
     def end(self) -> StepRecord:
-        """Close the step and book it."""
         self.close()
         return self.book()
 
@@ -370,7 +367,6 @@ class WorldCore(Saved):
         return samples_of(self.closed)
 
     def totals(self, complete: bool) -> dict[str, Any]:
-        """Return the world's totals of a run."""
         return {
             "complete": complete,
             "digest": self.digest.hex(),

@@ -1,13 +1,13 @@
-"""Waiting: samples, tokens and the operator's messages come in meanwhile, and the status goes out."""
+"""Wait for conditions, while samples, tokens and the operator's messages arrive and the status is published."""
 
 import logging
 import time
 from collections import Counter
 from collections.abc import Callable
 
-from deltaswarm_wire.commands import Pace, Turn
+from deltaswarm_wire.commands import Pace
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.operator_messages import Status
+from deltaswarm_wire.operator_messages import Status, encode_status
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.core.pace import RealTimePace, StepGate
 from deltaswarm_world.core.retransmit_buffer import RetransmitBuffer
@@ -41,26 +41,21 @@ class EventLoop:
             turns.mode = LIVE
         self.gate = StepGate(turns, self._settings.step_s, time.monotonic)
         self.order_under_way: ProcessOrder | None = None
-        """What is being done to processes, on order: their tokens come and go as planned."""
+        """The order that is being carried out: the tokens of its agents come and go as planned."""
         self.status_due = 0.0
         self.tokens: set[tuple[str, int]] = set()
         self.persisted: dict[str, int] = {}
         """By role, the newest step that operator and recorder have, since they came."""
         self.is_over = False
-        """The last clock has gone out."""
+        """Whether the last clock was sent."""
         self._phase = "waiting"
-        """Phase of the newest status."""
         self.operator_left = False
-        """The operator went, and has not been given what it missed."""
+        """Whether the operator left and has not yet got what it missed."""
         self._warned: set[int] = set()
         self._changes: Counter[int] = Counter()
 
     def wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
-
-        Raises:
-            InterruptedError: a signal came, and the condition did not hold soon.
-        """
+        """Process arrivals until a condition holds; return False on a time-out. The pace excludes this wait."""
         began = time.monotonic()
         self._wakeup.wake_at(began + within_s)
         while not condition():
@@ -84,7 +79,6 @@ class EventLoop:
         return False
 
     def take_sample(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
-        """Take one sample of an agent."""
         hung = self._core.participants.hung
         was_hung = agent in hung
         reason = self._core.intake.receive(agent, leaf, data, act)
@@ -95,10 +89,7 @@ class EventLoop:
             log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
 
     def take_control(self) -> None:
-        """Take note of who came and who went, and of what operator and recorder have, in that order.
-
-        What the operator counted is handed on to the recorder.
-        """
+        """Process tokens, confirmations and the operator's messages in order; pass workloads on to the recorder."""
         for message in self._wakeup.control.drain():
             if isinstance(message, Persisted):
                 self.persisted[message.role] = message.step
@@ -109,7 +100,10 @@ class EventLoop:
                 self._transport.workload(message.data)
                 continue
             if isinstance(message, OperatorMessage):
-                self._take_operator_message(message.word)
+                if isinstance(message.message, Pace):
+                    self.gate.set_pace(message.message)
+                elif reason := self._core.turns.accept(message.message):
+                    log.warning("dropped: %s", reason)
                 continue
             role, number, is_there = message
             (self.tokens.add if is_there else self.tokens.discard)((role, number))
@@ -121,43 +115,33 @@ class EventLoop:
                 self.persisted.pop(role, None)
                 self.operator_left |= role == OPERATOR and self.has_begun
 
-    def _take_operator_message(self, message: Turn | Pace) -> None:
-        """The operator's turn, or the pace that it wants."""
-        if isinstance(message, Pace):
-            self.gate.set_pace(message)
-        elif reason := self._core.turns.accept(message):
-            log.warning("dropped: %s", reason)
-
     def _take_token(self, agent: int, there: bool) -> None:
-        """An agent came or went."""
         participants = self._core.participants
         if self.order_under_way is not None and agent in self.order_under_way.agents:
             return
-        was_there = participants.is_present(agent)
+        was_there = agent in participants.present
         (participants.token_back if there else participants.token_gone)(agent)
         if agent in participants.boards:  # samples may overtake the token that tells of a return
             self._core.intake.accept_any_next(agent)
-        has_changed = was_there != participants.is_present(agent)
+        has_changed = was_there != (agent in participants.present)
         self._changes[agent] += has_changed
         if has_changed and self.has_begun and not self.is_over and self._changes[agent] <= MAX_LOGGED:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", participants.step)
 
     def send_status(self, step: int, phase: str) -> None:
-        """Publish how far the run is."""
         self._phase = phase
         self.status_due = time.monotonic() + STATUS_EVERY_S
         core, step = self._core, max(step, 0)
         ready = sum(role == AGENT for role, _ in self.tokens)
-        self._transport.status(
-            Status(
-                step=step,
-                steps=self._settings.steps,
-                time_s=step * self._settings.step_s,
-                agents_alive=ready if phase == "waiting" else len(core.participants.present),
-                agents_in_trees=core.agents_in_trees,
-                mean_waiting_s=core.environment.mean_waiting_s(),
-                events_open=len(core.environment.active),
-                events_completed=core.environment.completed,
-                phase=phase,
-            )
+        status = Status(
+            step=step,
+            steps=self._settings.steps,
+            time_s=step * self._settings.step_s,
+            agents_alive=ready if phase == "waiting" else len(core.participants.present),
+            agents_in_trees=core.agents_in_trees,
+            mean_waiting_s=core.environment.mean_waiting_s(),
+            events_open=len(core.environment.active),
+            events_completed=core.environment.completed,
+            phase=phase,
         )
+        self._transport.status(encode_status(status))

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Self
 
 from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord
@@ -51,15 +51,12 @@ class WorldOutput:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         os.close(self._handle)
         for file in self._files:
             file.close()
 
     def write(self, record: StepRecord, changed: Iterable[EventState]) -> None:
-        """Write one closed step, and the events that changed in it."""
         self._rows.writerow(record.values())
         self._events.writerows(changed)
         now = time.monotonic()
@@ -77,7 +74,6 @@ class WorldOutput:
 
     @property
     def wall_s(self) -> float:
-        """Wall time since the first step began [s]."""
         return self._wall_before_s + time.monotonic() - self._started
 
     def sync(self) -> list[int]:

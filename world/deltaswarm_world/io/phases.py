@@ -27,7 +27,6 @@ class Phases:
         self._steps = 0
 
     def __call__(self, phase: str) -> None:
-        """Note that a phase is over."""
         wall_s, cpu_s = time.perf_counter(), time.thread_time()
         self._wall_s[phase] += wall_s - self._wall_since_s
         self._cpu_s[phase] += cpu_s - self._cpu_since_s
@@ -42,7 +41,3 @@ class Phases:
             times |= {f"{phase}_{suffix}": spent_s * us for phase, spent_s in seconds.items()}
             times[f"critical_{suffix}"] = sum(seconds[phase] for phase in CRITICAL) * us
         return times
-
-
-def untimed(phase: str) -> None:
-    """Measure nothing."""

@@ -8,18 +8,18 @@ from contextlib import suppress
 
 from deltaswarm_scenario.truth import NOBODY_LEFT, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
-from deltaswarm_wire.child import FAILED, GAVE_UP, ended_by
+from deltaswarm_wire.child import GAVE_UP, ended_by
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
-from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
-from deltaswarm_wire.plugin_errors import blamed
+from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder, encode_order
 from deltaswarm_wire.session import closing
 from deltaswarm_world.core.pace import RealTimePace, TimeoutBackoff
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, StepMessages
+from deltaswarm_world.core.world import untimed
 from deltaswarm_world.io import saving
 from deltaswarm_world.io.event_loop import EventLoop
 from deltaswarm_world.io.files import WorldOutput
-from deltaswarm_world.io.phases import Phases, untimed
+from deltaswarm_world.io.phases import Phases
 from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.slow_links import SlowLinks, trusted_sessions
 from deltaswarm_world.io.transport import Transport, open_router
@@ -42,10 +42,10 @@ class WorldProcess:
     def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
         self._config = config
         self._settings = config.scenario.run
-        self._core = saved.core
+        self.core = saved.core
         self._transport = transport
         self._wakeup = wakeup
-        self._loop = EventLoop(config, transport, wakeup, saved)
+        self.loop = EventLoop(config, transport, wakeup, saved)
         self._backoff = saved.backoff
         self._saving_backoff = TimeoutBackoff(SAVING_STEPS * self._settings.step_timeout_s)
         self._restarts = saved.restarts
@@ -56,37 +56,26 @@ class WorldProcess:
         self._probe_due = 0.0
 
     def wait_for_all(self) -> None:
-        """Wait until every expected process is present.
-
-        Raises:
-            TimeoutError: some are missing; the text names them.
-            InterruptedError: a signal came first.
-        """
-        expected = {(AGENT, agent) for agent in self._core.participants.present}
+        expected = {(AGENT, agent) for agent in self.core.participants.present}
         expected |= {(role, 0) for role in self._config.expect}
-        if not self._loop.wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
-            missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._loop.tokens))
+        if not self.loop.wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
+            missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self.loop.tokens))
             raise TimeoutError(f"all must be ready within {self._settings.start_timeout_s:g} s (missing: {missing})")
 
     def _are_there(self, expected: set[tuple[str, int]]) -> bool:
-        if time.monotonic() >= self._loop.status_due:
-            self._loop.send_status(-1, "waiting")
-        return expected <= self._loop.tokens
+        if time.monotonic() >= self.loop.status_due:
+            self.loop.send_status(-1, "waiting")
+        return expected <= self.loop.tokens
 
     def run(self, output: WorldOutput) -> bool:
-        """Run all steps; return True if none was cut off.
-
-        Raises:
-            TimeoutError: the operator did not answer or come back, a part did not catch up, or an order was not done.
-            InterruptedError: a signal came during such a wait.
-        """
+        """Run all steps; return True if none was cut off."""
         settings = self._settings
-        first = self._core.participants.step + 1
-        self._loop.has_begun = True
+        first = self.core.participants.step + 1
+        self.loop.has_begun = True
         output.started()
-        self._loop.send_status(first, "running")
+        self.loop.send_status(first, "running")
         if settings.clock == "realtime":
-            self._loop.pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
+            self.loop.pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
         phases = Phases() if self._config.time_phases else None
         if phases:
             self._lap = self._transport.lap = phases
@@ -100,13 +89,13 @@ class WorldProcess:
         # A complete run may have to resume, too, if the disk has no room for its results.
         may_resume = self._config.checkpoint_steps > 0
         timed = {"step_times": phases.totals()} if phases else {}
-        output.finish(self._core, complete, self._overruns, may_resume=may_resume, timed=timed)
-        self._loop.send_status(step, "ended")
+        output.finish(self.core, complete, self._overruns, may_resume=may_resume, timed=timed)
+        self.loop.send_status(step, "ended")
         return complete
 
     def _steps(self, steps: range, output: WorldOutput) -> int:
         """Run these steps, or fewer; return the last one. Book a step while the agents think about the next one."""
-        core, lap = self._core, self._lap
+        core, lap = self.core, self._lap
         for step in steps:
             self._await_operator(step, output)
             for order in core.inject(step):
@@ -129,50 +118,42 @@ class WorldProcess:
                 break
             if is_due(step, self._config.checkpoint_steps):
                 self._book(output)
-                self._save(step, output)
+                self.save(step, output)
         return step
 
     def _await_operator(self, step: int, output: WorldOutput) -> None:
-        """Hold a step back until the operator's turn has come and the pace allows the step.
-
-        Raises:
-            TimeoutError, InterruptedError: as in `run`.
-        """
-        gate, wakeup = self._loop.gate, self._wakeup
-        self._loop.take_control()
+        """Hold a step back until the operator's turn has come and the pace allows the step."""
+        gate, wakeup = self.loop.gate, self._wakeup
+        self.loop.take_control()
         while not gate.may_begin(step) and not wakeup.stop_requested:
             self._book(output)
-            if self._loop.operator_left:
+            if self.loop.operator_left:
                 self._welcome_operator()
             wait_s = gate.wait_s(step)
             patience_s = self._settings.start_timeout_s if wait_s is None else wait_s
 
             def is_over() -> bool:
-                return gate.may_begin(step) or wakeup.stop_requested or self._loop.operator_left
+                return gate.may_begin(step) or wakeup.stop_requested or self.loop.operator_left
 
-            if not self._loop.wait_until(is_over, patience_s) and wait_s is None:
+            if not self.loop.wait_until(is_over, patience_s) and wait_s is None:
                 raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
         gate.begin_step()
 
     @property
     def _overruns(self) -> int:
-        return self._overruns_before + (self._loop.pace.overruns if self._loop.pace else 0)
+        return self._overruns_before + (self.loop.pace.overruns if self.loop.pace else 0)
 
-    def _save(self, step: int, output: WorldOutput) -> None:
-        """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint.
-
-        Raises:
-            InterruptedError: a signal came while the world waited for others.
-        """
-        participants, intake = self._core.participants, self._core.intake
+    def save(self, step: int, output: WorldOutput) -> None:
+        """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint."""
+        participants, intake = self.core.participants, self.core.intake
         agents = set(participants.taking_part())
         others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
 
         def can_be_saved() -> bool:
-            return not self._loop.operator_left and agents == participants.present
+            return not self.loop.operator_left and agents == participants.present
 
         def others_have() -> bool:
-            return all(self._loop.persisted.get(role, -1) >= step for role in others)
+            return all(self.loop.persisted.get(role, -1) >= step for role in others)
 
         backoff, began = self._saving_backoff, time.monotonic()
 
@@ -183,8 +164,8 @@ class WorldProcess:
         if can_be_saved():
             intake.await_saved(agents)
             self._transport.save(agents, step)
-            self._loop.wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
-            self._loop.wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
+            self.loop.wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
+            self.loop.wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
         intake.unsaved |= saving.missing(self._config.out, step, agents)
         is_whole = others_have() and saving.has_operator(self._config.out, step)
         if not can_be_saved() or intake.unsaved or not is_whole:
@@ -196,7 +177,7 @@ class WorldProcess:
         saving.save(
             self._config.out,
             SavedWorld(
-                core=self._core,
+                core=self.core,
                 backoff=self._backoff,
                 restarts=self._restarts,
                 table_bytes=output.sync(),
@@ -209,30 +190,25 @@ class WorldProcess:
         """Whether boards that have hung for long get a frame; at the end all hung boards do, so that they see it."""
         now = time.monotonic()
         is_due = now >= self._probe_due
-        if is_due or not self._core.participants.hung:
+        if is_due or not self.core.participants.hung:
             self._probe_due = now + self._settings.step_timeout_s
         return is_due or last
 
     def _give(self, order: ProcessOrder) -> None:
-        """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
-
-        Raises:
-            TimeoutError: the order was not carried out in time.
-            InterruptedError: a signal came first.
-        """
+        """Order the orchestrator to act on processes, and wait until it has, before the next step begins."""
         log.warning("%s", order.text)
-        self._transport.order(order)
+        self._transport.order(encode_order(order))
         if order.action == NOTE:
             return
-        self._loop.order_under_way = order
-        if not self._loop.wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
+        self.loop.order_under_way = order
+        if not self.loop.wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
             raise TimeoutError(f"orders must be done within {self._settings.start_timeout_s:g} s (got {order.text})")
-        self._loop.order_under_way = None
+        self.loop.order_under_way = None
         if order.action == START:
             self._restarts.update(order.agents)
 
     def _is_done(self, order: ProcessOrder) -> bool:
-        tokens = [(AGENT, agent) in self._loop.tokens for agent in order.agents]
+        tokens = [(AGENT, agent) in self.loop.tokens for agent in order.agents]
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
         return as_told and order.number in self._wakeup.done
 
@@ -241,13 +217,13 @@ class WorldProcess:
 
         Sleeping agents take part, so a step in which no agent is asked does not wait.
         """
-        participants, wakeup, pace = self._core.participants, self._wakeup, self._loop.pace
+        participants, wakeup, pace = self.core.participants, self._wakeup, self.loop.pace
         began = time.monotonic()
         everyone_hangs = 0 if participants.taking_part() else len(participants.hung)
         soonest_s, _ = self._backoff.with_any(participants.asked, participants.step)
         wakeup.wake_at(pace.next_tick() if pace else began + soonest_s)
         while not participants.is_closed or (everyone_hangs and len(participants.hung) == everyone_hangs):
-            if self._loop.take_next() or time.monotonic() < wakeup.deadline:
+            if self.loop.take_next() or time.monotonic() < wakeup.deadline:
                 continue
             _, latest_s = self._backoff.with_any(participants.asked, participants.step)
             if pace or wakeup.stop_requested or time.monotonic() >= began + latest_s:
@@ -257,20 +233,20 @@ class WorldProcess:
         if pace:
             wakeup.wake_at(pace.tick_ends_s)
             while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
-                self._loop.take_next()
-        self._transport.receive_waiting(self._loop.take_sample)  # late agents take part again in the next step
+                self.loop.take_next()
+        self._transport.receive_waiting(self.loop.take_sample)  # late agents take part again in the next step
 
     def _await_anybody(self) -> None:
         """Wait for an agent to come back, whose link may have been cut; without one, this step is the last."""
-        participants, settings = self._core.participants, self._settings
+        participants, settings = self.core.participants, self._settings
         patience_s = settings.start_timeout_s if participants.boards else settings.step_timeout_s
-        self._loop.wait_until(lambda: bool(participants.present or self._wakeup.stop_requested), patience_s)
+        self.loop.wait_until(lambda: bool(participants.present or self._wakeup.stop_requested), patience_s)
         if not participants.present and not self._wakeup.stop_requested:
             log.critical(NOBODY_LEFT)
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""
-        participants = self._core.participants
+        participants = self.core.participants
         for agent in sorted(participants.asked):
             self._backoff.missed(agent, participants.step)
             log.warning("step %d continues without agent %d, which hangs", participants.step, agent)
@@ -279,74 +255,64 @@ class WorldProcess:
         """Write down the last closed step and send it to recorder and operator, unless that has been done.
 
         Wait for a part that is far behind or being replaced.
-
-        Raises:
-            TimeoutError, InterruptedError: as in `run`.
         """
         if not self._unbooked:
             return
         self._unbooked = False
-        core, transport, last = self._core, self._transport, self._core.closed.is_last
+        core, transport, last = self.core, self._transport, self.core.closed.is_last
         record = core.book()
         output.write(record, core.closed.changed)  # a step is on file before it is announced
         if self._config.publish_truth:
             transport.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
             transport.wire(encode_wire(record.step, core.samples))
-        self._loop.take_control()
+        self.loop.take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))
-        self._loop.buffer.add(StepMessages(record.step, reports, clock, last), now=not self._loop.operator_left)
-        if self._loop.operator_left:
+        self.loop.buffer.add(StepMessages(record.step, reports, clock, last), now=not self.loop.operator_left)
+        if self.loop.operator_left:
             self._welcome_operator()
-        self._loop.is_over = last
-        if not last and any(record.step - taken > AHEAD_STEPS for taken in self._loop.persisted.values()):
+        self.loop.is_over = last
+        if not last and any(record.step - taken > AHEAD_STEPS for taken in self.loop.persisted.values()):
             self._let_catch_up(record.step)
-        if time.monotonic() >= self._loop.status_due:
-            self._loop.send_status(record.step, "running")
+        if time.monotonic() >= self.loop.status_due:
+            self.loop.send_status(record.step, "running")
 
     def _welcome_operator(self) -> None:
         """Wait for the operator that replaces the lost one, and send it what it missed."""
-        step, patience_s = self._core.participants.step, self._settings.start_timeout_s
+        step, patience_s = self.core.participants.step, self._settings.start_timeout_s
         log.warning("the operator is gone in step %d; waiting for it", step)
-        if not self._loop.wait_until(lambda: OPERATOR in self._loop.persisted, patience_s):
+        if not self.loop.wait_until(lambda: OPERATOR in self.loop.persisted, patience_s):
             raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
-        self._loop.operator_left = False
-        self._loop.buffer.resend_after(self._loop.persisted[OPERATOR])
-        log.warning("the operator is back; it had the steps up to %d", self._loop.buffer.confirmed)
+        self.loop.operator_left = False
+        self.loop.buffer.resend_after(self.loop.persisted[OPERATOR])
+        log.warning("the operator is back; it had the steps up to %d", self.loop.buffer.confirmed)
 
     def _let_catch_up(self, step: int) -> None:
         """Wait for parts that are far behind, unless a signal came: then the last step comes at once."""
 
         def behind() -> list[str]:
-            return [role for role, taken in self._loop.persisted.items() if step - taken > AHEAD_STEPS // 2]
+            return [role for role, taken in self.loop.persisted.items() if step - taken > AHEAD_STEPS // 2]
 
         def is_over() -> bool:
-            return self._wakeup.stop_requested or self._loop.operator_left or not behind()
+            return self._wakeup.stop_requested or self.loop.operator_left or not behind()
 
-        if not self._loop.wait_until(is_over, self._settings.start_timeout_s):
+        if not self.loop.wait_until(is_over, self._settings.start_timeout_s):
             raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
-        """Let operator and recorder take what was sent and leave; then undeclare the world's token.
-
-        Raises:
-            TimeoutError: the operator did not take it, or left and did not come back.
-            InterruptedError: a signal came during the wait.
-        """
-        last = self._core.participants.step
+        """Let operator and recorder take what was sent and leave; then undeclare the world's token."""
+        last = self.core.participants.step
 
         def has_all() -> bool:
-            return self._loop.buffer.confirmed >= last
+            return self.loop.buffer.confirmed >= last
 
         while OPERATOR in self._config.expect and not has_all():
-            if self._loop.operator_left:
+            if self.loop.operator_left:
                 self._welcome_operator()
-            elif not self._loop.wait_until(
-                lambda: self._loop.operator_left or has_all(), self._settings.start_timeout_s
-            ):
+            elif not self.loop.wait_until(lambda: self.loop.operator_left or has_all(), self._settings.start_timeout_s):
                 raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
-        if not self._loop.wait_until(lambda: not self._loop.tokens & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
+        if not self.loop.wait_until(lambda: not self.loop.tokens & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("some parts did not leave within %g s", GOODBYE_S)
         self._transport.leave()
 
@@ -377,15 +343,10 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
                 world.wait_for_all()
                 complete = world.run(output)
                 world.goodbye()
-            except BaseException as error:
-                if plugin := blamed(error):
-                    log.critical("%s", plugin.report)
-                    return FAILED
-                if isinstance(error, TimeoutError):
-                    log.critical("%s", error)
-                    return GAVE_UP
-                if not isinstance(error, InterruptedError):
-                    raise
+            except TimeoutError as error:
+                log.critical("%s", error)
+                return GAVE_UP
+            except InterruptedError:
                 complete = False
             finally:
                 transport.close()

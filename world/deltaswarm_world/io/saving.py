@@ -19,8 +19,6 @@ from deltaswarm_world.io.files import TABLES
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """One run: its scenario, links and files."""
-
     run: str
     scenario: Scenario
     link: RouterLink
@@ -43,7 +41,6 @@ class WorldConfig:
     time_phases: bool = False
     """Measure where the steps' wall time goes, for `world.json`."""
     metrics: tuple[str, ...] = ()
-    """Names of the controller's own numbers."""
 
 
 @dataclass
@@ -62,13 +59,11 @@ class SavedWorld:
 
     @classmethod
     def new(cls, config: WorldConfig) -> Self:
-        """Make the state before the first step."""
         scenario = config.scenario
         return cls(WorldCore(scenario, config.boards, config.metrics), TimeoutBackoff(scenario.run.step_timeout_s))
 
 
 def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
-    """Return the agents without a file in a checkpoint, whatever they said."""
     folder = run_folder / checkpoint.FOLDER / str(step)
     return {agent for agent in agents if not (folder / checkpoint.agent_file(agent)).is_file()}
 
@@ -100,11 +95,7 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
 
 
 def load(run_folder: Path, step: int) -> SavedWorld:
-    """Load the world's state after a step.
-
-    Raises:
-        ValueError: its file cannot be read.
-    """
+    """Load the world's state after a step."""
     file = run_folder / checkpoint.FOLDER / str(step) / checkpoint.WORLD_FILE
     try:
         saved = pickle.loads(file.read_bytes())

@@ -5,14 +5,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Protocol
 
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Frame, encode_frame
-from deltaswarm_wire.operator_messages import Status, encode_status
-from deltaswarm_wire.orders import ProcessOrder, encode_order, encode_save
+from deltaswarm_wire.orders import encode_save
 from deltaswarm_wire.session import RouterLink, configured, free_port, router_pairs, use_one_worker_thread
-from deltaswarm_world.io.phases import untimed
+from deltaswarm_world.core.world import untimed
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -24,11 +22,8 @@ PORT_TRIES = 20
 ANY_PORT = ":0"
 
 
-class Taker(Protocol):
-    """Receives an agent's sample, and the act attached to it."""
-
-    def __call__(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
-        """Take one sample."""
+Taker = Callable[[int, str, bytes, bytes | None], None]
+"""Takes a sample by its agent and the leaf of its key, with the act attached to it."""
 
 
 class Transport:
@@ -59,8 +54,8 @@ class Transport:
         self._frames = [publisher(keys.agent(agent, FRAME), "Frame") for agent in range(agents)]
         self._sending: tuple[int, float] | None = None
         """The agent whose message is being sent, and since when [wall s]."""
-        self._status = publisher(keys.status, "Status")
-        self._orders = publisher(keys.orders, "Order")
+        self.status = publisher(keys.status, "Status").put
+        self.order = publisher(keys.orders, "Order").put
         self.clock = publisher(keys.clock, "Clock").put
         self.truth = publisher(keys.truth, "Truth").put
         self.wire = publisher(keys.wire, "Wire").put
@@ -71,14 +66,12 @@ class Transport:
         self.lap: Callable[[str], None] = untimed
 
     def frames(self, frames: Iterable[tuple[int, Frame]]) -> None:
-        """Send each of these agents its frame."""
         for agent, frame in frames:
             self._sending = agent, time.monotonic()
             self._frames[agent].put(encode_frame(frame))
         self._sending = None
 
     def save(self, agents: Iterable[int], step: int) -> None:
-        """Request that these agents save their state after this step."""
         for agent in agents:
             self._sending = agent, time.monotonic()
             self._frames[agent].put(encode_save(step), attachment=b"save")  # distinguishes it from a frame
@@ -88,14 +81,6 @@ class Transport:
         """Return the agent whose link blocks the world's sending, or ""."""
         agent, since_s = self._sending or (0, float("inf"))
         return f"agent {agent}" if time.monotonic() - since_s > BLOCKED_S else ""
-
-    def order(self, order: ProcessOrder) -> None:
-        """Send an order to the orchestrator."""
-        self._orders.put(encode_order(order))
-
-    def status(self, status: Status) -> None:
-        """Publish the status."""
-        self._status.put(encode_status(status))
 
     def receive(self, taker: Taker) -> bool:
         """Wait for a sample, and pass on all that are waiting then; return whether no wake-up was among them."""
@@ -174,11 +159,7 @@ def open_router(
     agents: Sequence[int],
     asked: Sequence[str],
 ) -> tuple[zenoh.Session, list[str]]:
-    """Open the router on these endpoints, where port 0 means any free port; return session and endpoints.
-
-    Raises:
-        ConnectionError: the router cannot listen there.
-    """
+    """Open the router on these endpoints, where port 0 means any free port; return session and endpoints."""
     zenoh.init_log_from_env_or("off")  # each refused declaration is an error: an agent could fill the disk with them
     may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)
     for attempt in range(PORT_TRIES):

@@ -31,8 +31,6 @@ STOP_WITHIN_S = 1.0
 
 
 class Token(NamedTuple):
-    """A process appeared or disappeared."""
-
     role: str
     number: int
     is_there: bool
@@ -52,24 +50,22 @@ class Ack(NamedTuple):
 
 
 class OperatorMessage(NamedTuple):
-    """What the operator says of the steps: its turn, or the pace that it wants."""
-
-    word: Turn | Pace
+    message: Turn | Pace
 
 
 ControlInput = Token | Persisted | Ack | OperatorMessage
 
 
 class ControlQueue:
-    """From Zenoh's threads to the main one.
+    """A queue from Zenoh's threads to the main one.
 
-    Of an agent's comings and goings it keeps the newest two: an agent may tell of them as often as it likes.
+    It keeps the newest two tokens of each agent, which may come and go as often as it likes.
     """
 
     def __init__(self) -> None:
         self._queue: deque[ControlInput | int] = deque()
-        """An agent's number stands for its `_comings`."""
-        self._comings: dict[int, list[bool]] = {}
+        """An agent's number stands for its `_tokens`."""
+        self._tokens: dict[int, list[bool]] = {}
         self._lock = threading.Lock()
 
     def put(self, message: ControlInput) -> None:
@@ -78,18 +74,18 @@ class ControlQueue:
             self._queue.append(message)
             return
         with self._lock:
-            if message.number not in self._comings:
+            if message.number not in self._tokens:
                 self._queue.append(message.number)
-            self._comings[message.number] = [*self._comings.get(message.number, [])[-1:], message.is_there]
+            self._tokens[message.number] = [*self._tokens.get(message.number, [])[-1:], message.is_there]
 
     def drain(self) -> Iterator[ControlInput]:
-        """What has come so far; what comes meanwhile is for the next time."""
+        """Yield what has arrived so far; later arrivals wait for the next call."""
         for _ in range(len(self._queue)):
             message = self._queue.popleft()
             if isinstance(message, int):
                 with self._lock:
-                    comings = self._comings.pop(message)
-                yield from (Token(AGENT, message, is_there) for is_there in comings)
+                    tokens = self._tokens.pop(message)
+                yield from (Token(AGENT, message, is_there) for is_there in tokens)
             else:
                 yield message
 
@@ -107,20 +103,24 @@ class Wakeup:
         """The number of the signal that asks the run to end; 0: none."""
         self.control = ControlQueue()
         self.done: deque[int] = deque()
-        """Numbers of completed orders."""
         self._session = session
         self._key = keys.agent(0, "wake")
         self._nudge = threading.Event()
         on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
-        self._words = [
-            session.declare_subscriber(key, zenoh.handlers.Callback(note, indirect=False))
-            for key, note in (
-                (keys.done, self._on_done),
-                (keys.all_taken, self._on_taken),
-                (keys.workload, self._on_workload),
-                (keys.turn, self._saying(decode_turn)),
-                (keys.pace, self._saying(decode_pace)),
+        put, waking = self.control.put, self._waking
+        self._subscribers = [
+            session.declare_subscriber(key, zenoh.handlers.Callback(callback, indirect=False))
+            for key, callback in (
+                (keys.done, waking(lambda key, data: self.done.append(decode_done(data)))),
+                (
+                    keys.all_taken,
+                    waking(lambda key, data: put(Persisted(key.split("/")[-2], decode_taken(data)))),
+                ),
+                (keys.turn, waking(lambda key, data: put(OperatorMessage(decode_turn(data))))),
+                (keys.pace, waking(lambda key, data: put(OperatorMessage(decode_pace(data))))),
+                # no wake-up: the operator's next message causes one
+                (keys.workload, lambda sample: put(Ack(sample.payload.to_bytes()))),
             )
         ]
         self._closed = False
@@ -130,7 +130,6 @@ class Wakeup:
 
     @property
     def stop_requested(self) -> bool:
-        """Whether a signal has asked the run to end."""
         return self.stopped_by != 0
 
     def wake_at(self, deadline_s: float) -> None:
@@ -145,32 +144,17 @@ class Wakeup:
             self.control.put(Token(*token, sample.kind == zenoh.SampleKind.PUT))
             self._nudge.set()
 
-    def _on_done(self, sample: zenoh.Sample) -> None:
-        try:
-            self.done.append(decode_done(sample.payload.to_bytes()))
-        except WireError as error:
-            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
-        self._nudge.set()
+    def _waking(self, take: Callable[[str, bytes], None]) -> Callable[[zenoh.Sample], None]:
+        """Make a callback that takes a sample by its key and data, and wakes the main thread."""
 
-    def _on_taken(self, sample: zenoh.Sample) -> None:
-        try:
-            self.control.put(Persisted(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
-        except WireError as error:
-            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
-        self._nudge.set()
-
-    def _on_workload(self, sample: zenoh.Sample) -> None:
-        self.control.put(Ack(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
-
-    def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
-        def on_word(sample: zenoh.Sample) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
             try:
-                self.control.put(OperatorMessage(decode(sample.payload.to_bytes())))
+                take(str(sample.key_expr), sample.payload.to_bytes())
             except WireError as error:
-                log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+                log.warning("dropped a sample on %s: %s", sample.key_expr, error)
             self._nudge.set()
 
-        return on_word
+        return on_sample
 
     def _await_signal(self) -> None:
         """Watch the wake-up descriptor, since a blocked main thread runs no signal handlers."""
@@ -186,7 +170,6 @@ class Wakeup:
         self._nudge.set()
 
     def close(self) -> None:
-        """Stop waking; the session is about to close."""
         self._closed = True
         self._nudge.set()
         self._watcher.join()

@@ -15,11 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
 from deltaswarm_world.core.air.channel.model import models_of, reasons_of
-from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue, delays_of, queue_of
 from deltaswarm_world.core.air.channel.reach import reach_of
 from deltaswarm_world.core.air.reception import EVERYBODY, Reception
 from deltaswarm_world.core.arrays import Floats, Mask, generator
@@ -27,24 +26,13 @@ from deltaswarm_world.core.arrays import Floats, Mask, generator
 SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
 ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
-"""Each use of chance has its own generator, and so has each model."""
+"""Each random effect has its own generator, and so has each model."""
 
 
 class _Moment(NamedTuple):
-    """The state of the world in a step."""
-
     time_s: float
     positions_m: Floats
     listening: Sequence[bool]
-
-
-def _queue(bytes_per_s: float, radio: RadioSettings, step_s: float) -> RateLimitedQueue | None:
-    return RateLimitedQueue(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
-
-
-def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> DelayLine:
-    radio, rngs = scenario.radio, [generator(scenario.seed, stream) for stream in (jitter_stream, rounding_stream)]
-    return DelayLine(radio.latency_s, radio.jitter_s, scenario.run.step_s, *rngs)
 
 
 class Air:
@@ -58,14 +46,15 @@ class Air:
         self.reasons = reasons_of(self._models)
         """Every reason for a drop, in the order of the columns in tables."""
         self._steady = [model for model in self._models if model.holds_for_step]
-        self._sending = _queue(radio.bandwidth.sender_bytes_per_s, radio, step_s)
-        self._taking_in = _queue(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
+        width = radio.bandwidth
+        self._sending = queue_of(width.sender_bytes_per_s, width.queue_bytes, step_s)
+        self._taking_in = queue_of(width.receiver_bytes_per_s, width.queue_bytes, step_s)
         self._duplication = radio.duplication
         self._delays: DelayLine | None = None
         if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
-            self._delays = _delays(scenario, JITTER_STREAM, ROUNDING_STREAM)
+            self._delays = delays_of(radio, scenario, JITTER_STREAM, ROUNDING_STREAM)
         self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
-        self._copy_delays = _delays(scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
+        self._copy_delays = delays_of(radio, scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Random order of senders into the queues of a step, so that low numbers have no priority."""
         self._numbers = 0
@@ -74,7 +63,6 @@ class Air:
 
     @property
     def under_way(self) -> int:
-        """Number of pending receptions."""
         packets = 0
         if self._sending is not None:
             packets += self._sending.waiting * (len(self._ids) - 1)
@@ -118,7 +106,7 @@ class Air:
         return reception
 
     def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
-        """Return sender and receiver of each link among agents that is open for the whole step, ignoring chance."""
+        """Return sender and receiver of each link among agents that is open for a whole step, random effects aside."""
         rows, columns, spare_db = self._reach.find(agents, agents)
         others = rows != columns
         links = Links(agents, agents, (), columns[others], rows[others])
@@ -265,7 +253,6 @@ class Air:
         return arriving
 
     def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], reception: Reception) -> None:
-        """Pass arriving and waiting frames to the receivers."""
         if self._delays is not None:
             due = self._delays.take(step)
             arriving += [arrival for arrival in due if listening[arrival[0]]]

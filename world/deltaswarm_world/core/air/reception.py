@@ -22,9 +22,7 @@ class Reception:
         self.links: list[tuple[int, int]] = []
         """(sender, receiver) of each frame, by receiver, then as in `heard`."""
         self.dropped: dict[str, int] = {}
-        """Dropped receptions by reason."""
         self.duplicated = 0
-        """Duplicated receptions."""
         self.largest_bytes = 0
         """Upper bound of the length of received frames."""
         self.on_air: list[int] = []
@@ -57,7 +55,6 @@ class Reception:
             heard[receiver].append(transmissions[column])
 
     def drop(self, reason: str, count: int) -> None:
-        """Count dropped receptions."""
         if count:
             self.dropped[reason] = self.dropped.get(reason, 0) + count
 
@@ -96,7 +93,6 @@ class Reception:
         return found + ["delivered"] * self.links.count((sender, receiver))
 
     def losses(self, is_listening: Sequence[bool]) -> list[tuple[int, int, str]]:
-        """Return sender, receiver and reason of each dropped reception of this step."""
         ends, in_reach = range(len(is_listening)), self.links
         lost: list[tuple[int, int, str]] = []
         for reason, _, arrivals in self._lost:

@@ -13,7 +13,7 @@ from deltaswarm_wire.foreign import Foreign
 from deltaswarm_wire.messages import MAX_SPEED_MPS, Event
 from deltaswarm_wire.orders import ACTIONS, NOTE, ProcessOrder
 from deltaswarm_wire.plugins import NoSettings
-from deltaswarm_world.core.arrays import Floats, checked_agents, checked_rows
+from deltaswarm_world.core.arrays import Floats, checked_agents, checked_rows, checked_truth
 
 
 @dataclass
@@ -23,15 +23,12 @@ class ActiveFault:
     index: int
     fault: FaultSettings
     settings: Any
-    """The kind's own `Settings`."""
     agents: set[int]
     end: int | None
     rng: np.random.Generator
 
 
 class Orders:
-    """The orders of one step, numbered over the run."""
-
     def __init__(self, step_s: float) -> None:
         self.given: list[ProcessOrder] = []
         self._step_s = step_s
@@ -39,16 +36,11 @@ class Orders:
         self._numbered = 0
 
     def begin(self, step: int) -> None:
-        """Start a new list."""
         self.given = []
         self._step = step
 
     def add(self, action: str, agents: Collection[int], why: str) -> None:
-        """Add an order for some agents' processes; without agents, a note.
-
-        Raises:
-            ValueError: there is no such action.
-        """
+        """Add an order for some agents' processes; without agents, a note."""
         if action not in ACTIONS:
             raise ValueError(f"action must be one of {', '.join(ACTIONS)} (got {action!r:.80})")
         if agents or action == NOTE:
@@ -83,7 +75,6 @@ class Kind:
     def __init__(self, name: str, scenario: Scenario, orders: Orders) -> None:
         self.name = name
         self.agents: frozenset[int] = frozenset()
-        """Return the agents under this fault in this step."""
         self._scenario = scenario
         self._orders = orders
 
@@ -130,17 +121,11 @@ class Kind:
 
 def _begun(agents: int, value: Any, fault: ActiveFault, living: Any, why: str) -> bool:
     checked_agents(living, agents)
-    return _truth(agents, value)
+    return checked_truth(agents, value)
 
 
 def _ended(agents: int, value: Any, fault: ActiveFault, living: Any) -> None:
     checked_agents(living, agents)
-
-
-def _truth(_: int, value: Any, *arguments: Any) -> bool:
-    if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"must return True or False (got {value!r:.80})")
-    return bool(value)
 
 
 def _driven(agents: int, value: Any, velocities_mps: Floats) -> None:
@@ -176,7 +161,7 @@ class ForeignKind(Foreign):
         "begin": _begun,
         "end": _ended,
         **dict.fromkeys(("agents", "blind", "deaf"), lambda agents, value: checked_agents(value, agents)),
-        "misses": _truth,
+        "misses": checked_truth,
         "distort": _distorted,
         "drive": _driven,
     }

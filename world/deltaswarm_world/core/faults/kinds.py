@@ -26,7 +26,6 @@ class Kill(Kind):
     kills = True
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
-        """See `Kind`."""
         targets = fault.agents & living
         self._orders.add(KILL if targets else NOTE, targets, why)
         living -= targets
@@ -51,7 +50,6 @@ class Restart(Kind):
         return fault.end is not None
 
     def end(self, fault: ActiveFault, living: set[int]) -> None:
-        """See `Kind`."""
         self._orders.add(START, fault.agents - living, "restart after a while")
         living |= fault.agents
 
@@ -79,7 +77,6 @@ class Freeze(Kind):
             fault.agents.difference_update(targets)
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
-        """See `Kind`."""
         before = self.agents
         super().look(faults)
         self._orders.add(GO_ON, before - self.agents, "freeze ends")
@@ -87,7 +84,6 @@ class Freeze(Kind):
 
     @property
     def blind(self) -> frozenset[int]:
-        """See `Kind`."""
         return self.agents
 
 
@@ -97,12 +93,9 @@ STANDING = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class SlowSettings:
-    """The keys of actuator-slow."""
-
     factor: float | None = key(None, "remaining share of the commanded speed", low=0, high=1)
 
     def problems(self) -> list[Problem]:
-        """The factor must be given."""
         return [Problem("factor", "nothing", "must be given")] if self.factor is None else []
 
 
@@ -116,12 +109,10 @@ class Slow(Kind):
         self._factors: list[tuple[list[int], float]] = []
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
-        """See `Kind`."""
         super().look(faults)
         self._factors = [(sorted(fault.agents), fault.settings.factor) for fault in faults]
 
     def drive(self, velocities_mps: Floats) -> None:
-        """See `Kind`."""
         for agents, factor in self._factors:
             velocities_mps[agents] *= factor
 
@@ -142,7 +133,6 @@ class Stuck(Kind):
                 self._kept_mps |= dict.fromkeys(fault.agents, STANDING)
 
     def drive(self, velocities_mps: Floats) -> None:
-        """See `Kind`."""
         for agent in self.agents - self._kept_mps.keys():
             vx_mps, vy_mps = velocities_mps[agent].tolist()
             self._kept_mps[agent] = vx_mps, vy_mps
@@ -154,7 +144,6 @@ class RadioDead(Kind):
 
     @property
     def deaf(self) -> frozenset[int]:
-        """See `Kind`."""
         return self.agents
 
 
@@ -163,25 +152,19 @@ FIRST_PHANTOM = MAX_ID
 
 
 class Blind(Kind):
-    """The agent senses nothing."""
-
     @property
     def blind(self) -> frozenset[int]:
-        """See `Kind`."""
         return self.agents
 
 
 @dataclass(frozen=True)
 class NoisySettings:
-    """The keys of sensor-noisy."""
-
     noise_m: float | None = key(
         None, "standard deviation of each event's constant position error along x and y [m]", above=0, high=1e5
     )
     miss: float | None = key(None, "probability of missing an event in a step", above=0, high=1)
 
     def problems(self) -> list[Problem]:
-        """There must be noise, or misses."""
         is_given = self.noise_m is not None or self.miss is not None
         return [] if is_given else [Problem("noise_m", "nothing", "must be given, or else miss")]
 
@@ -198,7 +181,6 @@ class Noisy(Kind):
         self._errors_m: dict[tuple[int, int, int], tuple[float, float]] = {}
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
-        """See `Kind`."""
         super().look(faults)
         self._missing, self._noisy = {}, {}
         for fault in faults:
@@ -209,12 +191,10 @@ class Noisy(Kind):
                     self._noisy.setdefault(agent, []).append(fault)
 
     def misses(self, agent: int) -> bool:
-        """See `Kind`."""
         faults = self._missing.get(agent)
         return faults is not None and any(fault.rng.random() < fault.settings.miss for fault in faults)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
-        """See `Kind`."""
         for agent, faults in self._noisy.items():
             for fault in faults:
                 sensed[agent][:] = [self._displaced(event, agent, fault) for event in sensed[agent]]
@@ -231,12 +211,9 @@ class Noisy(Kind):
 
 @dataclass(frozen=True)
 class LyingSettings:
-    """The keys of lying."""
-
     phantoms: int | None = key(None, "number of nonexistent events that the agent senses", low=1, high=64)
 
     def problems(self) -> list[Problem]:
-        """The number must be given."""
         return [Problem("phantoms", "nothing", "must be given")] if self.phantoms is None else []
 
 
@@ -254,7 +231,6 @@ class Lying(Kind):
         self._ids = EventIds(scenario.seed)
 
     def look(self, faults: Sequence[ActiveFault]) -> None:
-        """See `Kind`."""
         super().look(faults)
         self._liars = {agent: fault for fault in faults for agent in sorted(fault.agents)}
         self._phantoms = {agent: self._phantoms.get(agent, []) for agent in sorted(self._liars)}

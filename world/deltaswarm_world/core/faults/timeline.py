@@ -43,32 +43,31 @@ class Faults:
         }
         self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
         """Step and index of pending faults, the next one last."""
-        self._active: list[ActiveFault] = []
+        self.active: list[ActiveFault] = []
         self._active_kinds: list[Kind] = []
         """Kinds with active faults, in the order of the table."""
         self._blind: frozenset[int] = frozenset()
 
     @property
     def frozen(self) -> frozenset[int]:
-        """Agents with a stopped process."""
         return self._kinds[FREEZE].agents
 
     @property
     def may_start_agents(self) -> bool:
         """Whether a fault that is to begin or to end may start an agent."""
-        faults = [self._faults[index] for _, index in self._due] + [active.fault for active in self._active]
+        faults = [self._faults[index] for _, index in self._due] + [active.fault for active in self.active]
         return any(fault.to_process and self._kinds[fault.kind].lasts != NEVER_ENDS for fault in faults)
 
     def inject(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
         """End and begin faults before this step; return the resulting orders, to be executed in order."""
         self.mute = self.deaf
-        over = [fault for fault in self._active if fault.end is not None and fault.end <= step]
+        over = [fault for fault in self.active if fault.end is not None and fault.end <= step]
         if not over and not (self._due and self._due[-1][0] <= step):
             return []
         living = set(alive)
         self._orders.begin(step)
         for fault in over:
-            self._active.remove(fault)
+            self.active.remove(fault)
             self._kinds[fault.fault.kind].end(fault, living)
         while self._due and self._due[-1][0] <= step:
             self._begin(step, self._due.pop()[1], living, roots)
@@ -90,13 +89,12 @@ class Faults:
         rng = generator(self._seed, FAULT_STREAM, index, 1)
         active = ActiveFault(index=index, fault=fault, settings=fault.own(), agents=targets, end=end, rng=rng)
         if kind.begin(active, living, f"{fault.kind} of {_whom(fault)}"):
-            self._active.append(active)
+            self.active.append(active)
         if kind.kills:
             for name, other in self._kinds.items():
                 other.see_killed(targets, self._of(name))
 
     def _targets(self, index: int, living: set[int], roots: Collection[int]) -> set[int]:
-        """Return the targets of a fault."""
         fault = self._faults[index]
         if fault.agents:
             named = set(fault.agents)
@@ -109,20 +107,14 @@ class Faults:
         return set([agent for agent in shuffled if agent in living][:wanted])
 
     @property
-    def active(self) -> Sequence[ActiveFault]:
-        """Return all active faults, by start."""
-        return self._active
-
-    @property
     def affected(self) -> frozenset[int]:
-        """Return all agents under a fault in this step."""
-        return frozenset(agent for fault in self._active for agent in fault.agents)
+        return frozenset(agent for fault in self.active for agent in fault.agents)
 
     def _of(self, name: str) -> list[ActiveFault]:
-        return [fault for fault in self._active if fault.fault.kind == name]
+        return [fault for fault in self.active if fault.fault.kind == name]
 
     def redraw(self, seed: int) -> None:
-        """Draw the targets and effects of the faults that have not begun anew, as with another seed."""
+        """Redraw with another seed the targets and effects of the faults that have not begun."""
         self._seed = seed
 
     # What bodies do and sense in each step
@@ -134,18 +126,15 @@ class Faults:
         return [there and agent not in self._blind for agent, there in enumerate(present)]
 
     def misses(self, agent: int) -> bool:
-        """Whether an agent misses one of its events."""
         return any(kind.misses(agent) for kind in self._active_kinds)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
-        """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
         there_m = positions_m.view()
         there_m.flags.writeable = False  # a sensor moves no body
         for kind in self._active_kinds:
             kind.distort(sensed, there_m)
 
     def drive(self, velocities_mps: Floats) -> None:
-        """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""
         for kind in self._active_kinds:
             kind.drive(velocities_mps)
 

@@ -2,8 +2,8 @@
 
 It is a model in the world, not a protocol of agents: it takes trees from the agents' last acts and links from their
 positions. A report moves one hop per step over links open at the time (reach, blackouts, walls, obstacles, jammers,
-asymmetry; no chance), towards the member with the fewest hops to a member within the base's range. Without a path it
-waits. Each hop has the uplink's loss.
+asymmetry; no random loss), towards the member with the fewest hops to a member within the base's range. Without a path
+it waits. Each hop has the uplink's loss.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,8 +26,6 @@ SteadyLinks = Callable[[float, Ends], list[tuple[int, int]]]
 
 
 class StepState(NamedTuple):
-    """The state of the world at the end of a step, by agent."""
-
     step: int
     time_s: float
     positions_m: Floats
@@ -40,8 +38,6 @@ class StepState(NamedTuple):
 
 
 class RelayedReport(NamedTuple):
-    """A report in relay."""
-
     root: int
     last_step: int
 
@@ -70,7 +66,6 @@ class Relay:
 
     @property
     def under_way(self) -> int:
-        """Number of relayed reports."""
         return len(self.handed) + len(self.waiting)
 
     def check(self, state: StepState, arrival: Arrival) -> str | None:
@@ -86,7 +81,6 @@ class Relay:
         return "expired" if state.step > trip.last_step else None
 
     def forget(self, number: int) -> None:
-        """End the relay of a report."""
         self._relayed.pop(number, None)
 
     def hand_on(self, state: StepState, arrivals: Iterable[Arrival]) -> list[tuple[Arrival, str]]:

@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_world.core.air.channel.chance import Bursts, Loss
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Links
+from deltaswarm_world.core.air.channel.loss import Bursts, Loss
 from deltaswarm_world.core.air.channel.model import Model
-from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, delays_of, queue_of
 from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.air.channel.zones import Blackouts
 from deltaswarm_world.core.arrays import Floats, generator
@@ -35,7 +35,6 @@ class Uplink:
     def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
         self.dropped: dict[str, int] = {}
-        """Dropped reports of the last step by reason."""
         self.losses: list[tuple[int, str]] = []
         """Sender and reason of each dropped report of the last step."""
         self._outcomes: list[tuple[str, Packet]] = []
@@ -54,13 +53,10 @@ class Uplink:
             self._models.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
         self._delays: DelayLine | None = None
         if uplink.latency_s > 0 or uplink.jitter_s > 0:
-            rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
-            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, *rngs)
+            self._delays = delays_of(uplink, scenario, JITTER_STREAM, ROUNDING_STREAM)
         width = uplink.bandwidth
-        self._sending, self._taking_in = (
-            RateLimitedQueue(rate * step_s, width.queue_bytes) if rate > 0 else None
-            for rate in (width.sender_bytes_per_s, width.receiver_bytes_per_s)
-        )
+        self._sending = queue_of(width.sender_bytes_per_s, width.queue_bytes, step_s)
+        self._taking_in = queue_of(width.receiver_bytes_per_s, width.queue_bytes, step_s)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Random order into the operator's queue, so that low numbers have no priority."""
         self._numbers = 0
@@ -68,7 +64,6 @@ class Uplink:
 
     @property
     def under_way(self) -> int:
-        """Number of pending reports."""
         parts = (self._sending, self._delays, self._taking_in)
         return sum(part.waiting for part in parts if part is not None) + (self._relay.under_way if self._relay else 0)
 
@@ -154,7 +149,6 @@ class Uplink:
     # On the way of a report
 
     def _within(self, positions_m: Floats) -> Sequence[bool]:
-        """Return the agents within and at the base's range."""
         if self._range_m is None:
             return [True] * self._count
         offsets = positions_m - self._base_m
@@ -162,7 +156,6 @@ class Uplink:
         return within
 
     def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
-        """Count a dropped report."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         self.losses.append((packet.sender, reason))
         self._outcomes.append((f"dropped: {reason}{where}", packet))
@@ -195,7 +188,7 @@ class Uplink:
         """Pass reports through the queues of senders and relays; return those on the air, by relay, then age."""
         entering.sort(key=_by_carrier)
         queue = self._sending
-        if queue is None or queue.pass_all(entering):
+        if queue is None:
             return entering
         by_end: dict[int, list[Packet]] = {}
         for end, packet in entering:
@@ -232,13 +225,11 @@ class Uplink:
         return Links.of_pairs(Ends(ids, state.positions_m[ids]), base)
 
     def _take_in(self, packets: list[Packet]) -> list[Packet]:
-        """Pass reports through the queue of the operator's radio."""
         queue = self._taking_in
         if queue is None:
             return packets
         order = self._order_rng.random(self._count).tolist()
-        if not queue.is_wide_enough(BASE_INDEX, packets):
-            packets.sort(key=lambda packet: (order[packet.sender], packet.number))
+        packets.sort(key=lambda packet: (order[packet.sender], packet.number))
         passed, dropped = queue.take(BASE_INDEX, packets)
         for packet in dropped:
             self._drop(packet, "base_full")

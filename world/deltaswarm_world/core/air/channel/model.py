@@ -15,7 +15,7 @@ from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import RADIO_MODELS, find, own_settings
 from deltaswarm_world.core.air.channel.links import Diagnosis, Links
 from deltaswarm_world.core.air.channel.reach import Reach
-from deltaswarm_world.core.arrays import Mask, checked_mask, generator
+from deltaswarm_world.core.arrays import Mask, checked_mask, checked_truth, generator
 
 FOREIGN_STREAM = 30
 """Stream of the generators of models from outside, each with a number from its class."""
@@ -91,16 +91,8 @@ def _reason(_: None, value: Any) -> str:
     return value
 
 
-def _truth(_: None, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"must be True or False (got {value!r:.80})")
-    return value
-
-
 class ForeignModel(Foreign):
-    """A model from outside."""
-
-    CHECKS: ClassVar = {"cuts": _cuts, "explain": _explanation, "reason": _reason, "holds_for_step": _truth}
+    CHECKS: ClassVar = {"cuts": _cuts, "explain": _explanation, "reason": _reason, "holds_for_step": checked_truth}
 
 
 def models_of(scenario: Scenario, reach: Reach) -> list[Model]:
@@ -113,15 +105,15 @@ def models_of(scenario: Scenario, reach: Reach) -> list[Model]:
     models = []
     for name in [*shipped, *(name for name in named if name not in RADIO_MODELS.shipped), last]:
         path = f'radio.models."{name}"'
-        kind: type[Model] = find(RADIO_MODELS, name, path)
-        if hasattr(kind, "Settings") and name not in named:
+        cls: type[Model] = find(RADIO_MODELS, name, path)
+        if hasattr(cls, "Settings") and name not in named:
             continue
         settings = own_settings(RADIO_MODELS, name, named[name], path) if name in named else None
-        model = called(f"{name_of(kind)}.of", kind.of, Context(scenario, reach, settings, name_of(kind)))
-        if model is not None and is_foreign(kind):
+        model = called(f"{name_of(cls)}.of", cls.of, Context(scenario, reach, settings, name_of(cls)))
+        if model is not None and is_foreign(cls):
             if not all(hasattr(model, member) for member in RADIO_MODELS.needed):
-                must = f"{name_of(kind)}.of must return a radio model or None (got {model!r:.80})"
-                raise PluginError(f"{must} ({defined_at(kind.of)})")
+                must = f"{name_of(cls)}.of must return a radio model or None (got {model!r:.80})"
+                raise PluginError(f"{must} ({defined_at(cls.of)})")
             model = ForeignModel(model)
             _ = model.cuts, model.explain, model.reason, model.holds_for_step  # before hours are spent
         if model is not None:

@@ -2,13 +2,17 @@
 
 import math
 from collections import defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from deltaswarm_scenario.operator_links import DownlinkSettings, UplinkSettings
+from deltaswarm_scenario.radio import RadioSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Diagnosis
+from deltaswarm_world.core.arrays import generator
 
 
 class Packet(NamedTuple):
@@ -42,7 +46,6 @@ class RateLimitedQueue:
 
     @property
     def ends(self) -> list[int]:
-        """Ends with a nonempty queue, ascending."""
         return sorted(self._queues)
 
     def take(self, end: int, arriving: list[Packet]) -> tuple[list[Packet], list[Packet]]:
@@ -82,33 +85,16 @@ class RateLimitedQueue:
         self.passed_bytes += sum(loads.values()) - sum([loads.get(end, 0) for end in narrow])
         return sorted(narrow)
 
-    def pass_all(self, arriving: Sequence[Arrival]) -> bool:
-        """Run the same if it applies to all ends; otherwise do nothing and return False."""
-        loads: dict[int, int] = {}
-        for end, packet in arriving:
-            loads[end] = loads.get(end, 0) + len(packet.data)
-        if self.waiting or max(loads.values(), default=0) > self._bytes_per_step:
-            return False
-        self.passed_bytes += sum(loads.values())
-        return True
-
-    def is_wide_enough(self, end: int, arriving: list[Packet]) -> bool:
-        """Whether all packets that arrive at an end in this step pass at once, in any order."""
-        return end not in self._queues and sum([len(packet.data) for packet in arriving]) <= self._bytes_per_step
-
     def clear(self, end: int) -> list[Packet]:
-        """Empty the queue of an end; return its packets."""
         self._credits.pop(end, None)
         gone = list(self._queues.pop(end, ()))
         self.waiting -= len(gone)
         return gone
 
     def holds(self, end: int) -> list[Packet]:
-        """Return the waiting packets of an end, in order."""
         return list(self._queues.get(end, ()))
 
     def explain(self, end: int, whose: str) -> Diagnosis:
-        """Return the waiting bytes of an end."""
         held = sum(len(packet.data) for packet in self.holds(end))
         says = f"the {whose}'s radio passes {self._bytes_per_step:g} bytes in a step; {held} bytes wait in its queue"
         numbers = {"end": whose, "bytes_per_step": self._bytes_per_step, "waiting_bytes": held}
@@ -169,7 +155,6 @@ class DelayLine:
         return due
 
     def explain(self) -> Diagnosis:
-        """Describe the delay of frames."""
         least, most = math.floor(self._latency), math.ceil(self._latency + self._jitter)
         mean = self._latency + self._jitter / 2
         says = f"frames arrive {least} to {most} steps later than without delay, {mean:g} on average"
@@ -183,6 +168,19 @@ class DelayLine:
             for end, packet in held
             if end == receiver and packet.sender == sender
         )
+
+
+def queue_of(bytes_per_s: float, queue_bytes: int, step_s: float) -> RateLimitedQueue | None:
+    """Make a queue; None if the rate is 0, which means that there is no limit."""
+    return RateLimitedQueue(bytes_per_s * step_s, queue_bytes) if bytes_per_s > 0 else None
+
+
+def delays_of(
+    settings: RadioSettings | UplinkSettings | DownlinkSettings, scenario: Scenario, jitter: int, rounding: int
+) -> DelayLine:
+    """Make the delays of a link, with generators of these streams."""
+    rngs = [generator(scenario.seed, stream) for stream in (jitter, rounding)]
+    return DelayLine(settings.latency_s, settings.jitter_s, scenario.run.step_s, *rngs)
 
 
 def _snapped(steps: float) -> float:

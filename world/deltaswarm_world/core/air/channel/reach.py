@@ -1,7 +1,7 @@
 """Reach of a frame: a disc, or path loss with shadowing."""
 
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,19 +19,6 @@ class Found(NamedTuple):
     rows: Indices
     columns: Indices
     spare_db: Floats | None = None
-
-
-class Reach(Protocol):
-    """Reach by distance or power alone."""
-
-    def find(self, listeners: Ends, speakers: Ends) -> Found:
-        """Return all pairs in reach, senders with themselves included."""
-
-    def shares(self, links: Links) -> Floats:
-        """Return the share of its range that each link needs; up to 1 it is in reach."""
-
-    def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain whether the only row is in reach, with numbers."""
 
 
 def ranges_of(settings: RadioSettings, count: int) -> Floats | None:
@@ -52,7 +39,7 @@ class RangeDisc:
         self._ranges_m = ranges_m
 
     def find(self, listeners: Ends, speakers: Ends) -> Found:
-        """See `Reach`."""
+        """Return all pairs in reach, senders with themselves included."""
         rows, columns = near(listeners.places_m, speakers.places_m, self._range_m)
         if self._ranges_m is None:
             return Found(rows, columns)
@@ -61,14 +48,13 @@ class RangeDisc:
         return Found(rows[within], columns[within])
 
     def shares(self, links: Links) -> Floats:
-        """Return distance divided by range."""
+        """Return the share of its range that each link needs: distance divided by range."""
         return links.distances_m / self._of(links.senders)
 
     def _of(self, senders: Indices) -> Floats:
         return np.full(len(senders), self._range_m) if self._ranges_m is None else self._ranges_m[senders]
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with distance and range."""
         distance_m, range_m = float(links.distances_m[0]), float(self._of(links.senders)[0])
         offset = links.to_m[0] - links.from_m[0]
         cuts = not bool(offset[0] * offset[0] + offset[1] * offset[1] <= range_m**2)
@@ -102,7 +88,7 @@ class PathLoss:
         return float(10.0 ** min(300.0, spare_db / (10.0 * self._settings.exponent)))
 
     def find(self, listeners: Ends, speakers: Ends) -> Found:
-        """See `Reach`."""
+        """Return all pairs in reach, senders with themselves included."""
         rows, columns, squares_m2 = near_with_squares(listeners.places_m, speakers.places_m, self._bound_m)
         power_dbm = self._settings.tx_power_dbm - self.loss_db(np.sqrt(squares_m2))
         if self._draws is not None:
@@ -144,12 +130,11 @@ class PathLoss:
         return draws.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1])
 
     def received_dbm(self, links: Links) -> Floats:
-        """Return the received power of each link [dBm]."""
         power_dbm = self._settings.tx_power_dbm - self.loss_db(links.distances_m) + self.shadowing_db(links)
         return power_dbm if self._gains_db is None else power_dbm + self._gains_db[links.senders]
 
     def shares(self, links: Links) -> Floats:
-        """See `Reach`: the factor by which the range may shrink."""
+        """Return the factor by which each link's range may shrink: the share of its range that it needs."""
         spare_db = links.spare_db
         if spare_db is None:
             spare_db = self.received_dbm(links) - self._settings.sensitivity_dbm
@@ -157,7 +142,6 @@ class PathLoss:
         return shares
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with distance, path loss, shadowing and received power."""
         distance_m, power_dbm = float(links.distances_m[0]), float(self.received_dbm(links)[0])
         loss_db, shadowing_db = float(self.loss_db(links.distances_m)[0]), float(self.shadowing_db(links)[0])
         needed_dbm = self._settings.sensitivity_dbm
@@ -175,8 +159,11 @@ class PathLoss:
         return Diagnosis("range", power_dbm < needed_dbm, says, numbers)
 
 
+Reach = RangeDisc | PathLoss
+"""Reach by distance or power alone."""
+
+
 def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> Reach:
-    """Make the scenario's reach; the generator is for the shadowing."""
     ranges_m = ranges_of(settings, count)
     if settings.reception != LOG_DISTANCE:
         return RangeDisc(settings.range_m, ranges_m)

@@ -37,16 +37,13 @@ class Blackouts:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         zones = context.scenario.radio.blackouts
         return cls(zones) if zones else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with the active one."""
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
                 return Diagnosis(self.reason, True, f"{self.reason} {index}, {_when(zone)}", {self.reason: index})
@@ -65,12 +62,10 @@ class Walls:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         walls = context.scenario.radio.walls
         return cls(walls) if walls else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         cut: Mask | None = None
         for wall in self._walls:
             if is_on(wall, time_s):
@@ -79,7 +74,6 @@ class Walls:
         return cut
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with the crossed wall."""
         for index, wall in enumerate(self._walls):
             if is_on(wall, time_s) and crosses(links, wall)[0]:
                 says = f"crosses wall {index} from {_at(wall.a_m)} to {_at(wall.b_m)}, {_when(wall)}"
@@ -128,7 +122,6 @@ class Jammers:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         zones = context.scenario.radio.jammers
         return cls(zones) if zones else None
 
@@ -143,7 +136,6 @@ class Jammers:
         return x + share * (to_x - x), y + share * (to_y - y)
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         deaf: Mask | None = None
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
@@ -154,7 +146,6 @@ class Jammers:
         return None if deaf is None else deaf[links.rows]
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with the receiver's jammer, or the distance to the nearest jammer's edge."""
         nearest_m = np.inf
         for index, zone in enumerate(self._zones):
             if not is_on(zone, time_s):
@@ -198,12 +189,10 @@ class RadioObstacles:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         obstacles = Obstacles(context.scenario.arena.obstacles)
         return cls(obstacles, context.reach, context.scenario.radio.path_loss.exponent) if obstacles else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         losses_db = self._losses_db(links)
         lossy = losses_db > 0
         if not lossy.any():
@@ -219,7 +208,6 @@ class RadioObstacles:
         return self._obstacles.attenuations_db(from_m, to_m)
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Return the obstacles on the line of sight, and their attenuation."""
         crossed = self._obstacles.crossed(links.from_m, links.to_m)
         if not crossed:
             return Diagnosis(self.reason, False, "no obstacle between them", {})

@@ -25,17 +25,14 @@ class Loss:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         share = context.scenario.radio.loss
         return cls(share, context.rng(cls.stream)) if share > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         lost: Mask = self._rng.random(len(links)) < self._share
         return lost
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with the share of lost frames."""
         return Diagnosis(self.reason, False, f"loses {self._share:.0%} of frames, by chance", {"share": self._share})
 
 
@@ -46,7 +43,7 @@ class Bursts:
     draw. All frames of one link in one step meet the same state.
 
     Args:
-        settings: chances and losses.
+        settings: probabilities and losses.
         ends: number of ends that send or receive.
         step_s: length of a step [s].
         rng: the model's own generator.
@@ -72,36 +69,34 @@ class Bursts:
         links = ends if to_one else ends * ends
         self._badness = np.full(links, self._stationary)
         """1 if a link was bad at its last draw, 0 if good; in between before the first draw."""
-        self._seen = np.zeros(links, dtype=np.int32)
+        self._drawn_at = np.zeros(links, dtype=np.int32)
         """Step of the last draw, counted from 1; 0: never."""
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         settings = context.scenario.radio.burst
         return cls(settings, context.ends, context.step_s, context.rng(cls.stream)) if settings.is_on else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         settings, places = self._settings, self._places(links)
         draws: Floats = self._rng.random((2, len(links)))
         now = self._now(time_s)
-        is_bad = draws[0] < self._chances(places, now)
+        is_bad = draws[0] < self._p_bad(places, now)
         if links.has_twins:
             is_bad = is_bad[_first_of_each(places)]
         self._badness[places] = is_bad
-        self._seen[places] = now
+        self._drawn_at[places] = now
         lost: Mask = draws[1] < np.where(is_bad, settings.loss_bad, settings.loss_good)
         return lost
 
-    def chances(self, links: Links, time_s: float) -> Floats:
+    def p_bad(self, links: Links, time_s: float) -> Floats:
         """Return the probability of being bad now, given the last draw."""
-        return self._chances(self._places(links), self._now(time_s))
+        return self._p_bad(self._places(links), self._now(time_s))
 
-    def _chances(self, places: Indices, now: int) -> Floats:
-        memory = np.power(self._memory, now - self._seen[places])
-        chances: Floats = self._stationary + (self._badness[places] - self._stationary) * memory
-        return chances
+    def _p_bad(self, places: Indices, now: int) -> Floats:
+        memory = np.power(self._memory, now - self._drawn_at[places])
+        p_bad: Floats = self._stationary + (self._badness[places] - self._stationary) * memory
+        return p_bad
 
     def _places(self, links: Links) -> Indices:
         places: Indices = links.senders if self._to_one else links.senders * self._ends + links.receivers
@@ -111,15 +106,14 @@ class Bursts:
         return round(time_s / self._step_s) + 1
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Return the link's state, if drawn in this step."""
         place = self._places(links)[0]
-        chance = float(self.chances(links, time_s)[0])
-        if self._seen[place] == self._now(time_s):
+        p_bad = float(self.p_bad(links, time_s)[0])
+        if self._drawn_at[place] == self._now(time_s):
             is_bad = bool(self._badness[place])
             share = self._settings.loss_bad if is_bad else self._settings.loss_good
             says = f"the link is {'bad' if is_bad else 'good'} and loses {share:.0%} of frames"
             return Diagnosis(self.reason, False, says, {"bad": is_bad, "share": share})
-        return Diagnosis(self.reason, False, f"the link is bad with a chance of {chance:.0%}", {"p_bad": chance})
+        return Diagnosis(self.reason, False, f"the link is bad with a chance of {p_bad:.0%}", {"p_bad": p_bad})
 
 
 def _first_of_each(places: Indices) -> Indices:
@@ -147,7 +141,6 @@ class Contention:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         bytes_per_step = context.scenario.radio.contention_bytes_per_s * context.step_s
         return cls(bytes_per_step, context.rng(cls.stream)) if bytes_per_step > 0 else None
 
@@ -170,7 +163,6 @@ class Contention:
         return cut
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Return the capacity of a receiver."""
         most = self._bytes_per_step
         says = f"a receiver hears at most {most:g} bytes in a step"
         return Diagnosis(self.reason, False, says, {"bytes_per_step": most})
@@ -199,7 +191,6 @@ class Asymmetry:
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """See `Model`."""
         settings = context.scenario.radio.asymmetry
         if settings.dead_share == 0 and settings.range_factor_low == 1:
             return None
@@ -220,14 +211,12 @@ class Asymmetry:
         return factors
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Model`."""
         factors = self.factors(links)
         if self._settings.range_factor_low >= 1.0:
             return factors < 0.0
         return self._reach.shares(links) > factors
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Explain with the link's factor."""
         factor, share = float(self.factors(links)[0]), float(self._reach.shares(links)[0])
         if factor < 0.0:
             return Diagnosis(self.reason, True, "this direction carries nothing", {"dead": True})

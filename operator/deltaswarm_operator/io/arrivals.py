@@ -1,4 +1,4 @@
-"""The inbox of the operator's main thread; bounded in open air, where untrusted senders may send anything."""
+"""Arrivals that wait for the operator's main thread; bounded in open air, where untrusted senders may send anything."""
 
 import logging
 import queue
@@ -14,9 +14,7 @@ from deltaswarm_wire.keys import parse_agent_key
 log = logging.getLogger("deltaswarm.operator")
 
 
-class ItemKind(Enum):
-    """Kinds of items in the main thread's inbox."""
-
+class ArrivalKind(Enum):
     REPORT = "report"
     CLOCK = "clock"
     LISTENER = "listener"
@@ -27,7 +25,7 @@ class ItemKind(Enum):
     STOP = "stop"
 
 
-BY = {ItemKind.INTENT: PERSON, ItemKind.CONDUCT: CONDUCTOR}
+BY = {ArrivalKind.INTENT: PERSON, ArrivalKind.CONDUCT: CONDUCTOR}
 """Whose intents these are."""
 
 
@@ -50,34 +48,31 @@ def sender_of(sample: Any) -> int | None:
 
 
 def whose_key(agent: int | None) -> str:
-    """Describe an agent's key."""
     return "no agent's key" if agent is None else f"agent {agent}'s key"
 
 
-class Inbox:
-    """Items from the threads of Zenoh and of the pages, and the request to stop, for the main thread."""
+class Arrivals:
+    """A queue from the threads of Zenoh and of the pages, and for the request to stop, to the main thread."""
 
     def __init__(self) -> None:
-        self._queue: queue.SimpleQueue[tuple[ItemKind, Any]] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[ArrivalKind, Any]] = queue.SimpleQueue()
 
     def stop(self) -> None:
         """Stop the main thread after the waiting items. Safe in a signal handler: it takes no lock."""
-        self._queue.put((ItemKind.STOP, None))
+        self._queue.put((ArrivalKind.STOP, None))
 
-    def put(self, arrival: ItemKind, sample: Any) -> None:
-        """Add an item."""
+    def put(self, arrival: ArrivalKind, sample: Any) -> None:
         self._queue.put((arrival, sample))
 
-    def get(self, timeout_s: float) -> tuple[ItemKind, Any]:
-        """Take the first item; raise queue.Empty after this time [s]."""
+    def get(self, timeout_s: float) -> tuple[ArrivalKind, Any]:
         return self._queue.get(timeout=timeout_s)
 
     def __len__(self) -> int:
         return self._queue.qsize()
 
 
-class BoundedInbox(Inbox):
-    """An inbox that refuses samples for lack of room, per sender and in total."""
+class BoundedArrivals(Arrivals):
+    """A queue that refuses samples for lack of room, per sender and in total."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -88,7 +83,7 @@ class BoundedInbox(Inbox):
         self._all_waiting_bytes = 0
         self._late_tokens: dict[str, Any] = {}
 
-    def put(self, arrival: ItemKind, sample: Any) -> None:
+    def put(self, arrival: ArrivalKind, sample: Any) -> None:
         """Add a sample, or refuse it for lack of room. Of excess tokens the newest of each key is kept for later.
 
         Excess intents of the station are dropped; None, which says that it has gone, never is.
@@ -99,7 +94,7 @@ class BoundedInbox(Inbox):
             if sample is None or len(self) < MAX_TOKENS:
                 self._queue.put((arrival, sample))
             return
-        if arrival is ItemKind.TOKEN:
+        if arrival is ArrivalKind.TOKEN:
             with self._lock:
                 if len(self) < MAX_TOKENS:
                     self._queue.put((arrival, sample))
@@ -118,16 +113,15 @@ class BoundedInbox(Inbox):
             why = "larger than any report" if length > MAX_SAMPLE_BYTES else "too many to process"
             log.warning("refused a sample on %s: %s (more are only counted)", whose_key(sender), why)
 
-    def get(self, timeout_s: float) -> tuple[ItemKind, Any]:
-        """Take the first item; raise queue.Empty after this time [s]."""
+    def get(self, timeout_s: float) -> tuple[ArrivalKind, Any]:
         try:
             arrival, sample = self._queue.get_nowait()
         except queue.Empty:
             with self._lock:
                 if self._late_tokens:
-                    return ItemKind.TOKEN, self._late_tokens.pop(next(iter(self._late_tokens)))
+                    return ArrivalKind.TOKEN, self._late_tokens.pop(next(iter(self._late_tokens)))
             arrival, sample = self._queue.get(timeout=timeout_s)
-        if arrival in (ItemKind.REPORT, ItemKind.HEALTH):
+        if arrival in (ArrivalKind.REPORT, ArrivalKind.HEALTH):
             with self._lock:
                 self._note(sender_of(sample), -len(sample.payload) - SAMPLE_BYTES)
         return arrival, sample
