@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.cli.arguments import add_json
+from deltaswarm_cli.arguments import add_json
 
 
 def add_verify(command: argparse.ArgumentParser) -> None:

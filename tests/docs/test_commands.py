@@ -13,7 +13,7 @@ import pytest
 from docs.extensions.scenario_keys import reference
 
 from deltaswarm_board.__main__ import parser as board_parser
-from deltaswarm_orchestrator.cli import all_commands, parser
+from deltaswarm_cli.main import all_commands, parser
 from deltaswarm_orchestrator.live.views import LIVE_SOCKET
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.swarms import COMMAND, UNHURRIED, wait_until
@@ -76,7 +76,7 @@ def test_every_command_in_the_text_exists(name: str) -> None:
     """With its options; values are placeholders as often as not."""
     for span in re.findall(r"`(deltaswarm [^`]+)`", page(name)):
         words = shlex.split(span)[1:]
-        command = " ".join(words[:2]) if words[0] == "bench" or words[:2] == ["agent", "board"] else words[0]
+        command = " ".join(words[:2]) if words[:2] == ["agent", "board"] else words[0]
         if words[0] in all_commands() or command == "agent board":
             options = {word.partition("=")[0] for word in words if word.startswith("-")} - {"--help"}
             assert options <= known_options(command), span

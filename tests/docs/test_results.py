@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_scenario.person_tables import TABLES
 from tests.support.pages import ROOT
 

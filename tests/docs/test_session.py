@@ -9,7 +9,7 @@ from random import Random
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.scenario import Scenario

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm.testing import percept
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from tests.support.pages import ROOT, shell
 
 PAGE = (ROOT / "docs" / "TESTING.md").read_text()

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main, parser
+from deltaswarm_cli.run import KEPT
 from deltaswarm_orchestrator.base.advice import as_given, command_line, options_given
 from deltaswarm_orchestrator.base.exits import INTERRUPTED
-from deltaswarm_orchestrator.cli import main, parser, report
-from deltaswarm_orchestrator.cli.run import KEPT
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps import engine

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, INTERRUPTED, MISSED, OK, USAGE
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.results.folder_lock import OWNER
 from deltaswarm_orchestrator.results.run_tables import new_manifest
@@ -26,7 +26,7 @@ from tests.support.complaints import Printed
 from tests.support.swarms import COMMAND
 from tests.support.tiers import in_one_test
 
-COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "bench", "agent", "world", "operator"]
+COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "agent", "world", "operator"]
 COMMANDS += ["bundle", "certificates", "top"]
 
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
@@ -126,7 +126,7 @@ def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys:
     def interrupted(arguments: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", interrupted)
+    monkeypatch.setattr("deltaswarm_cli.run.run", interrupted)
     assert main(["run", "paper-25"]) == 130
     assert capsys.readouterr().err == "deltaswarm: interrupted\n"
 

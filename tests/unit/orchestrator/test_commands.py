@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli.main import main
+from deltaswarm_cli.run import EXCLUDES, NEEDS
 from deltaswarm_orchestrator.base.exits import OK
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.run import EXCLUDES, NEEDS
 from deltaswarm_orchestrator.results.run_tables import write_tables
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
@@ -130,7 +130,7 @@ def test_help_loads_nothing_that_a_run_needs() -> None:
     """--version and the --help of every command are shown before numpy, protobuf and the scenario's settings load."""
     program = """
 import sys
-from deltaswarm_orchestrator.cli import all_commands, main
+from deltaswarm_cli.main import all_commands, main
 words = [[command, "--help"] for command in (*all_commands(), "agent", "world", "operator")]
 for command in (["--version"], ["--help"], *words, ["agent", "board", "--help"], ["operator", "--no-world", "--help"]):
     try:

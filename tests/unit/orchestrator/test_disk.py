@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import disk
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 

@@ -18,9 +18,9 @@ from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli import one_run as command
-from deltaswarm_orchestrator.cli import run as run_command
+from deltaswarm_cli import one_run as command
+from deltaswarm_cli import run as run_command
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.export.formats import FORMATS
 from deltaswarm_orchestrator.export.picture import Picture
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot

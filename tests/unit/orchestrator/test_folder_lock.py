@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.results.folder import FolderError, RunFolder
 from deltaswarm_orchestrator.results.folder_lock import CLAIM, LOCK, LOCK_FILES, OWNER, FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli.main import all_commands, main, parser
 from deltaswarm_orchestrator.base.exits import aligned, named, shown
-from deltaswarm_orchestrator.cli import all_commands, main, parser
 from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
@@ -130,7 +130,7 @@ def test_a_quiet_command_says_nothing_beside_its_result(
     """No progress, no notices; without the option there are some."""
     words = command.format(new=tmp_path / "new", file=a_file(tmp_path)).split()
     if words[0] == "session":
-        monkeypatch.setattr("deltaswarm_orchestrator.cli.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
+        monkeypatch.setattr("deltaswarm_cli.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
     assert main([*words, "--quiet"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""

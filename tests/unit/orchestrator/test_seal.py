@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.seal import SealError
-from deltaswarm_orchestrator.cli import main
 
 Printed = pytest.CaptureFixture[str]
 

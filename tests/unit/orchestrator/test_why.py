@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.inspect.info import ending_text
 from deltaswarm_orchestrator.inspect.link_report import LinkFindings, examine
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process

@@ -10,7 +10,7 @@ import pytest
 
 import deltaswarm
 from deltaswarm.errors import error_of
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire.files import Written, write_secret, write_whole
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import FAILED
-from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_sessions import ledger, staging
 from deltaswarm_sessions.folder import RECORD, read_record

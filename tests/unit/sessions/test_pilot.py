@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_sessions import pilot, power
 from deltaswarm_sessions.pilot import Question, plan_participants
 from deltaswarm_sessions.power import ADJUSTED, SIGNED_RANK, T_TEST, Pilot, fit, powers

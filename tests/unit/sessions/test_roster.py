@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml

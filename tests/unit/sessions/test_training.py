@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main, report
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario

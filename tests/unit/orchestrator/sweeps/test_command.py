@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from tests.support.swarms import heeds, wait_until
 from tests.support.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, written
 from tests.support.tiers import first_of
@@ -160,7 +160,7 @@ def test_without_dask_the_command_says_what_to_install(tmp_path: Path) -> None:
     """And needs none for anything else."""
     program = (
         "import sys; sys.modules['dask'] = sys.modules['distributed'] = None\n"
-        "from deltaswarm_orchestrator.cli import main\n"
+        "from deltaswarm_cli.main import main\n"
         f"sys.exit(main(['sweep', 'smoke', '--engine', 'dask', '--out', {str(tmp_path / 'out')!r}]))"
     )
     done = python("-c", program)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.sweeps.load import built_in, built_in_files, load_sweep, make_sweep
 from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
 from deltaswarm_wire.checked import SettingsError

@@ -14,9 +14,9 @@ import pytest
 
 from deltaswarm.errors import error_of
 from deltaswarm.sweeps import each_trace_once
+from deltaswarm_cli.main import main
+from deltaswarm_cli.sweep import described
 from deltaswarm_orchestrator.base.seal import SealError
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.sweep import described
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder

@@ -5,8 +5,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from deltaswarm.new import new_controller
+from deltaswarm_cli.arguments import add_json, show
 from deltaswarm_orchestrator.base.exits import OK, notice
-from deltaswarm_orchestrator.cli.arguments import add_json, show
 
 
 def add_new(command: argparse.ArgumentParser) -> None:

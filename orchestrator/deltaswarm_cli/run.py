@@ -5,10 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.base.advice import options_given
-from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
-from deltaswarm_orchestrator.base.paths import free_folder, must_exist
-from deltaswarm_orchestrator.cli.arguments import (
+from deltaswarm_cli.arguments import (
     add_dry_run,
     add_engine,
     add_json,
@@ -17,6 +14,9 @@ from deltaswarm_orchestrator.cli.arguments import (
     host_and_port,
     show,
 )
+from deltaswarm_orchestrator.base.advice import options_given
+from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_orchestrator.base.paths import free_folder, must_exist
 from deltaswarm_orchestrator.processes.engines import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 from deltaswarm_wire import checked
@@ -173,7 +173,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
     from deltaswarm import runs
-    from deltaswarm_orchestrator.cli import report
+    from deltaswarm_cli import report
     from deltaswarm_orchestrator.scenarios.load import commented_toml
 
     if problem := _problem(arguments):

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
 from deltaswarm_wire.arguments import whole
 
 if TYPE_CHECKING:

@@ -31,7 +31,6 @@ COMMANDS = {
     "top": "watch a run under way on a terminal",
     "why": "explain how a run ended, or whether one agent could hear another at some time of it",
     "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
-    "bench": "measure what a swarm costs on this machine",
     "compile": "compile the cores of this installation, so that runs take less time",
     "doctor": "check whether this machine has what runs need",
     "completion": "print a script with which a shell completes commands and options",
@@ -42,6 +41,38 @@ MODULES = {
     **dict.fromkeys(("export", "info", "replay", "station", "top", "why"), "one_run"),
     **dict.fromkeys(("compile", "completion", "doctor", "list"), "installation"),
 }
+
+
+GROUPS = {
+    "one run": ("run", "top", "station", "info", "why", "replay", "export"),
+    "many runs": ("sweep", "study", "report"),
+    "a run with a difference": ("branch", "value"),
+    "participants": ("session", "verify"),
+    "extensions": ("list", "new"),
+    "boards": ("bundle", "certificates"),
+    "this installation": ("doctor", "compile", "completion"),
+    "parts by hand": ("agent", "world", "operator"),
+}
+"""How `--help` groups the commands; those of other packages follow."""
+
+
+class _Grouped(argparse.RawDescriptionHelpFormatter):
+    """Shows the commands under the titles of GROUPS."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        left = {choice.dest: choice for choice in action._choices_actions}
+        groups = {title: [left.pop(name) for name in names if name in left] for title, names in GROUPS.items()}
+        groups["other packages"] = list(left.values())
+        lines = []
+        for title, choices in groups.items():
+            if choices:
+                lines.append(f"\n  {title}:\n")
+                self._indent()
+                lines += [self._format_action(choice) for choice in choices]
+                self._dedent()
+        return "".join(lines).removeprefix("\n")
 
 
 class AddArguments(Protocol):
@@ -70,14 +101,15 @@ def parser(*complete: str, has_help: bool = True) -> argparse.ArgumentParser:
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages,\nworkload measured.",
         epilog="\n".join(["exit codes:", *(f"  {code:<3}  {meaning}" for code, meaning in EXIT_CODES.items())]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_Grouped,
     )
+    everything._positionals.title = "commands"
     everything.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
     commands = everything.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
         if name in complete:
-            module = importlib.import_module(f"{__name__}.{MODULES.get(name, name)}")
+            module = importlib.import_module(f"deltaswarm_cli.{MODULES.get(name, name)}")
             getattr(module, f"add_{name}")(command)
     if not set(complete) <= {*COMMANDS, "--version"}:  # else there is no need to look through all packages
         for name, target in COMMAND_POINT.names().items():

@@ -4,11 +4,12 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.resources.abc import Traversable
+from itertools import takewhile
 from pathlib import Path
 
+from deltaswarm_cli.arguments import add_json, show
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, aligned
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 
 SHELLS = ("bash", "zsh", "tcsh")
@@ -55,7 +56,7 @@ def completion(arguments: argparse.Namespace) -> int:
     """Print the script, which is made from the parsers of all commands."""
     import shtab
 
-    from deltaswarm_orchestrator.cli import all_commands, parser
+    from deltaswarm_cli.main import all_commands, parser
 
     everything = parser(*all_commands())
     _complete_files(everything, shtab.FILE)
@@ -118,6 +119,16 @@ def list_all(arguments: argparse.Namespace) -> int:
     return OK
 
 
+def _first_sentence(text: str) -> str:
+    """Return the first lines of a file's comment, up to one that ends with a full stop."""
+    lines = []
+    for line in takewhile(lambda line: line.startswith("# "), text.splitlines()):
+        lines.append(line.removeprefix("# "))
+        if line.endswith("."):
+            break
+    return " ".join(lines)
+
+
 def known() -> dict[str, dict[str, str]]:
     """Return every name that a command or a settings file may use, by kind, with a line about it."""
     from deltaswarm_orchestrator.sweeps.load import built_in
@@ -125,8 +136,7 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_wire.plugins import BODIES, CONTROLLERS, DYNAMICS, FAULTS, RADIO_MODELS, find_controller
 
     def about(files: Mapping[str, Traversable]) -> dict[str, str]:
-        texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
-        return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
+        return {name: _first_sentence(file.read_text(encoding="utf-8")) for name, file in files.items()}
 
     return {
         "scenarios": about(BUILT_IN),

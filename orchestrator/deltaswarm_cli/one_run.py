@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from deltaswarm_cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
@@ -13,7 +14,6 @@ from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.ports import check_ports
 from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import OPERATOR
