@@ -12,10 +12,7 @@ A_RUN = "the folder of a run"
 
 
 class Group(Protocol):
-    """A parser, or a group of its arguments."""
-
-    def add_argument(self, *names: str, **options: Any) -> argparse.Action:
-        """Add an argument."""
+    def add_argument(self, *names: str, **options: Any) -> argparse.Action: ...
 
 
 def add_dry_run(command: Group, prints: str) -> None:
@@ -37,22 +34,18 @@ def add_engine(command: Group, scheduler: str) -> None:
 
 
 def add_json(command: Group, what: str = "the result") -> None:
-    """Add `--json`."""
     command.add_argument("--json", action="store_true", help=f"print {what} as one JSON document")
 
 
 def add_quiet(command: Group) -> None:
-    """Add `--quiet`."""
     command.add_argument("-q", "--quiet", action="store_true", help="print no progress and no notices, only errors")
 
 
 def show(arguments: argparse.Namespace, result: Any, text: str) -> None:
-    """Print a result on standard output, for people or as JSON."""
     print_result(json.dumps(result) if arguments.json else text)
 
 
 def add_markers(command: Group) -> None:
-    """Add `--markers`."""
     command.add_argument(
         "--markers",
         type=_markers,

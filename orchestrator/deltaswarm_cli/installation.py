@@ -22,7 +22,6 @@ examples:
 
 
 def add_compile(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm compile`."""
     command.description = (
         "Compile the cores of this installation with mypyc, which takes about a minute and needs a C compiler. Results "
         "stay the same. The next version of deltaswarm has to be compiled anew."
@@ -32,7 +31,6 @@ def add_compile(command: argparse.ArgumentParser) -> None:
 
 
 def compile_cores(arguments: argparse.Namespace) -> int:
-    """Compile the cores of this installation, or remove what was compiled."""
     from deltaswarm_orchestrator import compiling
 
     try:
@@ -45,7 +43,6 @@ def compile_cores(arguments: argparse.Namespace) -> int:
 
 
 def add_completion(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm completion`."""
     command.description = "Print a script with which a shell completes commands, options and file names."
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
     command.add_argument("shell", choices=SHELLS, help="the shell that the script is for")
@@ -75,7 +72,6 @@ def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
 
 
 def add_doctor(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm doctor`."""
     command.add_argument(
         "scenario",
         nargs="?",
@@ -105,14 +101,12 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 
 def add_list(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm list`."""
     command.description = "List what comes with deltaswarm and what other installed packages add to it."
     add_json(command, "the lists")
     command.set_defaults(func=list_all)
 
 
 def list_all(arguments: argparse.Namespace) -> int:
-    """Print every name that a command or a settings file may use, by kind, each with a short text."""
     lists = known()
     texts = (f"{kind}:\n{aligned(('', *pair) for pair in names.items())}" for kind, names in lists.items())
     show(arguments, lists, "\n".join(texts))

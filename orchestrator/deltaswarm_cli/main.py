@@ -83,8 +83,7 @@ class AddArguments(Protocol):
     The first line of the docstring is shown by `deltaswarm --help`.
     """
 
-    def __call__(self, command: argparse.ArgumentParser) -> None:
-        """Add the arguments, and set the defaults."""
+    def __call__(self, command: argparse.ArgumentParser) -> None: ...
 
 
 def all_commands() -> list[str]:

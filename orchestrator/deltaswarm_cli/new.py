@@ -10,7 +10,6 @@ from deltaswarm_orchestrator.base.exits import OK, notice
 
 
 def add_new(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm new`."""
     command.add_argument("what", choices=("controller",), help="what to make")
     command.add_argument("name", metavar="NAME", help="of the controller's module, such as my_walk")
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the folder to make (default: NAME)")
@@ -19,7 +18,6 @@ def add_new(command: argparse.ArgumentParser) -> None:
 
 
 def new(arguments: argparse.Namespace) -> int:
-    """Make the files, and say how to use them."""
     folder = arguments.out or Path(arguments.name)
     files = new_controller(arguments.name, folder)
     show(arguments, [str(file) for file in files], "\n".join(map(str, files)))

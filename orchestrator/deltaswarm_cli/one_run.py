@@ -23,7 +23,6 @@ FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
 
 
 def add_export(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm export`."""
     command.description = "Exports the recording of a run, also of one that was cut off. See docs/RECORDING.md."
     command.add_argument("run", type=Path, metavar="RUN", help="a run's folder, or an MCAP recording")
     command.add_argument("--format", choices=FORMATS, required=True, help="tables, MCAP, ROS 2 bag, Rerun, or video")
@@ -41,7 +40,6 @@ def add_export(command: argparse.ArgumentParser) -> None:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Export a recording, and print where it is."""
     from deltaswarm_orchestrator.export import formats
 
     must_exist(arguments.run, "RUN", f"{A_RUN}, or an MCAP recording")
@@ -59,14 +57,12 @@ def export(arguments: argparse.Namespace) -> int:
 
 
 def add_info(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm info`."""
     command.add_argument("folder", type=Path, metavar="RUN")
     add_json(command)
     command.set_defaults(func=info)
 
 
 def info(arguments: argparse.Namespace) -> int:
-    """Describe a run from its folder."""
     from deltaswarm_orchestrator.inspect import info
 
     must_exist(arguments.folder, "RUN", A_RUN)
@@ -78,7 +74,6 @@ def info(arguments: argparse.Namespace) -> int:
 
 
 def add_replay(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm replay`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, finished or not, with a recording")
     command.add_argument(
         "--listen",
@@ -91,7 +86,6 @@ def add_replay(command: argparse.ArgumentParser) -> None:
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    """Serve the station's page from a recording, until Ctrl-C."""
     from deltaswarm_orchestrator.processes.pages import serve_page
     from deltaswarm_orchestrator.processes.starter import REPLAY, LaunchError, StoppedError
     from deltaswarm_orchestrator.processes.station import StationChannel
@@ -132,7 +126,6 @@ def _notice_unsealed(run: Path) -> None:
 
 
 def add_station(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm station`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run that was started with --station")
     add_json(command)
     command.set_defaults(func=station)
@@ -155,7 +148,6 @@ def station(arguments: argparse.Namespace) -> int:
 
 
 def add_top(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm top`."""
     command.description = (
         "Shows a run under way on the terminal: map, message rate, agents and events. Attach and leave as often as you "
         "like; the run does not notice. Shows the truth, which no operator knows. See docs/LIVE.md."
@@ -168,7 +160,6 @@ def add_top(command: argparse.ArgumentParser) -> None:
 
 
 def top(arguments: argparse.Namespace) -> int:
-    """Attach to a run and show it, or print one picture of it as JSON."""
     from deltaswarm_orchestrator.top.link import linked
 
     if not arguments.json and not (sys.stdin.isatty() and sys.stderr.isatty()):
@@ -188,7 +179,6 @@ def top(arguments: argparse.Namespace) -> int:
 
 
 def add_why(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm why`."""
     command.description = (
         "Says how a run ended, what failed in it in which order, and why it is not valid. With A, B and --at: repeats "
         "the run in one process up to a time, and says whether B could hear A then."
@@ -209,7 +199,6 @@ def _receiver(text: str) -> int | str:
 
 
 def why(arguments: argparse.Namespace) -> int:
-    """Say how a run ended, or whether one agent could hear another, and why not."""
     from deltaswarm_orchestrator.base import inputs, seal
     from deltaswarm_orchestrator.inspect import info, link_report
     from deltaswarm_orchestrator.recording import SCENARIO

@@ -69,7 +69,6 @@ KEPT = ("listen", "zenoh", "live", "live_port", "live_connect", "researcher", "q
 
 
 def add_run(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm run`."""
     group = command.add_argument_group("what to run")
     group.add_argument(
         "scenario",
@@ -171,7 +170,6 @@ def add_run(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run a scenario, or resume a run, and print its results."""
     from deltaswarm import runs
     from deltaswarm_cli import report
     from deltaswarm_orchestrator.scenarios.load import commented_toml

@@ -26,7 +26,6 @@ class CheckResult:
 
 
 def examine(agents: int) -> list[CheckResult]:
-    """Check this machine, for runs with this many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
     cores = len(os.sched_getaffinity(0))
     problem = loopback_problem()

@@ -13,7 +13,6 @@ def command_line(*words: object) -> str:
 
 
 def as_given(arguments: Namespace, *, without: Collection[str] = ()) -> str:
-    """Return the command line that was given, without some flags."""
     return command_line(*(word for word in getattr(arguments, "given", ()) if word not in without))
 
 

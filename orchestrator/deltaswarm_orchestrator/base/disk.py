@@ -55,7 +55,6 @@ def is_refused(error: OSError) -> bool:
 
 
 def no_room(error: OSError, path: Path) -> RoomError:
-    """Return the RoomError for an error while this file was written."""
     return RoomError(f"{error.filename or path} could not be written: {error.strerror or error}")
 
 

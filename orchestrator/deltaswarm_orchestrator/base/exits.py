@@ -30,13 +30,10 @@ class CommandError(Exception):
 
 
 class _Notices:
-    """Whether notices are printed."""
-
     are_shown = True
 
 
 def show_notices(are_shown: bool) -> None:
-    """Let `notice` print, or not."""
     _Notices.are_shown = are_shown
 
 
@@ -47,7 +44,6 @@ def notice(text: str) -> None:
 
 
 def complain(text: str) -> None:
-    """Print what is wrong on standard error."""
     print(f"deltaswarm: {text}", file=sys.stderr)
 
 

@@ -27,9 +27,6 @@ def identify(scenario: Scenario) -> Inputs:
     """Return the inputs of a scenario's runs: modules as this process has loaded them, other files as they are now.
 
     The scenario itself, with the language of its page, has been read by now and is not read again.
-
-    Raises:
-        SettingsError, OSError: there is no such extension or file, or it cannot be read.
     """
     files = {name: file.read_bytes() if loaded is None else loaded for name, file, loaded in _files(scenario)}
     return {CODE: provenance.code_digest(), **{name: digest(content) for name, content in files.items()}}
@@ -42,9 +39,6 @@ def check(scenario: Scenario, identified: Inputs, *, starts_python: bool) -> Non
         scenario: the run's.
         identified: what `identify` has returned, here or in another process.
         starts_python: whether the run starts processes, which load deltaswarm anew.
-
-    Raises:
-        InputsChangedError: one of them is another; the text names it.
     """
     changed = [
         name if str(file) in name else f"{name} ({file})"
@@ -107,5 +101,4 @@ def _content(file: Path) -> bytes:
 
 
 def digest(content: bytes) -> str:
-    """Return the digest of a file's content."""
     return hashlib.blake2b(content, digest_size=8).hexdigest()

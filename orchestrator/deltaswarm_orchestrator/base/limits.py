@@ -43,12 +43,10 @@ class Limit:
 
     @property
     def shown(self) -> str:
-        """The allowed number, as messages show it."""
         return "any number" if self.allowed == math.inf else f"{self.allowed:.0f}"
 
     @property
     def is_enough(self) -> bool:
-        """Whether a run fits."""
         return self.allowed >= self.needed
 
 
@@ -79,9 +77,6 @@ def make_room(agents: int, linked: int = 0) -> None:
     Args:
         agents: agents on this machine.
         linked: agents on other machines.
-
-    Raises:
-        CommandError: a hard limit is too low.
     """
     descriptors, threads = limits(agents, linked)
     for limit in (descriptors, threads):

@@ -34,9 +34,6 @@ def check_files(folder: Path, levels: int = LEVELS) -> None:
     Args:
         folder: the folder, which need not exist.
         levels: how many levels of folders below it are looked at.
-
-    Raises:
-        CommandError: it has something else.
     """
     if _is_odd(folder):
         raise CommandError(_ODD.format(folder))
@@ -72,9 +69,6 @@ def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True, among:
         name: the option that names it.
         is_ours: whether it is for results alone, and is checked by `check_files`, without the folders below it.
         among: if it exists and is not empty, it must hold a file or folder of one of these names.
-
-    Raises:
-        CommandError: it cannot, or holds other things, of which some could be replaced.
     """
     if is_ours and os.path.isdir(folder):  # unlike `Path.is_dir`, False for an impossible name
         check_files(folder, 0)
@@ -104,9 +98,6 @@ def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> No
     """Check that there is something at a path, as `check_files` does; the message says where it was looked for.
 
     With `or_part` it may also be at PATH.part, where a run is until it is complete.
-
-    Raises:
-        CommandError: there is nothing, or a folder with something that is no file.
     """
     part = part_of(path) if path.name else path
     has_part = os.path.exists(part)  # unlike `Path.exists`, False for an impossible name

@@ -8,11 +8,7 @@ from deltaswarm_wire.session import OVER_TCP, host_and_port, protocol_of
 
 
 def check_ports(endpoints: Mapping[str, str]) -> None:
-    """Check that a process can listen at endpoints, by the options that name them; those not over TCP are left out.
-
-    Raises:
-        CommandError: one is taken, or is not this machine's; or two options name the same one.
-    """
+    """Check that a process can listen at endpoints, by the options that name them; those not over TCP are left out."""
     seen: dict[tuple[str, int], str] = {}
     for option, endpoint in endpoints.items():
         if protocol_of(endpoint) not in OVER_TCP:

@@ -99,12 +99,7 @@ class Film:
 
 
 def read_film(path: Path) -> Film:
-    """Open the recording in a file.
-
-    Raises:
-        FileNotFoundError: there is no recording.
-        RecordingError: the file is not a recording, or was cut off before the scenario.
-    """
+    """Open the recording in a file."""
     recording = read_recording(path)
     if not recording.scenario:
         raise RecordingError(f"{path} must hold a scenario; it is damaged or was cut off before that")

@@ -100,7 +100,6 @@ def _air_of(record: StepRecord) -> tuple[Any, ...]:
 
 
 def text(answer: LinkFindings) -> str:
-    """Format an answer as text."""
     receiver = "the operator" if answer.receiver == OPERATOR else f"agent {answer.receiver}"
     verdict = "could hear" if answer.reason is None else "could not hear"
     because = "" if answer.reason is None else f": {answer.reason}"

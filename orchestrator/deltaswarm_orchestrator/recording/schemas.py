@@ -77,7 +77,6 @@ _SCALARS[str] = FieldDescriptorProto.TYPE_STRING
 
 
 def _compiled() -> dict[str, Any]:
-    """Compile the classes of our own messages, by name."""
     file = FileDescriptorProto(name="deltaswarm.proto", package="deltaswarm", syntax="proto3")
     for name, hints in _MESSAGES.items():
         message = file.message_type.add(name=name)

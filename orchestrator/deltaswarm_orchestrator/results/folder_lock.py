@@ -160,7 +160,6 @@ def _read(file: Path) -> str | None:
 
 
 def _parsed(text: str) -> Owner | None:
-    """Parse an owner file; return None if it is damaged or incomplete."""
     try:
         host, kernel, pid, started = json.loads(text)
         return Owner(str(host), str(kernel), int(pid), str(started))
@@ -169,7 +168,6 @@ def _parsed(text: str) -> Owner | None:
 
 
 def _here() -> tuple[str, str]:
-    """Return the name of this host, and its boot and process namespace."""
     boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
     return platform.node(), f"{boot} {os.readlink('/proc/self/ns/pid')}"
 

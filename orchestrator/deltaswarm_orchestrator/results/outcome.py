@@ -49,7 +49,6 @@ class Moment:
     """What the event is from then on, in words."""
 
     def __call__(self, event: EventLife) -> float | None:
-        """Return when the moment came [s]; None: it has not come."""
         time_s: float | None = getattr(event, self.column)
         return time_s
 
@@ -121,24 +120,19 @@ class Outcome:
 
 @dataclass(eq=False)
 class RunData:
-    """What metrics are computed from."""
-
     outcome: Outcome
     scenario: Scenario
 
     @property
     def steps(self) -> list[StepRecord]:
-        """The world's record of each step."""
         return self.outcome.step_records
 
     @property
     def workloads(self) -> list[Workload]:
-        """The operator's record of each step."""
         return self.outcome.workloads
 
     @cached_property
     def followed(self) -> list[EventLife]:
-        """The events that could be followed for the horizon."""
         run = self.scenario.run
         return followed(self.outcome.lives, len(self.steps) * run.step_s, self.scenario.metrics.horizon_s)
 
@@ -148,7 +142,6 @@ class RunData:
 
 
 def median_of(values: Sequence[float]) -> float | None:
-    """Return the median; None of nothing."""
     return float(median(values)) if values else None
 
 
@@ -163,7 +156,6 @@ def worst_tenth(values: Sequence[float]) -> float | None:
 
 
 def mean_of(values: Sequence[float]) -> float | None:
-    """Return the mean; None of nothing."""
     return fmean(values) if values else None
 
 
@@ -241,7 +233,6 @@ def newest(column: str) -> Compute:
 
 
 def of_bodies(name: str) -> Compute:
-    """Return what the dynamics counted; 0 for points."""
     return lambda run: run.outcome.world.get("bodies", {}).get(name, 0)
 
 
@@ -251,7 +242,6 @@ def own_mean(name: str) -> Compute:
 
 
 def own_last(name: str) -> Compute:
-    """Return a number of the controller's own in the last step."""
     return lambda run: run.steps[-1].metrics.get(name) if run.steps else None
 
 

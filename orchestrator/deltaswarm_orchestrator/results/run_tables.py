@@ -67,7 +67,6 @@ def new_manifest(scenario: Scenario, engine: str, record: str, known: inputs.Inp
 
 
 def write_json(file: Path, value: Any) -> None:
-    """Write a JSON file atomically."""
     write_whole(file, json.dumps(value, indent=2, allow_nan=False).encode() + b"\n")
 
 
@@ -145,7 +144,6 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
 
 
 def series_rows(outcome: Outcome) -> tuple[list[str], Iterator[list[Any]]]:
-    """Return header and rows of `series.csv`."""
     by_step = {workload.step: workload for workload in outcome.workloads}
 
     def rows() -> Iterator[list[Any]]:
@@ -164,7 +162,6 @@ def person_tables(folder: Path) -> list[tuple[str, bytes]]:
 
 
 def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a CSV file atomically."""
     with replacing(file) as stream:
         text = io.TextIOWrapper(stream, newline="", encoding="utf-8")
         table = TableWriter(text)

@@ -30,23 +30,19 @@ OFTEN = 5
 
 
 def of_world(name: str, default: Any = None) -> Compute:
-    """Return what the world counted."""
     return lambda run: run.outcome.world.get(name, default)
 
 
 def of_operator(name: str) -> Compute:
-    """Return what the operator counted."""
     return lambda run: run.outcome.operator.get(name)
 
 
 def steps_per_s(run: RunData) -> float | None:
-    """Return the speed of the run."""
     wall_s = run.outcome.world.get("wall_s")
     return len(run.steps) / wall_s if wall_s else None
 
 
 def real_time_factor(run: RunData) -> float | None:
-    """Return simulated per wall time."""
     wall_s = run.outcome.world.get("wall_s")
     return len(run.steps) * run.scenario.run.step_s / wall_s if wall_s else None
 
@@ -114,13 +110,11 @@ def missing_agents(run: RunData) -> list[str]:
 
 
 def answered_share(run: RunData) -> float | None:
-    """Return the share of agent-steps with an answer."""
     counts = run.outcome.world.get("agent_steps")
     return counts["answered"] / counts["due"] if counts and counts["due"] else None
 
 
 def lost_on_fabric(run: RunData) -> int:
-    """Return the number of messages that were lost on the fabric."""
     [metric] = [metric for metric in METRICS if metric.key == "transport_lost"]
     assert metric.compute is not None
     return int(metric.compute(run))

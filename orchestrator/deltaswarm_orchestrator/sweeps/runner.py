@@ -35,16 +35,12 @@ SPEED_OVER_S = 3600.0
 class SweepReporter:
     """Receives the progress of a sweep. This base class ignores it."""
 
-    def announce(self, total: int, finished: int) -> None:
-        """Announce a sweep of `total` runs, `finished` of which were finished before."""
+    def announce(self, total: int, finished: int) -> None: ...
 
-    def count(self, done: Done) -> None:
-        """Count a run that has ended."""
+    def count(self, done: Done) -> None: ...
 
 
 class SweepDisplay(Bar, SweepReporter):
-    """Shows the progress of a sweep."""
-
     def __init__(self, name: str) -> None:
         columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
         super().__init__(name, *columns, speed_estimate_period=SPEED_OVER_S)
@@ -53,13 +49,11 @@ class SweepDisplay(Bar, SweepReporter):
         self._total = self._before = self._ended = self._failed = 0
 
     def announce(self, total: int, finished: int) -> None:
-        """Announce a sweep of `total` runs, `finished` of which were finished before."""
         self._total, self._before = total, finished
         if finished:
             print(f"{self._name}: {finished} of {total} runs are done already", file=sys.stderr, flush=True)
 
     def count(self, done: Done) -> None:
-        """Count a run that has ended."""
         self._ended += 1
         self._failed += done.result is None
         failed = f", {self._failed} failed" if self._failed else ""
@@ -76,8 +70,6 @@ class SweepDisplay(Bar, SweepReporter):
 
 @dataclass
 class SweepResult:
-    """The result of a sweep, finished or not."""
-
     folder: Path
     runs: int
     """Runs that were asked for."""
@@ -109,7 +101,6 @@ class SweepResult:
 
     @property
     def code(self) -> int:
-        """The exit code that tells how the sweep ended."""
         return OK if self.is_well else INTERRUPTED if self.interrupted else FAILED
 
     @property
@@ -214,11 +205,7 @@ def _run_of(row: InvalidRun) -> tuple[Any, ...]:
 
 
 def check_folder(sweep: Sweep, path: Path, means: str) -> None:
-    """Check that a sweep may be written into a folder that exists.
-
-    Raises:
-        SweepFolderError: the folder holds something else, or only runs of other sweeps.
-    """
+    """Check that a sweep may be written into a folder that exists."""
     folder = SweepFolder(path)
     folder.check(sweep.name)
     before = folder.manifest() or {}
@@ -259,11 +246,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
 
 
 def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any], manifest: dict[str, Any]) -> None:
-    """Refuse a sweep that shares no run with the folder, since its tables would replace those of the other sweep.
-
-    Raises:
-        SweepFolderError: the folder has only runs of other sweeps; the text says what differs.
-    """
+    """Refuse a sweep that shares no run with the folder, since its tables would replace those of the other sweep."""
     ours = {folder.file(job, means) for job in sweep.jobs() for means in (IN_PROCESS, PROCESSES)}
     theirs = set(folder.runs.glob("*.json"))
     if not theirs or ours & theirs:
