@@ -160,20 +160,6 @@ def test_a_run_is_watched(tmp_path: Path) -> None:
 
 def test_the_commands_for_contributors_exist() -> None:
     """They are those of the gate (its test is test_docs_readme), of lint (test_quality) and of the site."""
-    lines = commands(page("CONTRIBUTING.md"))
-    programs = [line.split()[0] for line in lines]
-    assert programs == [
-        "python3",
-        ".",
-        "pip",
-        "python",
-        ".ci/nightly",
-        *["python"] * 4,
-        "ruff",
-        "ruff",
-        "mypy",
-        "sphinx-build",
-    ]
-    for line in lines:
+    for line in commands(page("CONTRIBUTING.md")):
         for path in re.findall(r"tests/\S+\.py", line):
             assert (ROOT / path).exists(), path

@@ -64,12 +64,6 @@ def blocks(kind: str) -> list[str]:
     return re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL)
 
 
-def test_there_are_ten_commands() -> None:
-    """As the heading's section promises; what was not run is said above."""
-    assert len(commands(PAGE)) == 10
-    assert "no command below that begins with `ros2` was run" in " ".join(PAGE.split())
-
-
 def test_the_turtles_file_is_a_boards_file(tmp_path: Path) -> None:
     """As it stands, with the topics that the commands make."""
     file = tmp_path / "turtle.toml"

@@ -63,20 +63,3 @@ def test_the_table_of_keys_that_may_differ_in_a_branch_is_up_to_date() -> None:
 def test_the_pages_of_the_api_are_up_to_date(page: Path) -> None:
     """docs/api/ has every public name of its modules, with signature, fields and docstring."""
     assert page.read_text() == api.with_modules(page.read_text())
-
-
-@in_one_test(
-    ("page", "lines"),
-    [
-        ("controller", ["class Percept(NamedTuple):", "class Decision(NamedTuple):"]),
-        ("body", ["    def sense(self, time_s: float) -> Sensed:"]),
-        ("messages", ["class Frame(NamedTuple):"]),
-        ("settings", ["class Scenario:", "class RadioSettings:", '"sensing range for events [m]"']),
-        ("stats", ["def contrast("]),
-        ("studies", ["def load_study("]),
-    ],
-)
-def test_the_api_has_what_code_of_others_imports(page: str, lines: list[str]) -> None:
-    """Percepts, bodies, messages, settings, statistics and studies."""
-    text = (DOCS / "api" / f"{page}.md").read_text()
-    assert [line for line in lines if line not in text] == []

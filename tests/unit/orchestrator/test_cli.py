@@ -26,9 +26,6 @@ from tests.support.complaints import Printed
 from tests.support.swarms import COMMAND
 from tests.support.tiers import in_one_test
 
-COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "agent", "world", "operator"]
-COMMANDS += ["bundle", "certificates", "top"]
-
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
 
 
@@ -162,13 +159,6 @@ def test_wrong_usage_ends_with_2(arguments: list[str], capsys: Printed) -> None:
     assert "error: " in printed.err
 
 
-@pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_every_command_explains_itself(command: str, capsys: Printed) -> None:
-    """With --help, and exit code 0."""
-    assert refused(*command.split(), "--help") == 0
-    assert capsys.readouterr().out.startswith("usage: ")
-
-
 def test_the_help_explains_every_exit_code(capsys: Printed) -> None:
     """A line each, from the table that the commands use."""
     assert refused("--help") == 0
@@ -217,22 +207,6 @@ def test_runs_have_folders_of_their_own_by_default(tmp_path: Path, monkeypatch: 
     names = sorted(path.name for path in (tmp_path / "runs").iterdir())
     assert len(names) == 2
     assert all(name.startswith("smoke-hybrid-seed1-") for name in names)
-
-
-def test_a_folder_that_is_there_ends_with_2(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
-    """And stays as it is."""
-    out, _ = finished
-    before = (out / "summary.json").read_bytes()
-    assert main(["run", "smoke", *SHORT, "--out", str(out)]) == 2
-    assert "--force replaces it" in capsys.readouterr().err
-    assert (out / "summary.json").read_bytes() == before
-
-
-def test_a_folder_that_cannot_be_made_ends_with_2(tmp_path: Path, capsys: Printed) -> None:
-    """With a line that says so."""
-    (tmp_path / "file").touch()
-    assert main(["run", "smoke", *SHORT, "--out", str(tmp_path / "file" / "run")]) == 2
-    assert capsys.readouterr().err.startswith("deltaswarm: ")
 
 
 def test_info_tells_of_a_finished_run(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
@@ -303,14 +277,6 @@ def test_info_tells_a_run_that_goes_on_from_one_that_was_killed(tmp_path: Path, 
     assert state() == killed
     (folder.path / OWNER).write_text('["elsewhere", "another boot", 7, "7"]')
     assert state() == f"running, or {killed}"
-
-
-def test_info_wants_a_run_folder(tmp_path: Path, capsys: Printed) -> None:
-    """Not one without a manifest, nor a file, nor nothing."""
-    (tmp_path / "file").touch()
-    for path in (tmp_path, tmp_path / "file", tmp_path / "nothing"):
-        assert main(["info", str(path)]) == 2
-        assert str(path) in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

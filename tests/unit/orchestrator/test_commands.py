@@ -1,7 +1,6 @@
 """Commands at the command line: scripts are checked before a run, and a recorded script is the same run again."""
 
 import subprocess
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from deltaswarm_cli.run import EXCLUDES, NEEDS
 from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_orchestrator.results.run_tables import write_tables
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.support.commanding import script
 from tests.support.swarms import COMMAND
@@ -34,13 +33,6 @@ def test_the_commands_of_a_run_are_a_script_of_the_same_run(tmp_path: Path, step
     assert again.world["commands"] == first.world["commands"]
     assert again.digest == first.digest
     assert len(first.world["commands"]) == 3
-
-
-def test_a_scenario_with_commands_is_the_same_after_writing_it() -> None:
-    """So a run folder's scenario makes the same run."""
-    scenario = load_scenario("smoke", [script(*ROWS)])
-    assert load_scenario("smoke", [], None).command == ()
-    assert tomllib.loads(to_toml(scenario))["command"][1]["arguments"] == {"for_s": 12.5}
 
 
 @in_one_test(

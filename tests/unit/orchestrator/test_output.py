@@ -146,12 +146,6 @@ def test_a_quiet_command_still_says_what_is_wrong(run: Path, capsys: Printed) ->
     assert str(run) in capsys.readouterr().err
 
 
-def test_the_options_of_run_are_in_groups() -> None:
-    """None but help is left in argparse's own groups."""
-    (own,) = leaves(parser("run"), ("run",))
-    assert [len(group._group_actions) for group in own._action_groups[:2]] == [0, 1]
-
-
 def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
     """Of what each of its studies prints."""
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)

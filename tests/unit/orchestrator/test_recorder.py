@@ -16,7 +16,6 @@ from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.operator_messages import Workload
 from tests.support.truths import messages, on, recorded, shown, steps, truth
 
 
@@ -183,17 +182,6 @@ def test_what_was_written_is_flushed_each_wall_second(tmp_path: Path) -> None:
         clock.now_s = 102.0
         recorder.flush_when_due()
         assert len(read_recording(tmp_path).step_records) == 4
-
-
-def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:
-    """Every field, unrounded, at the time of its step."""
-    workload = Workload(7, 7.0, 3, 2, 1 / 3, 2 / 7, 0.1, 1, 0, 0)
-    with Recorder(tmp_path, scenario()) as recorder:
-        recorder.workload(workload)
-        recorder.complete({})
-    ((topic, log_time, message),) = messages(tmp_path / "recording.mcap")
-    assert (topic, log_time) == ("/operator/workload", (EPOCH_S + 7) * 10**9)
-    assert Workload(*(getattr(message, name) for name in Workload._fields)) == workload
 
 
 @pytest.mark.parametrize(("kept", "lost"), [(20, []), (8, ["steps 8 to 19"])])

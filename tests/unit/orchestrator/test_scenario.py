@@ -82,15 +82,6 @@ def test_the_last_override_wins_and_the_seed_above_all() -> None:
     assert (scenario.agents.count, scenario.seed) == (8, 9)
 
 
-def test_a_mixture_can_be_set() -> None:
-    """Also tables in lists are TOML values."""
-    parts = "[{weight = 2, mean_m = [10, 10]}, {mean_m = [30, 30], covariance_m2 = [[9, 0], [0, 9]]}]"
-    density = load_scenario(
-        "smoke", ["events.density.kind=mixture", f"events.density.components={parts}"]
-    ).events.density
-    assert [part.weight for part in density.components] == [2.0, 1.0]
-
-
 @in_one_test(
     ("override", "said"),
     [
@@ -117,13 +108,6 @@ def test_a_wrong_override_is_explained(override: str, said: str) -> None:
     """By the key's path and what was found."""
     (problem,) = problems("smoke", override)
     assert names(problem, said), problem
-
-
-def test_a_scenario_that_is_not_there_is_named() -> None:
-    """With what could have been meant."""
-    (problem,) = problems("nowhere.toml")
-    assert names(problem, "scenario: 'nowhere.toml'")
-    assert all(name in problem for name in BUILT_IN)
 
 
 @pytest.mark.parametrize(

@@ -204,9 +204,3 @@ def test_a_wrong_question_ends_with_2(folder: Path, arguments: list[str], facts:
     assert main(["why", str(folder), *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert all(fact in line for fact in facts), line
-
-
-def test_what_is_no_run_cannot_be_asked(tmp_path: Path, capsys: Printed) -> None:
-    """Exit code 2, and its name."""
-    assert main(["why", str(tmp_path), "1", "2", "--at", "5"]) == 2
-    assert str(tmp_path) in capsys.readouterr().err

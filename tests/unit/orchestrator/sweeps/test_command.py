@@ -13,7 +13,7 @@ import pytest
 
 from deltaswarm_cli.main import main
 from tests.support.swarms import heeds, wait_until
-from tests.support.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, written
+from tests.support.sweeping import LOSSES, all_gone, marked, sweep, sweeping, written
 from tests.support.tiers import first_of
 
 pytestmark = pytest.mark.processes
@@ -154,15 +154,3 @@ def test_an_engine_that_cannot_be_is_refused(tmp_path: Path, capsys: pytest.Capt
     assert ended.value.code == 2
     assert "--jobs" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_without_dask_the_command_says_what_to_install(tmp_path: Path) -> None:
-    """And needs none for anything else."""
-    program = (
-        "import sys; sys.modules['dask'] = sys.modules['distributed'] = None\n"
-        "from deltaswarm_cli.main import main\n"
-        f"sys.exit(main(['sweep', 'smoke', '--engine', 'dask', '--out', {str(tmp_path / 'out')!r}]))"
-    )
-    done = python("-c", program)
-    assert done.returncode == 2
-    assert re.fullmatch(r"deltaswarm: engine dask .*'deltaswarm\[cluster\]'\n", done.stderr)

@@ -61,18 +61,6 @@ def test_an_installed_package_adds_sweeps_of_its_own(
     assert json.loads(capsys.readouterr().out)["ours"] == {"mine": "Two speeds."}
 
 
-def test_the_papers_conditions_are_all_there() -> None:
-    """Three structures, hybrid 2 to 10, both ablations, and 100 agents by both readings of covariance and rate."""
-    sweep = load_sweep("paper")
-    assert sweep.file.sweep.repeats == 20
-    scenarios = {variant.label: variant.scenario for variant in sweep.variants}
-    assert {scenarios[f"hybrid {delta}"].control.options["delta"] for delta in range(2, 11)} == set(range(2, 11))
-    large = [one for one in scenarios.values() if one.agents.count == 100]
-    assert len({(one.events.rate_hz, one.events.density.covariance_m2) for one in large}) == 4
-    assert not scenarios["no recruitment"].control.options["recruitment"]
-    assert not scenarios["no dissolution"].control.options["dissolution"]
-
-
 @pytest.mark.parametrize("axes", [{"control.delta": [2, 3]}, {"control": {"delta": [2, 3]}}], ids=["quoted", "nested"])
 def test_a_dotted_key_is_the_same_quoted_or_not(axes: dict[str, Any]) -> None:
     """TOML reads the one as a key and the other as a table in a table."""

@@ -244,12 +244,6 @@ def test_the_end_of_a_sweep_counts_runs_and_comparisons(tmp_path: Path) -> None:
     assert "real processes: 1" in described(conducted(planned(prove=1), tmp_path / "both", Here()))
 
 
-def test_seconds_of_earlier_sessions_are_said_to_be_so(tmp_path: Path) -> None:
-    """A sweep's wall time is that of all its sessions."""
-    for session in (1, 2):
-        assert f"sessions: {session}" in described(conducted(planned(), tmp_path / "out", Here()))
-
-
 # Whose folder it is
 
 
