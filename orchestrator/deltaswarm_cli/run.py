@@ -5,15 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltaswarm_cli.arguments import (
-    add_dry_run,
-    add_engine,
-    add_json,
-    add_markers,
-    add_quiet,
-    host_and_port,
-    show,
-)
+from deltaswarm_cli.arguments import add_dry_run, add_engine, add_json, add_markers, add_quiet, host_and_port, show
 from deltaswarm_orchestrator.base.advice import options_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.base.paths import free_folder, must_exist

@@ -50,11 +50,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
         SettingsError: arguments are wrong; the text says what must hold.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "name": "deltaswarm_v0",
-        "render_modes": ["ansi"],
-        "is_parallelizable": True,
-    }
+    metadata: ClassVar[dict[str, Any]] = {"name": "deltaswarm_v0", "render_modes": ["ansi"], "is_parallelizable": True}
 
     def __init__(
         self,

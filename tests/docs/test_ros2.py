@@ -13,15 +13,7 @@ import pytest
 from deltaswarm_board.bodies import find_body, options_of
 from deltaswarm_board.settings import read_settings
 from deltaswarm_ros2.cdr import encode
-from deltaswarm_ros2.definitions import (
-    CLOCK,
-    ODOMETRY,
-    POSE_ARRAY,
-    POSE_STAMPED,
-    TWIST,
-    TWIST_STAMPED,
-    type_hash,
-)
+from deltaswarm_ros2.definitions import CLOCK, ODOMETRY, POSE_ARRAY, POSE_STAMPED, TWIST, TWIST_STAMPED, type_hash
 from deltaswarm_ros2.keys import (
     PUBLISHER,
     RMW_ZENOH,

@@ -42,10 +42,7 @@ class Snapshot(NamedTuple):
     def headings_m(self, radius_m: float) -> list[Line]:
         """A line from the centre of each body that has a heading to its edge."""
         return [
-            [
-                (body.x_m, body.y_m),
-                (body.x_m + radius_m * math.cos(angle), body.y_m + radius_m * math.sin(angle)),
-            ]
+            [(body.x_m, body.y_m), (body.x_m + radius_m * math.cos(angle), body.y_m + radius_m * math.sin(angle))]
             for body in self.bodies
             if (angle := body.heading_rad) is not None
         ]

@@ -159,12 +159,7 @@ ACCOUNT = (
         "those with an answer in time; the last act counts while it holds",
         compute=lambda run: run.outcome.world.get("agent_steps", {}).get("answered"),
     ),
-    Metric(
-        "agent_steps.answered_share",
-        "their share",
-        compute=answered_share,
-        label="agent-steps answered",
-    ),
+    Metric("agent_steps.answered_share", "their share", compute=answered_share, label="agent-steps answered"),
     Metric(
         "agents_failed",
         "agents whose controller raised, or whose process or link ended, by no fault of the scenario: first `step`, "
@@ -250,10 +245,7 @@ PERSON = (
         study="person_utilisation",
     ),
     _of_person(
-        "load",
-        "mean of the load x, from 0 to 1",
-        title="Mean load of the operator, from 0 to 1",
-        study="person_load",
+        "load", "mean of the load x, from 0 to 1", title="Mean load of the operator, from 0 to 1", study="person_load"
     ),
     _of_person(
         "load_above_0_7_s", "time with x above 0.7", "s", title="Time at a load above 0.7", study="person_high_load"

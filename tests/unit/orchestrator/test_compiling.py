@@ -115,10 +115,7 @@ HERE = Path(compiling.__file__).parents[1]
 
 @pytest.mark.parametrize(
     ("folder", "origin"),
-    [
-        (HERE, {"url": "file:///clone", "dir_info": {"editable": True}}),
-        (Path("/elsewhere"), None),
-    ],
+    [(HERE, {"url": "file:///clone", "dir_info": {"editable": True}}), (Path("/elsewhere"), None)],
     ids=["editable", "another copy is imported"],
 )
 def test_sources_that_may_change_stay_pure(

@@ -27,8 +27,7 @@ def test_the_shell_accepts_its_script(shell: str, tmp_path: Path, capsys: pytest
 
 
 @pytest.mark.parametrize(
-    ("typed", "offered"),
-    [("deltaswarm stu", "study"), ("deltaswarm run --station-l", "--station-listen")],
+    ("typed", "offered"), [("deltaswarm stu", "study"), ("deltaswarm run --station-l", "--station-listen")]
 )
 def test_bash_completes(typed: str, offered: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands, their options, and subcommands."""
