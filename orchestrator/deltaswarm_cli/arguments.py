@@ -50,8 +50,8 @@ def add_markers(command: Group) -> None:
         "--markers",
         type=_markers,
         metavar="HOST:PORT|lsl",
-        help="tell other instruments what the person does and is asked, as it happens: JSON lines for whoever connects "
-        "there, or an LSL marker stream (extra lsl)",
+        help="send what the person does and is asked to other instruments as it happens: JSON lines to every client "
+        "that connects to HOST:PORT, or an LSL marker stream (extra lsl)",
     )
 
 

@@ -22,16 +22,16 @@ from deltaswarm_wire.plugins import PARTS, find
 
 COMMANDS = {
     "run": "run a scenario with real processes",
-    "sweep": "many runs that differ in some keys, in one table",
+    "sweep": "do many runs that differ in some keys, with their results in one table",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
-    "new": "make a folder for a controller of your own: its file, tests, a scenario and a study",
-    "station": "open the page of a run that is under way, for the person who watches and commands",
+    "new": "make a folder for your own controller, with tests, a scenario and a study",
+    "station": "open the operator's page of a run in progress",
     "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",
-    "top": "watch a run under way on a terminal",
-    "why": "explain how a run ended, or whether one agent could hear another at some time of it",
-    "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
-    "compile": "compile the cores of this installation, so that runs take less time",
+    "top": "watch a run in progress in the terminal",
+    "why": "explain how a run ended, or why one agent could not hear another at a given time",
+    "export": "export a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
+    "compile": "compile the cores of this installation, for faster runs",
     "doctor": "check whether this machine has what runs need",
     "completion": "print a script with which a shell completes commands and options",
 }

@@ -10,8 +10,7 @@ from deltaswarm_cli.arguments import A_RUN, add_json, add_quiet, host_and_port, 
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.base.paths import must_exist, part_of
-from deltaswarm_orchestrator.base.ports import check_ports
+from deltaswarm_orchestrator.base.paths import check_ports, must_exist, part_of
 from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_wire.arguments import number, whole

@@ -40,7 +40,7 @@ NEEDS = {
     "engine": "scheduler",
     "scheduler": "engine",
 }
-"""Options, and the one without which they have no effect."""
+"""Options, and the option without which they have no effect."""
 
 EXCLUDES = {
     "in_process": (("station", "researcher", "boards", "checkpoint", "listen", "zenoh"), "there is one process"),
@@ -116,7 +116,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--live-connect",
         type=connects_to,
         metavar="ENDPOINT",
-        help="where the observer is reached; for --live ros2 the ROS side's Zenoh router (default: tcp/127.0.0.1:7447)",
+        help="endpoint of the observer; with --live ros2, of the Zenoh router of ROS (default: tcp/127.0.0.1:7447)",
     )
     group = command.add_argument_group("station")
     group.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
@@ -124,7 +124,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--speed",
         type=number(0, 1000),
         metavar="N",
-        help="with --station: simulated per wall second to begin with; 0: as fast as possible (default: 1)",
+        help="with --station: initial speed, in simulated seconds per second; 0: as fast as possible (default: 1)",
     )
     group.add_argument(
         "--station-listen",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from deltaswarm_cluster.agents import Credentials, DaskPlacement, Supervisor
 from deltaswarm_cluster.plan import ClusterError, Remote, divide, spans
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.ports import check_ports
+from deltaswarm_orchestrator.base.paths import check_ports
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.extras import missing
 from deltaswarm_wire.session import host_and_port

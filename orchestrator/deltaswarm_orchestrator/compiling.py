@@ -1,4 +1,4 @@
-"""Compile the cores with mypyc, into a wheel that is being built or into the installation at hand.
+"""Compile the cores with mypyc, into a wheel that is being built or into the current installation.
 
 This file uses the standard library alone, because the build of a wheel loads it without its package. Compiled modules
 lie beside their sources; Python prefers them.

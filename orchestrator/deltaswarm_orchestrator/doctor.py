@@ -1,4 +1,4 @@
-"""Check what a machine needs for a swarm and what it has, and say how to get what is missing."""
+"""Check whether a machine has what runs need, and say how to get what is missing."""
 
 import multiprocessing
 import os

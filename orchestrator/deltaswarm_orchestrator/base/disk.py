@@ -1,4 +1,4 @@
-"""Disk space: an estimate before a run, a reserve for its final results, and the error for a full disk."""
+"""Disk space: estimate it before a run, reserve some for the results, and report a full disk."""
 
 import os
 import shutil

@@ -38,7 +38,7 @@ def show_notices(are_shown: bool) -> None:
 
 
 def notice(text: str) -> None:
-    """Print on standard error what is worth knowing and no error, unless notices are off."""
+    """Print a notice on standard error, unless notices are off."""
     if _Notices.are_shown:
         print(text, file=sys.stderr, flush=True)
 
@@ -48,7 +48,7 @@ def complain(text: str) -> None:
 
 
 class Reporter:
-    """Takes the progress of a run. This base class discards it, and needs no terminal: sweep workers show nothing."""
+    """Shows the progress of a run. This base class shows nothing, as in the workers of a sweep."""
 
     def update(self, status: "Status", messages_per_s: float | None) -> None:
         """Take the newest state."""

@@ -1,4 +1,4 @@
-"""The files that decide a run: identified once, before the first run, and checked whenever a run begins and ends."""
+"""Identify the files that decide a run, once before the first run; check them when a run begins and ends."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ Inputs = Mapping[str, str]
 
 
 class InputsChangedError(CommandError):
-    """A file that decides a run is not the one that was identified."""
+    """A file that decides a run has changed since it was identified."""
 
     code = FAILED
 
@@ -65,7 +65,7 @@ def of_controller(mode: str) -> dict[str, str]:
 
 
 def differences(was: Mapping[str, Any], now: Inputs) -> str:
-    """Name the inputs that differ from those that a manifest names; "" if none does, or none is named."""
+    """Name the inputs that differ from those in a manifest; "" if all are equal or the manifest has none."""
     return ", ".join(name for name in {**was, **now} if was and was.get(name) != now.get(name))
 
 

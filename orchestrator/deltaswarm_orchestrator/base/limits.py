@@ -1,4 +1,4 @@
-"""Limits of one user or container on open files, and on processes with their threads (Linux)."""
+"""Limits of a user or container on open files, processes and threads (Linux)."""
 
 import errno
 import math
@@ -33,7 +33,7 @@ NO_THREAD = "can't start new thread"
 
 @dataclass(frozen=True)
 class Limit:
-    """What a run needs of something, and what this process and its children may have besides what others use."""
+    """How much of a resource a run needs, and how much this process and its children may still use."""
 
     name: str
     needed: int

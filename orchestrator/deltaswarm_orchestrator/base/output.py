@@ -1,4 +1,4 @@
-"""Standard output and error of commands, which may be closed, full, or no longer read."""
+"""Standard output and error of commands: they may be closed, full, or no longer read."""
 
 import errno
 import io

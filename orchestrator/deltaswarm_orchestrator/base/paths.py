@@ -1,14 +1,16 @@
-"""Paths that a user gives: what must be there, what can be written, and which folder is free."""
+"""Check paths and addresses that a user gives, before anything runs: they exist, can be written, or are free."""
 
 import os
+import socket
 import stat
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from itertools import chain, count
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_wire.checked import did_you_mean
 from deltaswarm_wire.child import NO_ROOM, exit_code_of
+from deltaswarm_wire.session import OVER_TCP, host_and_port, protocol_of
 
 LEVELS = 3
 """Levels of folders below a folder of results: `sessions/S` has `participant-1/RUN/logs`."""
@@ -110,3 +112,20 @@ def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> No
         near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
         hint = near and f"; {near.strip()}"
     raise CommandError(f"{name} must be {what} (got {str(path)!r}; there is nothing at {path.absolute()}{hint})")
+
+
+def check_ports(endpoints: Mapping[str, str]) -> None:
+    """Check that a process can listen at endpoints, by the options that name them; those not over TCP are left out."""
+    seen: dict[tuple[str, int], str] = {}
+    for option, endpoint in endpoints.items():
+        if protocol_of(endpoint) not in OVER_TCP:
+            continue
+        host, port = host_and_port(endpoint)
+        if port and (other := seen.setdefault((host, port), option)) != option:
+            raise CommandError(f"{option} must be another address than {other} (got {host}:{port})")
+        try:
+            socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+        except OSError as error:
+            reason = (error.strerror or str(error)).partition(" (while ")[0]
+            must = "must be an address of this machine with a free port"
+            raise CommandError(f"{option} {must} (got {host}:{port}: {reason}); choose another") from None

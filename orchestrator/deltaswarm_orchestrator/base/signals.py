@@ -1,4 +1,4 @@
-"""Signals that ask the program to stop, also while it starts processes.
+"""Handle signals that stop the program, also while it starts processes.
 
 Imports next to nothing, because the handlers are set before all else.
 """

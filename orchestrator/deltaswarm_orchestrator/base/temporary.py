@@ -1,4 +1,4 @@
-"""Temporary folders that do not pile up: what a killed process leaves, the next command removes."""
+"""Temporary folders; a command removes those that killed processes left behind."""
 
 import fcntl
 import os

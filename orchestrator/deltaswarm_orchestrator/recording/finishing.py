@@ -1,4 +1,4 @@
-"""Give a recording that was cut off its index and its end, so that every MCAP reader opens it."""
+"""Complete a recording that was cut off with its index and its end, so that every MCAP reader opens it."""
 
 from pathlib import Path
 from typing import IO

@@ -1,4 +1,4 @@
-"""Record everything about a run that is worth keeping, as MCAP, while the run is under way.
+"""Record a run as MCAP while it is in progress.
 
 This module does file input and output only: `transcriber.py` makes the messages, and the caller has the run's clock
 and connection.

@@ -1,4 +1,4 @@
-"""What a viewer shows of one step: frames, and agents, trees, links and events as shapes and as points.
+"""Make what a viewer shows of one step: frames, and agents, trees, links and events as shapes and as points.
 
 One entity per topic holds all shapes of the topic. Each message replaces the one before entirely, so nothing needs to
 be deleted, even when a viewer jumps in time.

@@ -1,4 +1,4 @@
-"""What a recording holds: its topics, and the protobuf message of each.
+"""The topics of a recording, and the protobuf message of each.
 
 Viewers draw a topic by the name of its schema: Foxglove and Lichtblick the scene, Rerun the points. The
 `foxglove` messages are the published ones; the `deltaswarm` messages are made here from the wire's named tuples.

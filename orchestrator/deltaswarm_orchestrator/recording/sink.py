@@ -1,4 +1,4 @@
-"""Interfaces of the objects that record or show a run, for the code that feeds them."""
+"""Interfaces of objects that record or show a run."""
 
 from collections.abc import Sequence
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""The folder of a run in progress: who holds it, what it may replace, when it gets its final name."""
+"""The folder of a run in progress: its lock, what it may replace, and its final name."""
 
 import errno
 import os

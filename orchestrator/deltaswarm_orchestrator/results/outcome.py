@@ -1,4 +1,4 @@
-"""What one run recorded, and what metrics are computed from."""
+"""Data recorded by one run, and the functions that metrics are computed with."""
 
 import hashlib
 import math
@@ -75,7 +75,7 @@ class Outcome:
     world: dict[str, Any] = field(default_factory=dict)
     operator: dict[str, Any] = field(default_factory=dict)
     told_s: Mapping[int, float] | None = None
-    """By event, when the operator was first told of it [s]; None: the operator did not get to say so."""
+    """By event, when the operator was first told of it [s]; None: the operator ended before it could say so."""
     shown_s: Mapping[int, float] | None = None
     """By event, when the inbox of the person at the console first showed it [s]; None: there was no person."""
     read_s: Mapping[int, float] | None = None
@@ -246,7 +246,7 @@ def own_last(name: str) -> Compute:
 
 
 def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
-    """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
+    """Summarise the times until a moment over the followed events; None if the moment was not recorded."""
 
     def compute(run: RunData) -> float | None:
         is_unknown = moment.column in BY_OPERATOR and getattr(run.outcome, moment.column) is None

@@ -1,4 +1,4 @@
-"""Results of a run: the files of its parts, merged into tables and one summary; scores of a person's answers."""
+"""Merge the files of a run's parts into its tables, read them back, and score a person's answers."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""The summary of a run: its metrics, what its parts found, and whether its numbers may be used."""
+"""The summary of a run: its metrics, the counts of its parts, and whether its numbers may be used."""
 
 import math
 from collections import Counter
@@ -26,7 +26,7 @@ HUNG_STEPS, HUNG_S = 20, 1.0
 `run.step_timeout_s`."""
 
 OFTEN = 5
-"""Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
+"""Number of sequence number resets that is no coincidence: an agent that restarts behind a dead link causes one."""
 
 
 def of_world(name: str, default: Any = None) -> Compute:
@@ -70,7 +70,7 @@ def why_invalid(run: RunData) -> list[str]:
 
 
 def failed_agents(run: RunData) -> list[dict[str, Any]]:
-    """Return the agents that failed, by nobody's plan: `agent`, `step`, `steps` missed, and `cause`."""
+    """Return the agents that failed although no fault of the scenario made them fail."""
     outcome, causes = run.outcome, run.outcome.causes
     rows = {row["agent"]: row for row in outcome.world.get("agents_failed", [])}
     step = len(run.steps)
@@ -96,7 +96,7 @@ def hung_agents(run: RunData) -> list[dict[str, Any]]:
 
 
 def missing_agents(run: RunData) -> list[str]:
-    """Name the agents that did not take part in the whole run, unless the scenario accepts so many."""
+    """Name the agents that missed a part of the run, unless the scenario accepts as many."""
     rows = [("failed", row) for row in failed_agents(run)] + [("hung", row) for row in hung_agents(run)]
     agents = {row["agent"] for _, row in rows}
     if run.scenario.run.accepts_lost(len(agents), run.scenario.agents.count):

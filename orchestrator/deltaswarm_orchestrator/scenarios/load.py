@@ -1,4 +1,4 @@
-"""Load scenarios from TOML files or built-in ones, apply `--set`, and check the result as a whole."""
+"""Load a built-in scenario or a TOML file, apply `--set`, and check the result as a whole."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""Engines that do the runs of a sweep: processes on this machine, or what an extension adds."""
+"""Engines that do the runs of a sweep: worker processes on this machine, this process, or an extension's."""
 
 import contextlib
 import multiprocessing

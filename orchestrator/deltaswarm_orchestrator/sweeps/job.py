@@ -1,4 +1,4 @@
-"""Do one run of a sweep, from its scenario to the result that is kept."""
+"""Do one run of a sweep; return the result that the sweep keeps."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""Load sweep files, from TOML or built in: check them as a whole and expand them into variants."""
+"""Load a built-in sweep or a TOML file, check it as a whole, and expand it into variants."""
 
 import copy
 import itertools

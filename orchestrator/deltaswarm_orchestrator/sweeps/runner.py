@@ -1,4 +1,4 @@
-"""Conduct a sweep: keep the finished runs, do the missing ones, and write tables of all."""
+"""Conduct a sweep: keep finished runs, do the missing ones, and write the tables."""
 
 import sys
 import time

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from deltaswarm_learn.environment import SwarmEnv
-from deltaswarm_learn.rewards import REWARDS, StepOutcome, reward_function
-from deltaswarm_learn.tally import Tally
+from deltaswarm_learn.rewards import REWARDS, StepOutcome, Tally, reward_function
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.support.learning import episode
 
