@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from deltaswarm_cli.main import PARTS, all_commands
 from deltaswarm_wire import __version__
 from tests.support.pages import ROOT, commands, shell
 
@@ -57,13 +56,6 @@ def test_the_first_page_leads_to_the_four_kinds_of_documentation(site: Path) -> 
     first = (site / "docs" / "index.html").read_text()
     for caption in ("Tutorial", "How-to guides", "Reference", "Explanation", "Published studies"):
         assert f'<span class="caption-text">{caption}</span>' in first
-
-
-def test_every_command_is_a_heading_of_the_reference(site: Path) -> None:
-    """Those of the core, of extensions and of the parts."""
-    text = (site / "docs" / "COMMANDS.html").read_text()
-    for command in (*all_commands(), *PARTS.shipped, "agent-board"):
-        assert f'id="deltaswarm-{command}"' in text, command
 
 
 def test_the_citation_is_of_this_version() -> None:

@@ -45,6 +45,7 @@ def test_a_folder_with_what_is_no_file_is_refused(command: tuple[str, ...], tmp_
         ("study paper --freeze --out FILE", "--out"),
         ("certificates --agents 0 --out FILE/x", "--out"),
         ("certificates --operator-key FILE/key", "--operator-key"),
+        ("bundle --platform linux_x86_64 --out FILE/x", "--out"),
         ("run smoke --boards 0 --boards-folder FILE --listen tcp/127.0.0.1:0 --dry-run", "--boards-folder"),
     ],
 )

@@ -45,18 +45,6 @@ def test_a_signal_ends_a_sweep_in_order(tmp_path: Path, number: signal.Signals) 
     assert (manifest["finished"], manifest["digest"]) == (running.finished(), None)
 
 
-def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
-    """Real agent processes, in mid-run."""
-    with sweeping(written(tmp_path, duration_s=1e7), tmp_path / "out", "-j", "2", "--processes") as running:
-        wait_until(lambda: len(marked(running.mark)) >= 21, "all processes")
-        running.process.send_signal(signal.SIGINT)
-        code, _, errors = running.finish()
-        assert code == 130
-        assert "0 of 6 runs" in errors
-        assert "Traceback" not in errors
-        all_gone(running.mark)
-
-
 @pytest.mark.parametrize("engine", ["local", "dask"])
 @pytest.mark.parametrize("workers", first_of([3, 1]))
 def test_a_terminals_ctrl_c_while_workers_start(tmp_path: Path, engine: str, workers: int) -> None:

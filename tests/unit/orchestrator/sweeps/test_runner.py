@@ -15,7 +15,6 @@ import pytest
 from deltaswarm.errors import error_of
 from deltaswarm.sweeps import each_trace_once
 from deltaswarm_cli.main import main
-from deltaswarm_cli.sweep import described
 from deltaswarm_orchestrator.base.seal import SealError
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
@@ -234,14 +233,6 @@ def test_the_command_says_which_runs_differ_and_ends_with_1(tmp_path: Path, caps
     printed = capsys.readouterr()
     assert f"deltaswarm: digests differ between one process and real processes: {name}" in printed.err
     assert re.search(r"real processes: 1, .*: 0$", printed.out, flags=re.MULTILINE)
-
-
-def test_the_end_of_a_sweep_counts_runs_and_comparisons(tmp_path: Path) -> None:
-    """There is nothing to compare where every run is done by processes, and none in one process."""
-    only = described(conducted(planned(), tmp_path / "processes", Here(), means=PROCESSES))
-    assert only.startswith("4 of 4 runs")
-    assert "real processes: 0" in only
-    assert "real processes: 1" in described(conducted(planned(prove=1), tmp_path / "both", Here()))
 
 
 # Whose folder it is

@@ -3,7 +3,6 @@
 import json
 import shutil
 import time
-import tomllib
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -159,17 +158,6 @@ def test_the_folder_holds_nothing_else(done: Path) -> None:
     names |= {f"{name}.{kind}" for name in ("table", "series", "costs", "senders") for kind in ("csv", "parquet")}
     assert {file.name for file in done.iterdir()} == names
     assert all(file.suffix == ".json" for file in (done / "runs").iterdir())
-
-
-@pytest.mark.processes
-def test_the_sweeps_own_record_makes_it_again(done: Path) -> None:
-    """The same runs, by their content."""
-    again, first = (load_sweep(str(file)) for file in (done / "sweep.toml", done.parent / "mine.toml"))
-    assert [job.key for job in again.jobs()] == [job.key for job in first.jobs()]
-    assert tomllib.loads((done / "sweep.toml").read_text())["scenario"] == {
-        "run.duration_s": 150.0,
-        "metrics.horizon_s": 20.0,
-    }
 
 
 # Whoever did the runs
