@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from deltaswarm_cli.main import carry_out
-from deltaswarm_orchestrator.base.exits import OK, named
+from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_wire.arguments import Parser, whole
 
 
@@ -33,13 +33,14 @@ MEASUREMENTS = {
 
 
 def parser() -> Parser:
-    parser = Parser(prog="python -m benchmarks", description="Measure what a swarm costs on this machine.")
+    parser = Parser(
+        prog="python -m benchmarks", description="Measure what a swarm costs on this machine; print the result as JSON."
+    )
     measurements = parser.add_subparsers(dest="measurement", required=True, metavar="MEASUREMENT")
     for name, (options, summary) in MEASUREMENTS.items():
         command = measurements.add_parser(name, help=summary, description=f"Measure {summary}.")
         for option in options:
             command.add_argument(f"--{option}", metavar="N,N,..." if option == "sizes" else "N", **OPTIONS[option])
-        command.add_argument("--json", action="store_true", help="print the result as one JSON document")
         command.set_defaults(func=measure)
     return parser
 
@@ -48,7 +49,7 @@ def measure(arguments: argparse.Namespace) -> int:
     options, _ = MEASUREMENTS[arguments.measurement]
     module = importlib.import_module(f"benchmarks.{arguments.measurement}")
     result = module.measure(*(getattr(arguments, option) for option in options))
-    print(json.dumps(result) if arguments.json else named(result))
+    print(json.dumps(result, indent=2))
     return OK
 
 

@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from typing import Any, Protocol
+from typing import Any
 
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.processes.engines import LOCAL
@@ -11,8 +11,8 @@ from deltaswarm_wire.extras import missing
 A_RUN = "the folder of a run"
 
 
-class Group(Protocol):
-    def add_argument(self, *names: str, **options: Any) -> argparse.Action: ...
+Group = argparse._ActionsContainer
+"""A parser, or a group of its arguments."""
 
 
 def add_dry_run(command: Group, prints: str) -> None:

@@ -90,7 +90,7 @@ def test_coverage_tells_when_half_of_the_agents_know() -> None:
 @pytest.mark.processes
 def test_runs_of_processes_are_measured(capsys: Printed) -> None:
     """A row for each size, with the world's phases; no process is left on Python's list."""
-    assert main(["processes", "--sizes=6,3", "--steps=20", "--rounds=1", "--json"]) == 0
+    assert main(["processes", "--sizes=6,3", "--steps=20", "--rounds=1"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [row["agents"] for row in found["sizes"]] == [6, 3]
     for row in found["sizes"]:

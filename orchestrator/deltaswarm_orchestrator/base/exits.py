@@ -1,7 +1,7 @@
 """What commands tell the user: exit codes, messages, progress, and results as text."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # imported before the signal handlers are set, so it imports nothing itself
@@ -64,22 +64,6 @@ def aligned(rows: Iterable[Iterable[str]]) -> str:
     return "\n".join(
         "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells
     )
-
-
-def named(values: Mapping[str, Any]) -> str:
-    """Format named values, one line each; lists of rows and mappings follow as tables."""
-    plain, tables = [], []
-    for name, value in values.items():
-        rows = value if isinstance(value, list) else []
-        if isinstance(value, Mapping):
-            rows = [{name: key, **(row if isinstance(row, Mapping) else {"": row})} for key, row in value.items()]
-        if rows:
-            tables.append(
-                aligned([[head.replace("_", " ") for head in rows[0]], *(map(shown, row.values()) for row in rows)])
-            )
-        else:
-            plain.append((name.replace("_", " "), shown(value)))
-    return "\n\n".join([aligned(plain), *tables])
 
 
 def shown(value: Any) -> str:

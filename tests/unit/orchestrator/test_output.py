@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_cli.main import all_commands, main, parser
-from deltaswarm_orchestrator.base.exits import aligned, named, shown
+from deltaswarm_orchestrator.base.exits import aligned, shown
 from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
@@ -165,17 +165,6 @@ def test_columns_begin_at_the_same_place() -> None:
 def test_a_value_is_short(value: object, text: str) -> None:
     """Fractions have two decimals, or none where they are large."""
     assert shown(value) == text
-
-
-def test_rows_become_a_table() -> None:
-    """A list of them, or a table of them by name; plain values come first."""
-    lines = named(
-        {"sizes": [{"agents": 5, "speed_hz": 2.5}], "radio": {"all_on": {"x": 1}}, "steps": 9, "us": {"a": 1}}
-    )
-    assert [line.split() for line in lines.splitlines() if line] == [
-        *(["steps", "9"], ["agents", "speed", "hz"], ["5", "2.50"]),
-        *(["radio", "x"], ["all_on", "1"], ["us"], ["a", "1"]),
-    ]
 
 
 def test_nothing_slow_is_imported_before_signals_are_heeded() -> None:
