@@ -82,11 +82,7 @@ def loopback_problem() -> str | None:
 
 
 def check_parts_can_start(agents: int, linked: int = 0) -> None:
-    """Check that the parts of a run can start here, and can reach each other.
-
-    Args:
-        agents: agents on this machine.
-        linked: agents on other machines.
+    """Check that the parts of a run can start here and reach each other; `linked` agents run on other machines.
 
     Raises:
         CommandError: they cannot.

@@ -49,7 +49,6 @@ def page(name: str) -> str:
 
 
 def known_options(command: str) -> set[str]:
-    """What a command of deltaswarm takes."""
     if command == "agent board":
         return set(board_parser()._option_string_actions)
     found = parser(command.split()[0])
@@ -110,7 +109,6 @@ def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
 
 
 def test_the_commands_for_pages_made_from_the_code_write_them(tmp_path: Path) -> None:
-    """Those of EXTENDING.md."""
     for name in ("RESULTS.md", "STATION.md"):
         shutil.copy(ROOT / "docs" / name, tmp_path)
     for command in commands(page("docs/EXTENDING.md")):

@@ -58,7 +58,6 @@ def test_the_tables_are_the_codes() -> None:
 
 @pytest.fixture
 def example(tmp_path: Path) -> Path:
-    """A copy of the example's folder."""
     shutil.copytree(EXAMPLE, tmp_path / "examples" / "learn")
     return tmp_path
 

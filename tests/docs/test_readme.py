@@ -75,7 +75,6 @@ def test_the_gate_runs_the_readmes_own_test_command() -> None:
 
 
 def test_the_links_lead_somewhere() -> None:
-    """Files that the README names are there."""
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         assert target.startswith("http") or (ROOT / target).exists(), target
 

@@ -32,7 +32,6 @@ def test_the_commands_for_a_cluster_and_a_run_work(tmp_path: Path) -> None:
 
 
 def test_what_is_refused_is_in_the_table() -> None:
-    """Every option that a run on a cluster excludes."""
     table = PAGE[PAGE.index("## What is refused") : PAGE.index("## When a worker is lost")]
     others, _ = EXCLUDES["engine"]
     for name in (*others, "resume"):

@@ -30,7 +30,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_notebooks_are_run_into_the_site(tmp_path: Path) -> None:
-    """The pages show figures and tables."""
     build(tmp_path / "site")
     pages = sorted((tmp_path / "site" / "docs" / "notebooks").iterdir())
     assert len(pages) == 3
@@ -68,7 +67,6 @@ def test_the_citation_is_of_this_version() -> None:
 
 
 def test_the_files_to_read_first_exist() -> None:
-    """Ten of them, each once."""
     section = (ROOT / "docs" / "ARCHITECTURE.md").read_text().split("## Ten files")[1].split("\n## ")[0]
     paths = re.findall(r"^\d+\. `(\S+\.py)`", section, re.MULTILINE)
     assert len(set(paths)) == len(paths) == 10

@@ -33,12 +33,9 @@ def identify(scenario: Scenario) -> Inputs:
 
 
 def check(scenario: Scenario, identified: Inputs, *, starts_python: bool) -> None:
-    """Check that the inputs of a run are those identified, both on disk and as this process has loaded them.
+    """Check that the inputs of a run are those that `identify` returned, on disk and as this process has loaded them.
 
-    Args:
-        scenario: the run's.
-        identified: what `identify` has returned, here or in another process.
-        starts_python: whether the run starts processes, which load deltaswarm anew.
+    `starts_python` says that the run starts processes, which load deltaswarm anew.
     """
     changed = [
         name if str(file) in name else f"{name} ({file})"

@@ -51,9 +51,9 @@ class Limit:
 
 
 def limits(agents: int, linked: int = 0) -> list[Limit]:
-    """Return the limits that matter to a run with this many agents here; `allowed` is what the hard limits leave.
+    """Return the limits that matter to a run; `allowed` is what the hard limits leave.
 
-    Agents that are `linked` run on other machines. Each is a link, and so an open file, of the world.
+    `agents` run on this machine, `linked` agents on others: each is a link, and so an open file, of the world.
     """
     return [
         Limit(
@@ -72,12 +72,7 @@ def limits(agents: int, linked: int = 0) -> list[Limit]:
 
 
 def make_room(agents: int, linked: int = 0) -> None:
-    """Raise the soft limits of this process and its children to what a run with this many agents needs.
-
-    Args:
-        agents: agents on this machine.
-        linked: agents on other machines.
-    """
+    """Raise the soft limits of this process and its children to what a run needs, or refuse it."""
     descriptors, threads = limits(agents, linked)
     for limit in (descriptors, threads):
         if not limit.is_enough:

@@ -354,7 +354,6 @@ def test_actions_are_of_the_agents_that_are_there() -> None:
     ],
 )
 def test_a_wrong_argument_is_refused(named: dict[str, Any], text: str) -> None:
-    """When the environment is made, before any episode."""
     with pytest.raises(SettingsError, match=text):
         SwarmEnv(**named)
 

@@ -103,7 +103,6 @@ def test_a_session_that_stops_goes_on_as_it_says(
 
 
 def test_a_study_without_tables_says_how_to_make_them(tmp_path: Path, capsys: Printed) -> None:
-    """Its file and its folder, not its name alone."""
     file = tmp_path / "my-study.toml"
     file.write_text(
         'schema = 1\nbase = "smoke"\n[study]\n[sweep]\nrepeats = 2\n[sweep.axes]\nradio.loss = [0.0, 0.5]\n'

@@ -87,7 +87,6 @@ def test_what_becomes_of_the_output_changes_no_result(
 
 
 def test_a_sweep_without_streams_is_done(tmp_path: Path) -> None:
-    """Its workers inherit none either."""
     shorter = ["--repeats", "1", "--prove", "1", "--set", "run.duration_s=20", "--out", str(tmp_path / "out")]
     assert on_streams("<&- >&- 2>&-", "sweep", "smoke", *shorter).returncode == 0
     assert (tmp_path / "out" / "table.csv").stat().st_size > 0
@@ -129,7 +128,6 @@ def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys:
 
 
 def test_the_version_is_the_packages(capsys: Printed) -> None:
-    """On standard output, with exit code 0."""
     assert refused("--version") == 0
     assert capsys.readouterr().out == f"deltaswarm {__version__}\n"
 
@@ -210,7 +208,6 @@ def test_runs_have_folders_of_their_own_by_default(tmp_path: Path, monkeypatch: 
 
 
 def test_info_tells_of_a_finished_run(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
-    """Manifest, summary and files, as JSON."""
     out, printed = finished
     assert main(["info", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -222,7 +219,6 @@ def test_info_tells_of_a_finished_run(finished: tuple[Path, dict[str, Any]], cap
 
 
 def test_info_tells_it_to_people_too(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
-    """In a few lines."""
     out, printed = finished
     assert main(["info", str(out)]) == 0
     text = capsys.readouterr().out

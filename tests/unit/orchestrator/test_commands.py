@@ -50,7 +50,6 @@ def test_the_commands_of_a_run_are_a_script_of_the_same_run(tmp_path: Path, step
     ],
 )
 def test_a_command_that_nobody_would_obey_is_a_mistake_of_the_scenario(row: list[object]) -> None:
-    """It is found before anything is started."""
     with pytest.raises(SettingsError):
         load_scenario("smoke", [script(row)])
 
@@ -60,7 +59,6 @@ def test_a_command_that_nobody_would_obey_is_a_mistake_of_the_scenario(row: list
     [None, "", "command = 3", "[[command]]\nname = 3", "[command]\nname='hold'", "[[command]]\nnme='hold'", "\0"],
 )
 def test_a_file_that_is_no_script_is_refused(tmp_path: Path, text: str | None) -> None:
-    """With its name or its key."""
     file = tmp_path / "commands.toml"
     if text is not None:
         file.write_text(text)
@@ -113,7 +111,6 @@ def test_an_option_without_effect_is_refused(
 
 
 def test_a_station_is_for_a_run(tmp_path: Path) -> None:
-    """A folder without one has none."""
     assert main(["station", str(tmp_path / "no-run")]) != OK
     assert main(["replay", str(tmp_path)]) != OK
 

@@ -14,7 +14,6 @@ from deltaswarm_scenario.scenario import RECORDS, Scenario
 
 @pytest.fixture
 def free(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """What the disk seems to have."""
     made = SimpleNamespace(free=0)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: made)
     return made

@@ -46,7 +46,6 @@ MM = 0.001
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A run's folder with a recording."""
     (tmp_path / "run").mkdir()
     recorded(tmp_path / "run", SCENARIO, STEPS)
     return tmp_path / "run"
@@ -186,7 +185,6 @@ def test_a_video_needs_ffmpeg(run: Path, capsys: Printed) -> None:
 def test_a_missing_library_is_named_with_its_extra(
     run: Path, name: str, library: str, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
-    """As where deltaswarm was installed without the extra."""
     monkeypatch.delitem(sys.modules, f"deltaswarm_orchestrator.export.{name}", raising=False)
     for module in [module for module in sys.modules if module.partition(".")[0] == library]:
         monkeypatch.delitem(sys.modules, module)
@@ -218,7 +216,6 @@ def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(run: Path, c
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: Printed) -> None:
-    """A folder without one, a file that is none."""
     (tmp_path / "notes.txt").write_text("no recording at all")
     for path in (tmp_path, tmp_path / "notes.txt", tmp_path / "nothing"):
         assert export(path, "csv") == 2
@@ -300,7 +297,6 @@ def test_a_whole_mcap_is_made_of_one_that_was_cut_off(run: Path, capsys: Printed
 
 
 def test_a_complete_recording_is_copied_with_its_manifest(run: Path, capsys: Printed) -> None:
-    """And is as complete as before."""
     assert export(run, "mcap") == 0
     assert capsys.readouterr().err == ""
     assert messages_in(run.with_name("run.mcap")) == messages_in(run / "recording.mcap")

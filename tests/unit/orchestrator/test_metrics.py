@@ -257,7 +257,6 @@ def test_digests_of_arrivals_are_those_of_earlier_versions() -> None:
 
 
 def test_what_broke_the_protocol_or_was_lost_counts_on_both_sides() -> None:
-    """What the world noticed and what the operator did."""
     outcome = whole(rejected=[0, 1, 0, 0, 4, 0], transport_lost=[2, 0, 0, 0, 0, 1])
     outcome.workloads = [workload(step, rejected=step, lost=10 * step) for step in range(3)]
     found = metrics(outcome, a_scenario())

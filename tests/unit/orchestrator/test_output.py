@@ -24,7 +24,6 @@ WITHOUT_JSON = {"compile", "completion", "replay"}
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a short run."""
     out = tmp_path_factory.mktemp("runs") / "short"
     command = ["run", "smoke", "--in-process", "--set", "run.duration_s=20", "--out", str(out)]
     subprocess.run([*COMMAND, *command], capture_output=True, check=True)
@@ -45,7 +44,6 @@ def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[ar
 
 @in_one_test("command", sorted(all_commands()))
 def test_every_command_with_a_result_has_json(command: str) -> None:
-    """Each of its subcommands too."""
     for own in leaves(parser(command), (command,)):
         assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
 
@@ -66,7 +64,6 @@ def test_every_command_with_a_result_has_json(command: str) -> None:
 def test_json_is_all_on_standard_output(
     command: str, keys: set[str], run: Path, tmp_path: Path, capsys: Printed
 ) -> None:
-    """One document with what the text tells."""
     assert main([*command.format(run=run, new=tmp_path / "new").split(), "--json"]) == 0
     assert keys <= json.loads(capsys.readouterr().out).keys()
 
@@ -107,7 +104,6 @@ def test_a_dry_run_refuses_what_a_run_would_refuse(command: str, run: Path, tmp_
 def test_a_dry_run_starts_and_writes_nothing(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
-    """It prints what would be run."""
     monkeypatch.chdir(tmp_path)
     words = command.format(file=a_file(tmp_path)).split()
     before = sorted(tmp_path.rglob("*"))
@@ -141,13 +137,11 @@ def test_a_quiet_command_says_nothing_beside_its_result(
 
 
 def test_a_quiet_command_still_says_what_is_wrong(run: Path, capsys: Printed) -> None:
-    """And ends with 2."""
     assert main(["run", "smoke", "-q", "--out", str(run)]) == 2
     assert str(run) in capsys.readouterr().err
 
 
 def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
-    """Of what each of its studies prints."""
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     assert main(["study", "beyond", "--plan", "--json"]) == 0
     assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]

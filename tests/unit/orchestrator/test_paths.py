@@ -52,7 +52,6 @@ def test_a_folder_with_what_is_no_file_is_refused(command: tuple[str, ...], tmp_
 def test_an_output_in_whose_place_is_a_file_is_refused(
     command: str, name: str, tmp_path: Path, capsys: Printed
 ) -> None:
-    """With the option that names it."""
     file = tmp_path / "file"
     file.touch()
     assert main(command.replace("FILE", str(file)).split()) == 2

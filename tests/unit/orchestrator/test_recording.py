@@ -111,7 +111,6 @@ def test_a_finished_recording_is_complete(tmp_path: Path) -> None:
 
 
 def test_a_finished_recording_is_preferred_to_a_part(tmp_path: Path) -> None:
-    """A run's folder with both is read as finished."""
     write(tmp_path, list(steps(SCENARIO, 3)))
     (tmp_path / "recording.mcap.part").write_bytes(b"")
     assert len(read_recording(tmp_path).step_records) == 3

@@ -60,7 +60,6 @@ def test_bodies_are_drawn_in_their_size_with_their_headings(tmp_path: Path) -> N
 
 
 def test_obstacles_are_drawn_with_the_arenas_edge(tmp_path: Path) -> None:
-    """A closed line around each."""
     obstacle = {"corners_m": [[10, 10], [30, 10], [20, 40]]}
     scenario = load(Scenario, {"agents": {"count": 12}, "arena": {"obstacles": [obstacle]}})
     edge, drawn = shapes("/scene/agents", messages(recorded(tmp_path, scenario, 1))).lines

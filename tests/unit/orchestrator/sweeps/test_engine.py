@@ -133,7 +133,6 @@ def test_workers_give_what_one_process_gives(mark: str) -> None:
 
 @pytest.mark.processes
 def test_more_workers_than_runs_do_no_harm(mark: str) -> None:
-    """And no runs need none."""
     assert len(list(LocalEngine(9).run(tasks_of(made(ONE))))) == 1
     assert list(LocalEngine(2).run([])) == []
     assert marked(mark) == []
