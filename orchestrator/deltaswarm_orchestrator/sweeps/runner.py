@@ -141,26 +141,9 @@ def run_sweep(
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest, {name: was for name, was in seal.files_of(before).items() if name != PLAN})
         write_whole(path / PLAN, tomli_w.dumps(checked.plain(sweep.file)).encode())
-        failed: list[str] = []
-        invalid = {_run_of(row): row for row in before.get("invalid", [])}
-        interrupted = False
         reporter.announce(len(wanted), len(wanted) - len(tasks))
-        try:
-            if tasks:
-                for done in make_engine().run(tasks):
-                    if done.ends_sweep:
-                        raise InputsChangedError(done.reason)
-                    if done.result is not None:
-                        folder.save(done.task.job, done.task.means, done.result)
-                    else:
-                        failed.append(f"{done.task.job.name} ({done.task.means}): {done.reason}")
-                        row = invalid_run(done.task.job, done.task.means, done.reason)
-                        invalid[_run_of(row)] = row
-                    reporter.count(done)
-        except KeyboardInterrupt:
-            interrupted = True
-        except (EngineLostError, InputsChangedError) as error:
-            failed.append(str(error))
+        failed, rows, interrupted = _do(tasks, folder, make_engine, reporter)
+        invalid = {_run_of(row): row for row in [*before.get("invalid", []), *rows]}
         missing = {(job.variant.label, job.replicate, by) for job, by in wanted if not folder.has(job, by)}
         in_order = [(job.variant.label, job.replicate, by) for job, by in kept.values()]
         invalid = {run: invalid[run] for run in in_order if run in invalid and run in missing}
@@ -198,6 +181,29 @@ def run_sweep(
         damaged=damaged,
         interrupted=interrupted,
     )
+
+
+def _do(
+    tasks: Sequence[Task], folder: SweepFolder, make_engine: Callable[[], Engine], reporter: SweepReporter
+) -> tuple[list[str], list[InvalidRun], bool]:
+    """Do runs and save them; return what failed, the rows of runs without a result, and whether it was interrupted."""
+    failed: list[str] = []
+    invalid: list[InvalidRun] = []
+    try:
+        for done in make_engine().run(tasks) if tasks else ():
+            if done.ends_sweep:
+                raise InputsChangedError(done.reason)
+            if done.result is not None:
+                folder.save(done.task.job, done.task.means, done.result)
+            else:
+                failed.append(f"{done.task.job.name} ({done.task.means}): {done.reason}")
+                invalid.append(invalid_run(done.task.job, done.task.means, done.reason))
+            reporter.count(done)
+    except KeyboardInterrupt:
+        return failed, invalid, True
+    except (EngineLostError, InputsChangedError) as error:
+        failed.append(str(error))
+    return failed, invalid, False
 
 
 def _run_of(row: InvalidRun) -> tuple[Any, ...]:
