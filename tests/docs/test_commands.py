@@ -1,6 +1,5 @@
 """Every command that the documentation names exists; every block of commands runs in a test."""
 
-import argparse
 import json
 import os
 import re
@@ -10,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from docs.extensions.command_line import subparsers
 from docs.extensions.scenario_keys import reference
 
 from deltaswarm_board.__main__ import parser as board_parser
@@ -55,11 +55,6 @@ def known_options(command: str) -> set[str]:
     for word in command.split():
         found = subparsers(found)[word]
     return set(found._option_string_actions)
-
-
-def subparsers(found: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    actions = (a.choices for a in found._actions if isinstance(a, argparse._SubParsersAction))
-    return next(actions, {})
 
 
 def test_every_block_of_commands_runs_in_a_test() -> None:

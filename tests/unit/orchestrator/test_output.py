@@ -1,14 +1,13 @@
 """What commands print: with `--json` one document on standard output and nothing else; else aligned columns."""
 
-import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from docs.extensions.command_line import subparsers, with_subcommands
 
 from deltaswarm_cli.main import all_commands, main, parser
 from deltaswarm_orchestrator.base.exits import aligned, shown
@@ -30,22 +29,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[argparse.ArgumentParser]:
-    """The parsers of a command: its own, or those of its subcommands."""
-    choices = next((a.choices for a in made._actions if isinstance(a, argparse._SubParsersAction)), None)
-    if not words and choices is None:
-        yield made
-    elif words:
-        yield from leaves(choices[words[0]], words[1:])  # type: ignore[index]
-    else:
-        for one in choices.values():
-            yield from leaves(one, ())
-
-
 @in_one_test("command", sorted(all_commands()))
 def test_every_command_with_a_result_has_json(command: str) -> None:
-    for own in leaves(parser(command), (command,)):
-        assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
+    for own in with_subcommands(subparsers(parser(command))[command]):
+        if not subparsers(own):
+            assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
 
 
 @pytest.mark.parametrize(
