@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_cli.main import main
+from deltaswarm_cli.main import GROUPS, main
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, INTERRUPTED, MISSED, OK, USAGE
 from deltaswarm_orchestrator.results.folder import RunFolder
@@ -163,6 +163,14 @@ def test_the_help_explains_every_exit_code(capsys: Printed) -> None:
     lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
     assert all([str(code), meaning] in lines for code, meaning in EXIT_CODES.items())
     assert {OK, FAILED, USAGE, MISSED, INTERRUPTED} == set(EXIT_CODES)
+
+
+def test_the_help_has_every_command_in_its_group(capsys: Printed) -> None:
+    """Without commands of other packages, whose group comes last."""
+    assert refused("--help") == 0
+    printed = capsys.readouterr().out
+    assert all(f"  {title}:\n" in printed for title in GROUPS)
+    assert "other packages:" not in printed
 
 
 def test_a_dry_run_prints_the_effective_scenario_and_starts_nothing(

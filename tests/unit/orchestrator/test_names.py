@@ -37,6 +37,7 @@ def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
         "faults",
     ]
     assert all(text for names in found.values() for text in names.values())
+    assert all(text.endswith(".") for kind in ("scenarios", "sweeps", "studies") for text in found[kind].values())
     for name in found["scenarios"]:
         assert main(["run", name, "--dry-run"]) == 0
     for name in (*found["sweeps"], *found["studies"]):
