@@ -131,8 +131,8 @@ DYNAMICS = ExtensionPoint(
 )
 """What `world.dynamics` takes: how bodies move. Bodies that take up room come with an extension package."""
 
-COMMANDS = ExtensionPoint("deltaswarm.commands", "command", "deltaswarm_orchestrator.cli:AddArguments", {}, ())
-"""Commands of `deltaswarm`; those of the core are listed in `deltaswarm_orchestrator.cli`."""
+COMMANDS = ExtensionPoint("deltaswarm.commands", "command", "deltaswarm_cli.main:AddArguments", {}, ())
+"""Commands of `deltaswarm`; those of the core are listed in `deltaswarm_cli.main`."""
 
 PARTS = ExtensionPoint(
     "deltaswarm.parts",

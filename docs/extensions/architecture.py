@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2]
 CORE = {
     "deltaswarm_wire": "agent",
     "deltaswarm_scenario": "agent",
+    "deltaswarm_cli": "orchestrator",
     "deltaswarm": "orchestrator",
     "deltaswarm_orchestrator": "orchestrator",
     "deltaswarm_world": "world",
@@ -25,11 +26,10 @@ EXTENSIONS = {
     "deltaswarm_board": "agent",
     "deltaswarm_ros2": "agent",
     "deltaswarm_physics": "world",
-    "benchmarks": "orchestrator",
 }
 """Folder by package, in the order of a run: what all share, then who starts the run, then who takes part."""
 
-ORDER = ("cli", "scenarios", "run", "processes", "base", "core", "inbox", "io", "station", "recording", "results")
+ORDER = ("scenarios", "run", "processes", "base", "core", "inbox", "io", "station", "recording", "results")
 """Folders of a package in the order of a run; other folders follow."""
 
 JOINS = tuple(f"deltaswarm_orchestrator/run/{name}.py" for name in ("in_process", "bounds", "checkpoints"))

@@ -5,11 +5,10 @@ import re
 import textwrap
 from collections.abc import Iterator
 
-import benchmarks.__main__ as benchmarks
 from deltaswarm_agent.__main__ import parser as agent
 from deltaswarm_board.__main__ import parser as board
+from deltaswarm_cli.main import all_commands, parser
 from deltaswarm_operator.__main__ import parser as operator
-from deltaswarm_orchestrator.cli import all_commands, parser
 from deltaswarm_world.__main__ import parser as world
 
 HEAD = """\
@@ -19,8 +18,6 @@ With `--json` a command prints its result as one JSON document on standard outpu
 notices and errors are on standard error. Three commands have no result to read:
 `deltaswarm replay` serves a page until it is interrupted, `deltaswarm completion` prints a script, and
 `deltaswarm compile` changes the installation.
-
-The developers' measurements, `python -m benchmarks`, come with a clone only.
 """
 
 WIDTH = 100
@@ -38,12 +35,11 @@ def reference() -> str:
 
 
 def every_parser() -> Iterator[argparse.ArgumentParser]:
-    """Yield the parser of `deltaswarm`, of each of its commands and parts, and of the measurements."""
+    """Yield the parser of `deltaswarm` and of each of its commands and parts."""
     yield parser()
     for name in all_commands():
         yield from with_subcommands(subparsers(parser(name))[name])
     yield from (agent(), board(), world(), operator())
-    yield from with_subcommands(benchmarks.parser())
 
 
 def with_subcommands(command: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

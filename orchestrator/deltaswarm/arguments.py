@@ -1,4 +1,4 @@
-"""Check the arguments of public functions by their annotations: a wrong one is named before anything is done."""
+"""Check the arguments of public functions by their annotations, before anything is done."""
 
 import functools
 import inspect

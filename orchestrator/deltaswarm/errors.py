@@ -1,4 +1,4 @@
-"""The one exception of this package: its text is what the command line prints, and its code the exit code."""
+"""The exception of this package: its text is what the command line prints, and its code the exit code."""
 
 import os
 import re
@@ -33,18 +33,18 @@ class Error(Exception):
 
 
 def of_settings(error: SettingsError) -> Error:
-    """Return what the user is told of mistakes in settings."""
+    """Return the error to show for mistakes in settings."""
     traces = distinct({str(problem): problem.trace for problem in error.problems if problem.trace})
     return Error(*map(str, error.problems), traces=(*traces,))
 
 
 def of_plugin(error: PluginError) -> Error:
-    """Return what the user is told of a plug-in that failed."""
+    """Return the error to show for a plug-in that failed."""
     return Error(str(error), code=FAILED, traces=(error.trace,) if error.trace else ())
 
 
 def error_of(error: BaseException, command: str) -> Error | None:
-    """Return what the user is told of an error; None of one that only a mistake of deltaswarm itself can cause."""
+    """Return the error to show; None for an exception that only a bug in deltaswarm can cause."""
     if isinstance(error, Error):
         return error
     if isinstance(error, SettingsError):
@@ -110,10 +110,10 @@ def in_python(text: str) -> str:
 
 @contextmanager
 def one_error(command: str) -> Iterator[None]:
-    """Raise whatever the user is to be told of as `Error`; `command` is what was asked for, for messages.
+    """Raise what the user should see as `Error`; `command` names in messages what was asked for.
 
     Raises:
-        Error: as above; Ctrl-C, and mistakes of deltaswarm itself, pass.
+        Error: as above; Ctrl-C, and bugs of deltaswarm itself, pass.
     """
     try:
         yield

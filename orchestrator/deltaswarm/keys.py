@@ -1,4 +1,4 @@
-"""Scenario keys from Python: values, classes and functions, as the command line's `--set` takes them."""
+"""Convert scenario keys from Python (values, classes, functions) into what the command line's `--set` takes."""
 
 import io
 import json

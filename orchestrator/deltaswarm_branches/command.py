@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltaswarm_branches.keys import LATER
+from deltaswarm_cli.arguments import A_RUN, Group, add_json, add_quiet, show
 from deltaswarm_orchestrator.base.exits import OK, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder, part_of
-from deltaswarm_orchestrator.cli.arguments import A_RUN, Group, add_json, add_quiet, show
 from deltaswarm_orchestrator.recording import VALUES
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import number, whole
@@ -159,7 +159,7 @@ def branch(arguments: argparse.Namespace) -> int:
     from deltaswarm_branches.parent import read_parent
     from deltaswarm_branches.plan import Difference, at_step, plan
     from deltaswarm_branches.repetition import repeat
-    from deltaswarm_orchestrator.cli.report import run_and_report
+    from deltaswarm_cli.report import run_and_report
     from deltaswarm_orchestrator.results.folder import check_target
     from deltaswarm_orchestrator.run.options import RunOptions
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from deltaswarm_cli.arguments import A_RUN
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import must_exist
-from deltaswarm_orchestrator.cli.arguments import A_RUN
 from deltaswarm_orchestrator.inspect.info import read_run
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
 from deltaswarm_orchestrator.results import resume

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_cluster.plan import ClusterError, divide, listen_problem, spans
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.base.ports import check_ports
+from deltaswarm_orchestrator.base.paths import check_ports
 from deltaswarm_orchestrator.processes.boards import signal_problems
 from deltaswarm_orchestrator.processes.certificates import check_host
 from deltaswarm_scenario.scenario import Scenario

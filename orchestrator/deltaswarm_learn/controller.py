@@ -1,4 +1,4 @@
-"""Controllers that decide by vectors: the base class of trained policies, and the one that an environment moves."""
+"""Controllers that decide by vectors: the base class of trained policies, and the controller of an environment."""
 
 from typing import Any, ClassVar
 

@@ -13,9 +13,8 @@ from pettingzoo import ParallelEnv
 
 from deltaswarm_agent.controller import Percept
 from deltaswarm_learn.controller import ActedUpon
-from deltaswarm_learn.rewards import Reward, StepOutcome, reward_function
+from deltaswarm_learn.rewards import Reward, StepOutcome, Tally, reward_function
 from deltaswarm_learn.state import state_of, state_size
-from deltaswarm_learn.tally import Tally
 from deltaswarm_learn.vectors import Vector, VectorSettings, action_size, checked_action, observation_shapes
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess
@@ -48,11 +47,7 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
         SettingsError: arguments are wrong; the text says what must hold.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "name": "deltaswarm_v0",
-        "render_modes": ["ansi"],
-        "is_parallelizable": True,
-    }
+    metadata: ClassVar[dict[str, Any]] = {"name": "deltaswarm_v0", "render_modes": ["ansi"], "is_parallelizable": True}
 
     def __init__(
         self,

@@ -1,10 +1,12 @@
-"""Rewards: numbers of a step by name, their weighted sums, and functions of a step's record."""
+"""Rewards: the numbers of each step by name, their weighted sums, and functions of a step's record."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.operator_messages import Report, Workload
@@ -39,6 +41,44 @@ REWARDS = {
     "bytes": (-1, "bytes of these frames"),
 }
 """The rewards of a step by name: their signs (a cost is negative), and what they count."""
+
+
+class Tally:
+    """Follows the events of one run, step by step."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._step_s, self._horizon_s = scenario.run.step_s, scenario.metrics.horizon_s
+        self._untold: dict[int, float] = {}
+        """When each event arrived of which the operator has not been told, no longer ago than the horizon [s]."""
+        self._arrived = self._reported = 0
+
+    def count(self, swarm: InProcess, record: StepRecord, workload: Workload) -> dict[str, float]:
+        """Return the numbers of the step that was closed last, by their names in `REWARDS`."""
+        environment, told_s, now_s = swarm.world.environment, swarm.operator.told_s, record.time_s
+        new = environment.arrived[self._arrived :]
+        self._untold |= {event.event: event.arrived_s for event in new if event.arrived_s <= now_s}
+        self._arrived = len(environment.arrived)
+        oldest_s = now_s - self._horizon_s
+        newly_told = [event for event in list(told_s)[self._reported :] if event in self._untold]
+        self._reported = len(told_s)
+        self._untold = {
+            event: arrived_s
+            for event, arrived_s in self._untold.items()
+            if arrived_s > oldest_s and event not in told_s
+        }
+        changed = {event.event: event for event in environment.changed}.values()
+        return {
+            "told": len(newly_told),
+            "sensed": sum(event.sensed_s == now_s for event in changed),
+            "worked": sum(event.worked_s == now_s for event in changed),
+            "completed": sum(event.completed_s == now_s for event in changed),
+            "untold": len(self._untold) * self._step_s,
+            "open": record.events_open * self._step_s,
+            "messages": workload.messages,
+            "frames": record.frames_sent,
+            "bytes": record.bytes_sent,
+        }
+
 
 Reward = str | Mapping[str, float] | Callable[[StepOutcome], Any]
 """A name, weights by name, or a function of a step's outcome that returns a number or one for each agent."""

@@ -1,4 +1,4 @@
-"""The truth as an array, for `state()` of an environment alone."""
+"""The truth as an array, only for `state()` of an environment."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ MAX_STATE_EVENTS = 16
 
 
 def state_size(agents: int) -> int:
-    """Return the number of numbers in the state of so many agents."""
+    """Return the length of the state for this many agents."""
     return AGENT_NUMBERS * agents + EVENT_NUMBERS * MAX_STATE_EVENTS
 
 

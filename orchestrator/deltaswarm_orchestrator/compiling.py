@@ -1,4 +1,4 @@
-"""Compile the cores with mypyc, into a wheel that is being built or into the installation at hand.
+"""Compile the cores with mypyc, into a wheel that is being built or into the current installation.
 
 This file uses the standard library alone, because the build of a wheel loads it without its package. Compiled modules
 lie beside their sources; Python prefers them.
@@ -110,7 +110,6 @@ def compile_modules(roots: Sequence[Path], out: Path, level: str) -> list[Path]:
 
 
 def sources_below(roots: Iterable[Path]) -> list[Path]:
-    """Return the files of the modules to compile."""
     found = []
     for root in roots:
         kept_out = {root / name for name in INTERPRETED}
@@ -123,11 +122,7 @@ def sources_below(roots: Iterable[Path]) -> list[Path]:
 
 
 def site() -> Path:
-    """Return the folder into which deltaswarm is installed.
-
-    Raises:
-        CompileError: it is not installed, or runs from its sources.
-    """
+    """Return the folder into which deltaswarm is installed."""
     here = Path(__file__).resolve().parents[1]
     try:
         distribution = metadata.distribution("deltaswarm")
@@ -153,11 +148,7 @@ def record_of() -> Path:
 
 
 def check_writable(folder: Path) -> Path:
-    """Check that compiled modules can be written; return the list of installed files.
-
-    Raises:
-        CompileError: one of the folders belongs to somebody else.
-    """
+    """Check that compiled modules can be written; return the list of installed files."""
     record = record_of()
     for path in sorted({folder, record, *(file.parent for file in sources_below([folder]))}):
         if not os.access(path, os.W_OK):
@@ -169,7 +160,6 @@ def check_writable(folder: Path) -> Path:
 
 
 def owner(path: Path) -> str:
-    """Return who owns a file, by name or number."""
     try:
         return path.owner()
     except KeyError:
@@ -177,11 +167,7 @@ def owner(path: Path) -> str:
 
 
 def check_compiler() -> None:
-    """Check that there is what compiles.
-
-    Raises:
-        CompileError: a package, the C compiler or Python's headers are missing; the text has all that is.
-    """
+    """Check that there is what compiles."""
     missing = []
     for name in COMPILER:
         package, _, least = name.partition(">=")
@@ -276,11 +262,6 @@ def remove() -> list[Path]:
 
 
 def digest_of_short_run() -> str:
-    """Return the digest of a run by a new process.
-
-    Raises:
-        CompileError: it failed.
-    """
     done = subprocess.run([sys.executable, "-P", "-c", CHECK], capture_output=True, text=True, check=False)
     if done.returncode:
         raise CompileError(f"a short run must end well: {done.stderr.strip().splitlines()[-1:]}")

@@ -1,4 +1,4 @@
-"""Check what a machine needs for a swarm and what it has, and say how to get what is missing."""
+"""Check whether a machine has what runs need, and say how to get what is missing."""
 
 import multiprocessing
 import os
@@ -26,7 +26,6 @@ class CheckResult:
 
 
 def examine(agents: int) -> list[CheckResult]:
-    """Check this machine, for runs with this many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
     cores = len(os.sched_getaffinity(0))
     problem = loopback_problem()
@@ -83,11 +82,7 @@ def loopback_problem() -> str | None:
 
 
 def check_parts_can_start(agents: int, linked: int = 0) -> None:
-    """Check that the parts of a run can start here, and can reach each other.
-
-    Args:
-        agents: agents on this machine.
-        linked: agents on other machines.
+    """Check that the parts of a run can start here and reach each other; `linked` agents run on other machines.
 
     Raises:
         CommandError: they cannot.

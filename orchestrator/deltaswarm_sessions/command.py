@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.cli.arguments import (
+from deltaswarm_cli.arguments import (
     Group,
     add_dry_run,
     add_json,

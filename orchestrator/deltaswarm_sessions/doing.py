@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_cli.arguments import show
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
 from deltaswarm_orchestrator.base.output import results_on
 from deltaswarm_orchestrator.base.paths import check_files, check_out
-from deltaswarm_orchestrator.cli.arguments import show
 from deltaswarm_orchestrator.processes.station import LOOPBACK
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.scenarios.load import language_at

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from deltaswarm.runs import check as check_run
+from deltaswarm_cli import report
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.inputs import Inputs, identify
 from deltaswarm_orchestrator.base.paths import free_folder
 from deltaswarm_orchestrator.base.signals import heed_signals_again
-from deltaswarm_orchestrator.cli import report
 from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_cli.arguments import show
 from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.base.frozen import HASH, Entry
 from deltaswarm_orchestrator.base.paths import check_files
-from deltaswarm_orchestrator.cli.arguments import show
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario

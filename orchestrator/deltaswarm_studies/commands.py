@@ -5,12 +5,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm_cli.arguments import add_dry_run, add_json, add_quiet, show
+from deltaswarm_cli.sweep import add_run_options, check_sweep, conduct_for
 from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import check_files, check_out, must_exist
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
-from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for
 from deltaswarm_wire.plugins import as_recorded
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from packaging.utils import parse_wheel_filename
 
 from deltaswarm_board.setup import bundle as bundles
 from deltaswarm_board.setup.bundle import PACKAGES, PLATFORMS, PYTHONS, BundleError
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire import __version__
 from tests.support.boards import run_with_board, usual_digest
 from tests.support.complaints import names

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.processes.boards import Boards, authority_folder, commands
 from deltaswarm_orchestrator.scenarios.load import load_scenario

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.processes import certificates
 from deltaswarm_orchestrator.processes.certificates import Authority
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml

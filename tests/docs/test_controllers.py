@@ -1,11 +1,8 @@
 """The page on controllers: a stranger gets from an empty folder to a report, and its tables are the code's."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -46,24 +43,6 @@ def test_the_commands_work(folder: Path) -> None:
     report = (folder / "sweeps" / "compare" / "page.html").read_text()
     assert "levy" in report
     assert "hybrid" in report
-
-
-def test_a_sweep_does_not_take_the_runs_of_another_version(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another line in the controller's file is another run."""
-    monkeypatch.syspath_prepend(str(folder))
-    code = (
-        "from tests.support.sweeping import made; print(made({'axes': {'control.mode': ['levy:Levy']}}).jobs()[0].key)"
-    )
-    keys = set()
-    for text in ("", "# another version\n"):
-        with (folder / "levy.py").open("a") as file:
-            file.write(text)
-        environment = {**os.environ, "PYTHONPATH": str(folder)}
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
-        )
-        keys.add(done.stdout)
-    assert len(keys) == 2
 
 
 def test_the_page_has_all_that_a_controller_gets_and_gives() -> None:

@@ -75,7 +75,6 @@ def test_an_example_is_what_the_code_sends(name: str) -> None:
 
 
 def test_every_kind_of_frame_has_its_example_and_its_number() -> None:
-    """The table of kinds gives each its number."""
     FRAMES.assert_shows_no_other()
     assert {type(example.message) for example in EXAMPLES.values()} == set(frames._KINDS)
     for kind in ("ATTENDING", "MEMBER", "RELOCATING", "LEAVING"):

@@ -13,7 +13,7 @@ PAGES = sorted(
     file for pattern in ("*.md", "docs/*.md", "docs/api/*.md", "agent/**/*.md") for file in ROOT.glob(pattern)
 )
 PATH = re.compile(
-    r"(?:agent|world|operator|orchestrator)/(?:deltaswarm_|benchmarks)[\w./-]*|(?:docs|tests|\.ci)/[\w./-]*|[\w./-]+\.py"
+    r"(?:agent|world|operator|orchestrator)/deltaswarm_[\w./-]*|(?:docs|tests|\.ci)/[\w./-]*|[\w./-]+\.py"
 )
 """A path from the root of the repository, or the name or the end of the path of a file of Python."""
 MODULE = re.compile(r"(deltaswarm_[a-z0-9_]+(?:\.[a-z0-9_]+)*)(?:\.[A-Z]\w*|:\w+)*")

@@ -192,7 +192,6 @@ def test_every_message_has_its_example() -> None:
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_a_table_of_a_record_is_the_codes(name: str) -> None:
-    """Every field with its type, limits and meaning."""
     assert f"<!-- record {name} -->\n\n{RECORDS[name].table()}\n\n" in PAGE.text
 
 
@@ -211,7 +210,6 @@ def test_the_page_names_all_limits_of_what_travels() -> None:
 
 
 def test_keys_and_names_of_the_page_are_the_codes() -> None:
-    """For a run called `demo` and agent 7."""
     text, demo = PAGE.text, Keys("demo")
     leaves = (keys.FRAME, keys.RADIO, keys.REPORT, keys.ACT)
     for key in (*(demo.agent(7, leaf) for leaf in leaves), demo.token(keys.AGENT, 7), demo.token(keys.WORLD)):

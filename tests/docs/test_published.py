@@ -75,10 +75,7 @@ def test_the_best_fixed_variant_is_the_soonest_within_the_bound() -> None:
     columns = { rate_hz = "rate [1/s]", completion_s = "completion [s]" }
     """
     rows = [line for line in published.best(asked) if line.startswith(("| few", "| many"))]
-    assert rows == [
-        "| few, rule | 2.04 | 150 | few, soon | 2 | 120 |",
-        "| many, rule | 1.9 | 300 | none |  |  |",
-    ]
+    assert rows == ["| few, rule | 2.04 | 150 | few, soon | 2 | 120 |", "| many, rule | 1.9 | 300 | none |  |  |"]
 
 
 @pytest.mark.usefixtures("studies")

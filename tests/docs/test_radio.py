@@ -24,7 +24,6 @@ def test_the_link_models_are_listed_in_the_order_of_the_code() -> None:
 
 
 def test_every_reason_of_the_uplink_is_named() -> None:
-    """In its table, or where the relay is described."""
     uplink = PAGE.split("## Uplink")[1].split("## Downlink")[0]
     assert [reason for reason in UPLINK_REASONS if f"`{reason}`" not in uplink] == []
 

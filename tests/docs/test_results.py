@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_scenario.person_tables import TABLES
 from tests.support.pages import ROOT
 
@@ -18,7 +18,6 @@ NAMED = set(re.findall(r"`\.?([a-z0-9_.]+)`", PAGE))
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run with a simulated operator."""
     out = tmp_path_factory.mktemp("results") / "run"
     sets = ["--set", "operator.person.policy=threshold", "--set", "run.duration_s=50", "--set", "record=off"]
     assert main(["run", "smoke", *sets, "--in-process", "--out", str(out)]) == 0
@@ -31,7 +30,6 @@ def header(file: Path) -> list[str]:
 
 
 def test_every_column_is_named(run: Path) -> None:
-    """Of all tables; drops are named by their reason."""
     columns = [*header(run / "series.csv"), *header(run / "events.csv")]
     columns += [column for table in TABLES.values() for column in table._fields]
     reasons = [re.sub(r"^(reports_)?dropped_", "", column) for column in columns]

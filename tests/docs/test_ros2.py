@@ -64,12 +64,6 @@ def blocks(kind: str) -> list[str]:
     return re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL)
 
 
-def test_there_are_ten_commands() -> None:
-    """As the heading's section promises; what was not run is said above."""
-    assert len(commands(PAGE)) == 10
-    assert "no command below that begins with `ros2` was run" in " ".join(PAGE.split())
-
-
 def test_the_turtles_file_is_a_boards_file(tmp_path: Path) -> None:
     """As it stands, with the topics that the commands make."""
     file = tmp_path / "turtle.toml"
@@ -104,14 +98,12 @@ def test_the_turtles_file_drives_a_turtle(tmp_path: Path) -> None:
 
 
 def test_the_followers_tables_are_of_a_boards_file() -> None:
-    """Its options are those of the follower."""
     table = tomllib.loads(blocks("toml")[1])["body"]
     assert table["kind"] == "world"
     options_of(find_body(table["follower"]), table["options"])
 
 
 def test_keys_and_tokens_are_those_of_the_code() -> None:
-    """For agent 7 with the defaults, in both layouts."""
     node = Node(DEFAULTS.domain, "8b20917502ee955ac4476e0266340d5c", "/robot7", "deltaswarm_agent_7")
     rmw, dds, tokens, live = ([line for line in block.splitlines() if line] for block in blocks("text")[:4])
     assert rmw == [topic_key(RMW_ZENOH, DEFAULTS.domain, topic, kind) for kind, topic in TOPICS.items()]
@@ -151,11 +143,9 @@ def test_fields_begin_where_the_page_says() -> None:
 
 
 def test_the_example_is_that_twist() -> None:
-    """Byte for byte."""
     assert bytes.fromhex(blocks("text")[4]) == encode(TWIST, AHEAD)
 
 
 @in_one_test("name", Ros2Settings.__dataclass_fields__)
 def test_the_page_explains_every_option(name: str) -> None:
-    """Except the endpoints of a peer."""
     assert f"`{name}`" in PAGE or f"`{name} = " in PAGE or name == "listen"

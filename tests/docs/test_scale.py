@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.bench.speed import bench_scenario, traffic_of
-from deltaswarm_orchestrator.cli.run import EXCLUDES
+from deltaswarm_cli.run import EXCLUDES
 from tests.support.dask_clusters import Cluster, dask_cluster
 from tests.support.pages import ROOT, commands, shell
 
 PAGE = (ROOT / "docs" / "SCALE.md").read_text()
-SCHEDULER, WORKER, RUN, BENCH = commands(PAGE)
+SCHEDULER, WORKER, RUN = commands(PAGE)
 
 
 @pytest.mark.slow
@@ -32,22 +31,7 @@ def test_the_commands_for_a_cluster_and_a_run_work(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["valid"]
 
 
-@pytest.mark.slow
-@pytest.mark.processes
-def test_the_measurement_works() -> None:
-    """With two agents and few steps, at the round-trip times of the page: each step that asks an agent takes one."""
-    done = shell(f"{re.sub(r'--(agents|steps) [0-9]+', '', BENCH)} --agents 2 --steps 20 --rounds 1 --json", ROOT)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    times = [int(time) for time in re.findall(r"^\| TLS, behind a proxy \| (\d+) \|", PAGE, re.MULTILINE)]
-    assert [link["rtt_ms"] for link in found["links"]] == times
-    asking = sum(bool(step.frames) for step in traffic_of(bench_scenario(2, 20)).steps)
-    for link in found["links"]:
-        assert 20 / link["steps_per_s"] > (asking - 1) * link["rtt_ms"] / 1000
-
-
 def test_what_is_refused_is_in_the_table() -> None:
-    """Every option that a run on a cluster excludes."""
     table = PAGE[PAGE.index("## What is refused") : PAGE.index("## When a worker is lost")]
     others, _ = EXCLUDES["engine"]
     for name in (*others, "resume"):

@@ -32,7 +32,6 @@ def test_what_pages_tell_of_studies_is_what_was_published() -> None:
 
 
 def test_the_page_of_messages_and_their_types_are_up_to_date() -> None:
-    """Both are what the table of messages makes."""
     page = (DOCS / "STATION.md").read_text()
     assert page == page_messages.with_tables(page)
     assert page_messages.TYPES.read_text() == page_messages.types()
@@ -54,7 +53,6 @@ def test_the_lists_of_packages_and_files_are_up_to_date() -> None:
 
 
 def test_the_table_of_keys_that_may_differ_in_a_branch_is_up_to_date() -> None:
-    """docs/BRANCHES.md has every rule."""
     page = (DOCS / "BRANCHES.md").read_text()
     assert page == branch_keys.with_keys(page)
 
@@ -63,20 +61,3 @@ def test_the_table_of_keys_that_may_differ_in_a_branch_is_up_to_date() -> None:
 def test_the_pages_of_the_api_are_up_to_date(page: Path) -> None:
     """docs/api/ has every public name of its modules, with signature, fields and docstring."""
     assert page.read_text() == api.with_modules(page.read_text())
-
-
-@in_one_test(
-    ("page", "lines"),
-    [
-        ("controller", ["class Percept(NamedTuple):", "class Decision(NamedTuple):"]),
-        ("body", ["    def sense(self, time_s: float) -> Sensed:"]),
-        ("messages", ["class Frame(NamedTuple):"]),
-        ("settings", ["class Scenario:", "class RadioSettings:", '"sensing range for events [m]"']),
-        ("stats", ["def contrast("]),
-        ("studies", ["def load_study("]),
-    ],
-)
-def test_the_api_has_what_code_of_others_imports(page: str, lines: list[str]) -> None:
-    """Percepts, bodies, messages, settings, statistics and studies."""
-    text = (DOCS / "api" / f"{page}.md").read_text()
-    assert [line for line in lines if line not in text] == []

@@ -9,7 +9,7 @@ from random import Random
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.scenario import Scenario
@@ -89,7 +89,6 @@ def test_the_session_of_the_page_can_be_planned(tmp_path: Path) -> None:
 
 
 def test_the_forms_of_the_station_page_are_a_scenario() -> None:
-    """As they stand there."""
     [text] = re.findall(r"```toml\n(\[\[.*?)```", (ROOT / "docs" / "STATION.md").read_text(), re.DOTALL)
     scenario = load(Scenario, {"name": "forms", **tomllib.loads(text)})
     assert [question.name for question in scenario.operator.probes.form[0].question] == ["reliable", "why"]

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from deltaswarm_orchestrator.cli import PARTS, all_commands
 from deltaswarm_wire import __version__
 from tests.support.pages import ROOT, commands, shell
 
@@ -31,7 +30,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_notebooks_are_run_into_the_site(tmp_path: Path) -> None:
-    """The pages show figures and tables."""
     build(tmp_path / "site")
     pages = sorted((tmp_path / "site" / "docs" / "notebooks").iterdir())
     assert len(pages) == 3
@@ -59,14 +57,6 @@ def test_the_first_page_leads_to_the_four_kinds_of_documentation(site: Path) -> 
         assert f'<span class="caption-text">{caption}</span>' in first
 
 
-def test_every_command_is_a_heading_of_the_reference(site: Path) -> None:
-    """Those of the core, of extensions, of the parts, and the developers' measurements."""
-    text = (site / "docs" / "COMMANDS.html").read_text()
-    for command in (*all_commands(), *PARTS.shipped, "agent-board"):
-        assert f'id="deltaswarm-{command}"' in text, command
-    assert 'id="python-m-benchmarks"' in text
-
-
 def test_the_citation_is_of_this_version() -> None:
     """CITATION.cff names the version that pip installs, and the paper with its five authors."""
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
@@ -77,7 +67,6 @@ def test_the_citation_is_of_this_version() -> None:
 
 
 def test_the_files_to_read_first_exist() -> None:
-    """Ten of them, each once."""
     section = (ROOT / "docs" / "ARCHITECTURE.md").read_text().split("## Ten files")[1].split("\n## ")[0]
     paths = re.findall(r"^\d+\. `(\S+\.py)`", section, re.MULTILINE)
     assert len(set(paths)) == len(paths) == 10

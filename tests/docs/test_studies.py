@@ -39,7 +39,6 @@ def test_the_example_works(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_example_of_single_events_works(tmp_path: Path) -> None:
-    """With shorter runs: curves, rings and both tables."""
     (tmp_path / "heard.toml").write_text(files(PAGE)["heard.toml"])
     done = shell("deltaswarm study heard.toml --set run.duration_s=300 --repeats 3 --prove 0", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm.testing import percept
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from tests.support.pages import ROOT, shell
 
 PAGE = (ROOT / "docs" / "TESTING.md").read_text()
@@ -57,14 +57,12 @@ MISNAMED = ["My", "a-b", "1st", "class", "json", "deltaswarm_x", "test_it", "nä
 def test_a_name_that_cannot_be_a_module_is_refused(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before anything is written."""
     assert main(["new", "controller", name, "--out", str(tmp_path / "new")]) == 2
     assert "NAME must" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 
 def test_a_folder_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Even if it is empty."""
     assert main(["new", "controller", "walk", "--out", str(tmp_path)]) == 2
     assert "must not exist" in capsys.readouterr().err
 
@@ -72,7 +70,6 @@ def test_a_folder_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_commands_work(tmp_path: Path) -> None:
-    """As they stand, with two replicates of the study."""
     blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)
     script = "\n".join(blocks).replace("study.toml\n", "study.toml --repeats 2 || [ $? = 3 ]\n")
     done = shell(script, tmp_path)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from tests.support.swarms import is_running, running, sets, wait_until
 
 pytestmark = pytest.mark.processes

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from tests.support.complaints import Printed
 from tests.support.tiers import in_one_test

@@ -56,7 +56,6 @@ SMOKE = ("run", "smoke", "--out", "{out}")
 STATION = (*SMOKE, "--station", "--speed", "0")
 SWEEPING = ("sweep", "{sweep}", "--out", "{out}")
 STUDYING = ("study", "{study}", "--out", "{out}")
-BENCH = ("bench", "run", "--agents", "3", "--steps", "3000")
 EXPORTING = ("export", "{run}", "--format", "csv", "--out", "{out}")
 
 CASES: dict[str, tuple[tuple[str, ...], Stage]] = {
@@ -75,15 +74,13 @@ CASES: dict[str, tuple[tuple[str, ...], Stage]] = {
     "study, start": (STUDYING, exists("out")),
     "study, middle": (STUDYING, exists("out/**/*.json")),
     "study, end": (STUDYING, exists("out/**/*.csv")),
-    "bench, start": (BENCH, processes(2)),
-    "bench, middle": (BENCH, processes(5)),
     "export, start": (EXPORTING, processes(1)),
     "export, middle": (EXPORTING, exists("out*")),
     "top, start": (("top", "{live}"), processes(1)),
     "top, middle": (("top", "{live}"), printed),
     "station, start": (("station", "{live}"), processes(1)),
 }
-SLOW = {name for name in CASES if name.split(",")[0] in ("study", "export", "bench", "sweep --processes")}
+SLOW = {name for name in CASES if name.split(",")[0] in ("study", "export", "sweep --processes")}
 SLOW |= {"run, end", "run --station, start", "run --station, end", "sweep, start", "sweep, end", "top, start"}
 
 

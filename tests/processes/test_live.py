@@ -115,7 +115,7 @@ def test_what_cannot_be_shown_is_refused_before_anything_begins(
 
 def test_without_the_extra_it_says_what_to_install(tmp_path: Path) -> None:
     """And makes no folder."""
-    hidden = "import sys; sys.modules['foxglove'] = None; from deltaswarm_orchestrator.cli import main; "
+    hidden = "import sys; sys.modules['foxglove'] = None; from deltaswarm_cli.main import main; "
     program = f"{hidden}sys.exit(main(['run', 'smoke', '--out', 'run', '--live', 'foxglove']))"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2

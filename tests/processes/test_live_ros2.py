@@ -72,6 +72,6 @@ def test_without_a_router_or_a_recording_it_says_what_is_needed(tmp_path: Path) 
 
 def test_a_run_that_is_not_shown_there_imports_nothing_of_ros() -> None:
     """Neither the command line nor a run's lifecycle."""
-    program = "import sys, deltaswarm_orchestrator.cli, deltaswarm_orchestrator.run.lifecycle; print(*sys.modules)"
+    program = "import sys, deltaswarm_cli.main, deltaswarm_orchestrator.run.lifecycle; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not [name for name in done.stdout.split() if "ros2" in name]

@@ -19,8 +19,8 @@ from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.io import process
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process

@@ -20,7 +20,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from deltaswarm_orchestrator.cli import main as deltaswarm
+from deltaswarm_cli.main import main as deltaswarm
 from deltaswarm_sessions import roster
 from tests.support.branching import SCRIPT
 from tests.support.sessions import a_file, a_participant

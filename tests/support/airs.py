@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from benchmarks.radio_cost import ALL_ON
 from hypothesis import strategies as st
 
 import tests.support.strategies  # noqa: F401 (hypothesis's profile)
-from benchmarks.radio_cost import ALL_ON
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_world.core.air.radio import Air, Reception

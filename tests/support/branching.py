@@ -7,8 +7,8 @@ from typing import Any
 from deltaswarm_branches.parent import Parent
 from deltaswarm_branches.plan import Difference, Plan, plan
 from deltaswarm_branches.repetition import Repetition, repeat
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import Reporter
-from deltaswarm_orchestrator.cli import main
 
 AIR = ("radio.loss=0.1", "uplink={loss=0.1, latency_s=2}", "downlink={loss=0.2, latency_s=3}")
 FAULTS = (

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import report
+from deltaswarm_cli import report
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.inspect import info
 from deltaswarm_orchestrator.recording import LAYOUT
 from deltaswarm_orchestrator.recording.reader import read_recording

@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_cli.arguments import add_json, show
 from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import agent_numbers, whole
 

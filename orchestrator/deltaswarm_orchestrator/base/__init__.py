@@ -1,1 +1,1 @@
-"""What every part of the orchestrator uses: exit codes, texts, provenance, and what the system offers."""
+"""Shared by all of the orchestrator: exit codes, messages, provenance, and access to the operating system."""

@@ -1,4 +1,4 @@
-"""Command lines for a shell and for processes, and in advice to the user: those that were given, completed."""
+"""Build command lines: for the shell, for processes, and for advice to the user."""
 
 import shlex
 from argparse import Namespace
@@ -13,17 +13,16 @@ def command_line(*words: object) -> str:
 
 
 def as_given(arguments: Namespace, *, without: Collection[str] = ()) -> str:
-    """Return the command line that was given, without some flags."""
     return command_line(*(word for word in getattr(arguments, "given", ()) if word not in without))
 
 
 def options_given(arguments: Namespace, names: Iterable[str]) -> list[str]:
-    """Return those of some options that were given, by the names of their values, as words of a command line."""
+    """Return the options among `names` that were given, as words of a command line."""
     return option_words({f"--{name.replace('_', '-')}": getattr(arguments, name) for name in names})
 
 
 def option_words(options: Mapping[str, Any]) -> list[str]:
-    """Return options as words: those that are True alone, those with a value as `--name=value`, each item of a list."""
+    """Return options as words: a flag if True, else `--name=value`, and one word for each item of a list."""
     words = []
     for option, value in options.items():
         for one in value if isinstance(value, list) else [value]:

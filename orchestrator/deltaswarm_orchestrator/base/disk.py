@@ -1,4 +1,4 @@
-"""Disk space: an estimate before a run, a reserve for its final results, and the error for a full disk."""
+"""Disk space: estimate it before a run, reserve some for the results, and report a full disk."""
 
 import os
 import shutil
@@ -55,7 +55,6 @@ def is_refused(error: OSError) -> bool:
 
 
 def no_room(error: OSError, path: Path) -> RoomError:
-    """Return the RoomError for an error while this file was written."""
     return RoomError(f"{error.filename or path} could not be written: {error.strerror or error}")
 
 

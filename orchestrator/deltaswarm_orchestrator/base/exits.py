@@ -1,7 +1,7 @@
 """What commands tell the user: exit codes, messages, progress, and results as text."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # imported before the signal handlers are set, so it imports nothing itself
@@ -30,29 +30,25 @@ class CommandError(Exception):
 
 
 class _Notices:
-    """Whether notices are printed."""
-
     are_shown = True
 
 
 def show_notices(are_shown: bool) -> None:
-    """Let `notice` print, or not."""
     _Notices.are_shown = are_shown
 
 
 def notice(text: str) -> None:
-    """Print on standard error what is worth knowing and no error, unless notices are off."""
+    """Print a notice on standard error, unless notices are off."""
     if _Notices.are_shown:
         print(text, file=sys.stderr, flush=True)
 
 
 def complain(text: str) -> None:
-    """Print what is wrong on standard error."""
     print(f"deltaswarm: {text}", file=sys.stderr)
 
 
 class Reporter:
-    """Takes the progress of a run. This base class discards it, and needs no terminal: sweep workers show nothing."""
+    """Shows the progress of a run. This base class shows nothing, as in the workers of a sweep."""
 
     def update(self, status: "Status", messages_per_s: float | None) -> None:
         """Take the newest state."""
@@ -68,22 +64,6 @@ def aligned(rows: Iterable[Iterable[str]]) -> str:
     return "\n".join(
         "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells
     )
-
-
-def named(values: Mapping[str, Any]) -> str:
-    """Format named values, one line each; lists of rows and mappings follow as tables."""
-    plain, tables = [], []
-    for name, value in values.items():
-        rows = value if isinstance(value, list) else []
-        if isinstance(value, Mapping):
-            rows = [{name: key, **(row if isinstance(row, Mapping) else {"": row})} for key, row in value.items()]
-        if rows:
-            tables.append(
-                aligned([[head.replace("_", " ") for head in rows[0]], *(map(shown, row.values()) for row in rows)])
-            )
-        else:
-            plain.append((name.replace("_", " "), shown(value)))
-    return "\n\n".join([aligned(plain), *tables])
 
 
 def shown(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""The files that decide a run: identified once, before the first run, and checked whenever a run begins and ends."""
+"""Identify the files that decide a run, once before the first run; check them when a run begins and ends."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ Inputs = Mapping[str, str]
 
 
 class InputsChangedError(CommandError):
-    """A file that decides a run is not the one that was identified."""
+    """A file that decides a run has changed since it was identified."""
 
     code = FAILED
 
@@ -27,24 +27,15 @@ def identify(scenario: Scenario) -> Inputs:
     """Return the inputs of a scenario's runs: modules as this process has loaded them, other files as they are now.
 
     The scenario itself, with the language of its page, has been read by now and is not read again.
-
-    Raises:
-        SettingsError, OSError: there is no such extension or file, or it cannot be read.
     """
     files = {name: file.read_bytes() if loaded is None else loaded for name, file, loaded in _files(scenario)}
     return {CODE: provenance.code_digest(), **{name: digest(content) for name, content in files.items()}}
 
 
 def check(scenario: Scenario, identified: Inputs, *, starts_python: bool) -> None:
-    """Check that the inputs of a run are those identified, both on disk and as this process has loaded them.
+    """Check that the inputs of a run are those that `identify` returned, on disk and as this process has loaded them.
 
-    Args:
-        scenario: the run's.
-        identified: what `identify` has returned, here or in another process.
-        starts_python: whether the run starts processes, which load deltaswarm anew.
-
-    Raises:
-        InputsChangedError: one of them is another; the text names it.
+    `starts_python` says that the run starts processes, which load deltaswarm anew.
     """
     changed = [
         name if str(file) in name else f"{name} ({file})"
@@ -71,7 +62,7 @@ def of_controller(mode: str) -> dict[str, str]:
 
 
 def differences(was: Mapping[str, Any], now: Inputs) -> str:
-    """Name the inputs that differ from those that a manifest names; "" if none does, or none is named."""
+    """Name the inputs that differ from those in a manifest; "" if all are equal or the manifest has none."""
     return ", ".join(name for name in {**was, **now} if was and was.get(name) != now.get(name))
 
 
@@ -107,5 +98,4 @@ def _content(file: Path) -> bytes:
 
 
 def digest(content: bytes) -> str:
-    """Return the digest of a file's content."""
     return hashlib.blake2b(content, digest_size=8).hexdigest()

@@ -1,4 +1,4 @@
-"""What the kernel does for a process when its parent dies in any way (Linux)."""
+"""Let the kernel end processes when their parent dies, and adopt orphans (Linux)."""
 
 import ctypes
 import os

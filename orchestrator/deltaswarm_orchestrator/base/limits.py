@@ -1,4 +1,4 @@
-"""Limits of one user or container on open files, and on processes with their threads (Linux)."""
+"""Limits of a user or container on open files, processes and threads (Linux)."""
 
 import errno
 import math
@@ -33,7 +33,7 @@ NO_THREAD = "can't start new thread"
 
 @dataclass(frozen=True)
 class Limit:
-    """What a run needs of something, and what this process and its children may have besides what others use."""
+    """How much of a resource a run needs, and how much this process and its children may still use."""
 
     name: str
     needed: int
@@ -43,19 +43,17 @@ class Limit:
 
     @property
     def shown(self) -> str:
-        """The allowed number, as messages show it."""
         return "any number" if self.allowed == math.inf else f"{self.allowed:.0f}"
 
     @property
     def is_enough(self) -> bool:
-        """Whether a run fits."""
         return self.allowed >= self.needed
 
 
 def limits(agents: int, linked: int = 0) -> list[Limit]:
-    """Return the limits that matter to a run with this many agents here; `allowed` is what the hard limits leave.
+    """Return the limits that matter to a run; `allowed` is what the hard limits leave.
 
-    Agents that are `linked` run on other machines. Each is a link, and so an open file, of the world.
+    `agents` run on this machine, `linked` agents on others: each is a link, and so an open file, of the world.
     """
     return [
         Limit(
@@ -74,15 +72,7 @@ def limits(agents: int, linked: int = 0) -> list[Limit]:
 
 
 def make_room(agents: int, linked: int = 0) -> None:
-    """Raise the soft limits of this process and its children to what a run with this many agents needs.
-
-    Args:
-        agents: agents on this machine.
-        linked: agents on other machines.
-
-    Raises:
-        CommandError: a hard limit is too low.
-    """
+    """Raise the soft limits of this process and its children to what a run needs, or refuse it."""
     descriptors, threads = limits(agents, linked)
     for limit in (descriptors, threads):
         if not limit.is_enough:

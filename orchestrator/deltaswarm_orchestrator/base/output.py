@@ -1,4 +1,4 @@
-"""Standard output and error of commands, which may be closed, full, or no longer read."""
+"""Standard output and error of commands: they may be closed, full, or no longer read."""
 
 import errno
 import io
@@ -38,11 +38,7 @@ class Output(io.FileIO):
         self.error: OutputError | None = None
 
     def write(self, data: Any) -> int:
-        """Write some of the data, and return how much; a descriptor that does not block is waited for.
-
-        Raises:
-            OutputError: see the class.
-        """
+        """Write some of the data, and return how much; a descriptor that does not block is waited for."""
         while self.error is None:
             try:
                 written = super().write(data)
@@ -92,13 +88,11 @@ def results() -> TextIO:
 
 
 def print_result(text: str) -> None:
-    """Print a command's result, or a part of it."""
     print(text, file=results(), flush=True)
 
 
 @contextmanager
 def results_on(stream: TextIO) -> Iterator[None]:
-    """Print results on another stream."""
     before, _Results.stream = _Results.stream, stream
     try:
         yield

@@ -1,14 +1,16 @@
-"""Paths that a user gives: what must be there, what can be written, and which folder is free."""
+"""Check paths and addresses that a user gives, before anything runs: they exist, can be written, or are free."""
 
 import os
+import socket
 import stat
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from itertools import chain, count
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_wire.checked import did_you_mean
 from deltaswarm_wire.child import NO_ROOM, exit_code_of
+from deltaswarm_wire.session import OVER_TCP, host_and_port, protocol_of
 
 LEVELS = 3
 """Levels of folders below a folder of results: `sessions/S` has `participant-1/RUN/logs`."""
@@ -34,9 +36,6 @@ def check_files(folder: Path, levels: int = LEVELS) -> None:
     Args:
         folder: the folder, which need not exist.
         levels: how many levels of folders below it are looked at.
-
-    Raises:
-        CommandError: it has something else.
     """
     if _is_odd(folder):
         raise CommandError(_ODD.format(folder))
@@ -72,9 +71,6 @@ def check_out(folder: Path, name: str = "--out", *, is_ours: bool = True, among:
         name: the option that names it.
         is_ours: whether it is for results alone, and is checked by `check_files`, without the folders below it.
         among: if it exists and is not empty, it must hold a file or folder of one of these names.
-
-    Raises:
-        CommandError: it cannot, or holds other things, of which some could be replaced.
     """
     if is_ours and os.path.isdir(folder):  # unlike `Path.is_dir`, False for an impossible name
         check_files(folder, 0)
@@ -104,9 +100,6 @@ def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> No
     """Check that there is something at a path, as `check_files` does; the message says where it was looked for.
 
     With `or_part` it may also be at PATH.part, where a run is until it is complete.
-
-    Raises:
-        CommandError: there is nothing, or a folder with something that is no file.
     """
     part = part_of(path) if path.name else path
     has_part = os.path.exists(part)  # unlike `Path.exists`, False for an impossible name
@@ -119,3 +112,20 @@ def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> No
         near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
         hint = near and f"; {near.strip()}"
     raise CommandError(f"{name} must be {what} (got {str(path)!r}; there is nothing at {path.absolute()}{hint})")
+
+
+def check_ports(endpoints: Mapping[str, str]) -> None:
+    """Check that a process can listen at endpoints, by the options that name them; those not over TCP are left out."""
+    seen: dict[tuple[str, int], str] = {}
+    for option, endpoint in endpoints.items():
+        if protocol_of(endpoint) not in OVER_TCP:
+            continue
+        host, port = host_and_port(endpoint)
+        if port and (other := seen.setdefault((host, port), option)) != option:
+            raise CommandError(f"{option} must be another address than {other} (got {host}:{port})")
+        try:
+            socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+        except OSError as error:
+            reason = (error.strerror or str(error)).partition(" (while ")[0]
+            must = "must be an address of this machine with a free port"
+            raise CommandError(f"{option} {must} (got {host}:{port}: {reason}); choose another") from None

@@ -141,20 +141,12 @@ class Source(NamedTuple):
 
 
 def sources(scenario: Scenario) -> list[Source]:
-    """Return the sources of all third-party extensions of a scenario; shipped ones are identified by the version.
-
-    Raises:
-        SettingsError: there is no such extension, its class lacks something, or a file of it cannot be read.
-    """
+    """Return the sources of all third-party extensions of a scenario; shipped ones are identified by the version."""
     return [_source(*one) for one in extensions(scenario)]
 
 
 def extensions(scenario: Scenario) -> list[tuple[ExtensionPoint, str, str, Any]]:
-    """Return all third-party extensions of a scenario: the point, the name, the key that has it, and the class.
-
-    Raises:
-        SettingsError: there is no such extension, or its class lacks something.
-    """
+    """Return all third-party extensions of a scenario: the point, the name, the key that has it, and the class."""
     named = [
         (CONTROLLERS, scenario.control.mode, "control.mode"),
         (DYNAMICS, scenario.world.dynamics, "world.dynamics"),
@@ -181,11 +173,7 @@ def _source(point: ExtensionPoint, name: str, path: str, found: Any) -> Source:
 
 
 def data_of(cls: type[Any]) -> dict[str, Path]:
-    """Return the files that `cls.data_files` lists, relative to the class's own file.
-
-    Raises:
-        PluginError: it is no tuple of paths.
-    """
+    """Return the files that `cls.data_files` lists, relative to the class's own file."""
     folder = Path(getattr(sys.modules[cls.__module__], "__file__", None) or "").parent
     names = getattr(cls, "data_files", ())
     if not isinstance(names, tuple | list) or not all(isinstance(name, str | os.PathLike) for name in names):
@@ -222,9 +210,6 @@ def modules_of(cls: Any) -> dict[str, tuple[Path, bytes]]:
 
     Of installed packages it has those of the class itself. What a module imports by a computed name is not found. The
     content is that of the first call, soon after the class was loaded: the process goes on with it.
-
-    Raises:
-        OSError: a file cannot be read.
     """
     bases = [base.__module__ for base in cls.__mro__ if _is_third_party(base.__module__)]
     own_packages = {name.partition(".")[0] for name in bases}

@@ -41,7 +41,6 @@ def sealed(content: Mapping[str, Any], files: Mapping[str, Sequence[Any]]) -> di
 
 
 def write_sealed(file: Path, content: Mapping[str, Any], files: Mapping[str, Sequence[Any]]) -> None:
-    """Write a sealed record atomically."""
     write_whole(file, json.dumps(sealed(content, files), indent=2).encode() + b"\n")
 
 
@@ -56,11 +55,7 @@ def digest_of(data: bytes) -> tuple[int, str]:
 
 
 def read_sealed(file: Path) -> dict[str, Any]:
-    """Return a record, sealed or not; {} if there is none.
-
-    Raises:
-        SealError: it cannot be read, or it is not as it was sealed.
-    """
+    """Return a record, sealed or not; {} if there is none."""
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
@@ -80,11 +75,7 @@ def files_of(record: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
 
 
 def checked(file: Path, *, deleted: Collection[str] = ()) -> dict[str, Any]:
-    """Return a record as `read_sealed` does, after a check of every file that it vouches for, but those `deleted`.
-
-    Raises:
-        SealError: the record or a file is not as it was sealed.
-    """
+    """Return a record as `read_sealed` does, after a check of every file that it vouches for, but those `deleted`."""
     record = read_sealed(file)
     sealed = {name: was for name, was in files_of(record).items() if name not in deleted}
     if wrong := [problem for name, was in sealed.items() if (problem := _problem(file.parent / name, was))]:

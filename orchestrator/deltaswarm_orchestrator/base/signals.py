@@ -1,4 +1,4 @@
-"""Signals that ask the program to stop, also while it starts processes.
+"""Handle signals that stop the program, also while it starts processes.
 
 Imports next to nothing, because the handlers are set before all else.
 """
@@ -144,11 +144,7 @@ def spared_by_ctrl_c() -> Iterator[None]:
 
 @contextmanager
 def starting_processes() -> Iterator[None]:
-    """Hold stop signals back, too: if they ended half-started processes, each of these would print a traceback.
-
-    Raises:
-        KeyboardInterrupt: at the end if a signal came, whatever else went wrong; at once if two did.
-    """
+    """Hold stop signals back, too: if they ended half-started processes, each of these would print a traceback."""
     with stoppable() as stop:
         try:
             with spared_by_ctrl_c():

@@ -1,4 +1,4 @@
-"""Temporary folders that do not pile up: what a killed process leaves, the next command removes."""
+"""Temporary folders; a command removes those that killed processes left behind."""
 
 import fcntl
 import os
@@ -23,9 +23,6 @@ class TemporaryFolder:
 
     Args:
         parent: where it is made; None: where the system has temporary files.
-
-    Raises:
-        OSError: it cannot be made.
     """
 
     def __init__(self, parent: Path | None = None) -> None:
@@ -43,11 +40,7 @@ class TemporaryFolder:
 
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
-    """Yield a folder beside `out`, which becomes `out` when it is complete; nothing is left of one that is not.
-
-    Raises:
-        OSError: it cannot be filled; the error names the file as it would be in `out`.
-    """
+    """Yield a folder beside `out`, which becomes `out` when it is complete; nothing is left of one that is not."""
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryFolder(out.parent) as scratch:
         (folder := scratch / out.name).mkdir()

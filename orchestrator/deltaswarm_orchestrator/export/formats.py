@@ -103,12 +103,7 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
 
 
 def _writer(source: Path, chosen: Format, name: str, options: Mapping[str, Any]) -> Callable[[Path], Exported]:
-    """Return the function that writes the result to a path.
-
-    Raises:
-        ExportError: something that the format needs is missing.
-        FileNotFoundError, RecordingError: there is no recording that can be read.
-    """
+    """Return the function that writes the result to a path."""
     if not chosen.module:
         next(records(source), None)  # which refuses another file
         return lambda out: Exported(write_complete_copy(source, out))

@@ -60,7 +60,6 @@ class Picture:
         self._names: list[Text] = []
 
     def show(self, view: Snapshot) -> None:
-        """Draw one view."""
         self._trees.set_segments(view.trees_m)
         self._events.set_offsets(np.array([(event.x_m, event.y_m) for event in view.events]).reshape(-1, 2))
         self._name_events(view.events)

@@ -22,7 +22,6 @@ WORKLOAD = ("messages", "rate_60s_hz")
 
 
 def write(film: Film, out: Path) -> None:
-    """Write one file."""
     longest_m = max(film.width_m, film.height_m)
     with rr.RecordingStream("deltaswarm", recording_id=film.recording.metadata.get("digest")) as stream:
         stream.save(out)

@@ -42,10 +42,7 @@ class Snapshot(NamedTuple):
     def headings_m(self, radius_m: float) -> list[Line]:
         """A line from the centre of each body that has a heading to its edge."""
         return [
-            [
-                (body.x_m, body.y_m),
-                (body.x_m + radius_m * math.cos(angle), body.y_m + radius_m * math.sin(angle)),
-            ]
+            [(body.x_m, body.y_m), (body.x_m + radius_m * math.cos(angle), body.y_m + radius_m * math.sin(angle))]
             for body in self.bodies
             if (angle := body.heading_rad) is not None
         ]
@@ -99,12 +96,7 @@ class Film:
 
 
 def read_film(path: Path) -> Film:
-    """Open the recording in a file.
-
-    Raises:
-        FileNotFoundError: there is no recording.
-        RecordingError: the file is not a recording, or was cut off before the scenario.
-    """
+    """Open the recording in a file."""
     recording = read_recording(path)
     if not recording.scenario:
         raise RecordingError(f"{path} must hold a scenario; it is damaged or was cut off before that")

@@ -15,11 +15,7 @@ LONGEST_S = 30.0
 
 
 def write(film: Film, out: Path, longest_s: float = LONGEST_S) -> str | None:
-    """Write one file, at most `longest_s` long (0: with a frame for each view); return a note if views are left out.
-
-    Raises:
-        ExportError: ffmpeg is not installed.
-    """
+    """Write one file, at most `longest_s` long (0: with a frame for each view); return a note if views are left out."""
     if not FFMpegWriter.isAvailable():
         raise ExportError("the format mp4 needs ffmpeg on the PATH (on Debian: apt install ffmpeg)")
     views = sum(1 for _ in film.snapshots())

@@ -1,1 +1,1 @@
-"""Questions about a run that is over or was interrupted."""
+"""Inspect a run that has ended or was interrupted."""

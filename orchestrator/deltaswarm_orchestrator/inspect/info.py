@@ -75,12 +75,7 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:
-    """Read the scenario and the outcome of a run, without the code of its plug-ins.
-
-    Raises:
-        NotARunError: it is no run folder, or one of its files cannot be read.
-        SealError: one of its files is not as the run wrote it.
-    """
+    """Read the scenario and the outcome of a run, without the code of its plug-ins."""
     if not (folder / "scenario.toml").is_file():
         is_sweep = (folder / "sweep.toml").is_file()
         reason = f"a sweep's folder: see {command_line('report', folder)}" if is_sweep else "it has no scenario.toml"
@@ -104,7 +99,6 @@ def _read(file: Path, parse: Callable[[str], T]) -> T:
 
 
 def text(run: dict[str, Any]) -> str:
-    """Format the result of `describe` as text."""
     manifest, summary = run["manifest"], run["summary"]
     rows = [
         ("started", manifest["started"]),
@@ -137,11 +131,7 @@ def _origin(branch: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
 
 
 def how_it_ended(folder: Path) -> dict[str, Any]:
-    """Return the state of a run, what failed in it, in order, and why it is not valid.
-
-    Raises:
-        NotARunError: as in `describe`.
-    """
+    """Return the state of a run, what failed in it, in order, and why it is not valid."""
     run = describe(folder)
     return {
         "folder": run["folder"],
@@ -153,7 +143,6 @@ def how_it_ended(folder: Path) -> dict[str, Any]:
 
 
 def ending_text(ending: dict[str, Any]) -> str:
-    """Format the result of `how_it_ended` as text."""
     happened = [f"{number}. {line}" for number, line in enumerate(ending["why"], 1)]
     if not happened and ending["state"] == "complete" and ending["valid"]:
         happened = ["nothing failed"]

@@ -1,4 +1,4 @@
-"""Explain whether an agent, or the operator, could hear another agent at some time of a run, and if not, why not.
+"""Explain why an agent or the operator could, or could not, hear another agent at a given time of a run.
 
 The run is repeated in one process up to that time. The digest shows that it is the same run; its rows are compared
 with those in the folder.
@@ -30,7 +30,7 @@ class LinkFindings:
     step: int
     time_s: float
     reason: str | None
-    """What cuts the link; None if only chance, queues and delay are in the way."""
+    """What cuts the link; None if only random loss, queues and delay can stop a frame."""
     findings: tuple[dict[str, Any], ...]
     """Each model's finding, in the order in which a frame passes the models; the first that cuts gives the reason."""
     outcomes: tuple[str, ...]
@@ -93,7 +93,6 @@ def _air_of(record: StepRecord) -> tuple[Any, ...]:
 
 
 def text(answer: LinkFindings) -> str:
-    """Format an answer as text."""
     receiver = "the operator" if answer.receiver == OPERATOR else f"agent {answer.receiver}"
     verdict = "could hear" if answer.reason is None else "could not hear"
     because = "" if answer.reason is None else f": {answer.reason}"

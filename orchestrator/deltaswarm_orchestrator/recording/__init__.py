@@ -1,4 +1,4 @@
-"""The recording of a run, and the names of its files. This imports nothing, for commands that only look for files."""
+"""Record runs. This file has the names of a run's files and imports nothing, for commands that only look for files."""
 
 RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
 """The recording for viewers, the raw frames, and the suffix that both have while they are written."""

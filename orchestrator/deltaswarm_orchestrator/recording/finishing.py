@@ -1,4 +1,4 @@
-"""Give a recording that was cut off its index and its end, so that every MCAP reader opens it."""
+"""Complete a recording that was cut off with its index and its end, so that every MCAP reader opens it."""
 
 from pathlib import Path
 from typing import IO
@@ -20,12 +20,7 @@ def new_writer(stream: IO[bytes], profile: str = "", library: str = "deltaswarm"
 
 
 def write_complete_copy(source: Path, target: Path) -> bool:
-    """Copy everything up to the first damage into a file with its end; return whether the recording was complete.
-
-    Raises:
-        FileNotFoundError: there is no source.
-        RecordingError: the source is not an MCAP file, or is of another run than its folder.
-    """
+    """Copy everything up to the first damage into a file with its end; return whether the recording was complete."""
     is_complete = False
     schemas, channels = {0: 0}, dict[int, int]()
     with target.open("wb") as stream:

@@ -133,12 +133,7 @@ def read_recording(path: Path) -> Recording:
 
 
 def check_origin(file: Path, name: str, content: bytes | Mapping[str, str]) -> None:
-    """Check the scenario or the manifest in a recording against the folder that holds the file, if that is a run's.
-
-    Raises:
-        RecordingError: the recording is of another run.
-        SealError: the run's manifest is not as it was sealed.
-    """
+    """Check the scenario or the manifest in a recording against the folder that holds the file, if that is a run's."""
     folder = file.parent
     manifest = seal.read_sealed(folder / seal.MANIFEST)
     if not manifest or "swept" in manifest:
@@ -164,10 +159,6 @@ def entries(path: Path, wanted: Container[str]) -> Iterator[tuple[str, Any]]:
     """Yield name and content of each wanted entry: a topic's message, an attachment's bytes, or metadata.
 
     Messages are decoded by the schema that the file itself holds. A damaged or cut-off file ends with DAMAGED.
-
-    Raises:
-        FileNotFoundError: there is no file.
-        RecordingError: it is not an MCAP file, or a topic is not in protobuf, as in recordings of earlier versions.
     """
     factory = DecoderFactory()
     schemas: dict[int, Schema] = {}
@@ -198,12 +189,7 @@ def entries(path: Path, wanted: Container[str]) -> Iterator[tuple[str, Any]]:
 
 
 def records(path: Path) -> Iterator[McapRecord | Damage]:
-    """Yield each record up to the end of the file, or up to the first damage, and then that.
-
-    Raises:
-        FileNotFoundError: there is no file.
-        RecordingError: the file is not an MCAP file.
-    """
+    """Yield each record up to the end of the file, or up to the first damage, and then that."""
     size_bytes = path.stat().st_size
     with path.open("rb") as stream:
         if not _MAGIC.startswith(stream.read(len(_MAGIC))):

@@ -1,4 +1,4 @@
-"""Record everything about a run that is worth keeping, as MCAP, while the run is under way.
+"""Record a run as MCAP while it is in progress.
 
 This module does file input and output only: `transcriber.py` makes the messages, and the caller has the run's clock
 and connection.
@@ -138,7 +138,6 @@ class Recorder:
         self._end_of_step()
 
     def workload(self, workload: Workload) -> None:
-        """Record what the operator counted in one step."""
         self._write([("/operator/workload", workload_message(workload))], workload.step, workload.time_s)
         self._end_of_step()
 
@@ -177,7 +176,6 @@ class Recorder:
         )
 
     def _write(self, messages: Iterable[TopicMessage], step: int, time_s: float) -> None:
-        """Write messages of a step, and show them to the viewer."""
         write, viewer = self._file.write, self._viewer
         for topic, data in messages:
             write(topic, step, time_s, data)
@@ -201,8 +199,6 @@ class Recorder:
 
 
 class _File:
-    """One MCAP file, whose name ends in `.part` until it is complete."""
-
     def __init__(self, path: Path) -> None:
         self.is_finished = False
         self.name = path.name
@@ -227,7 +223,6 @@ class _File:
         return self._channels[topic]
 
     def write(self, topic: str, step: int, time_s: float, data: bytes) -> None:
-        """Add a message that is already encoded."""
         self._add(topic, log_time_ns(time_s), step, data)
 
     def _add(self, topic: str, now_ns: int, step: int, data: bytes) -> None:
@@ -269,7 +264,6 @@ class _File:
 
 
 def layout_json(width_m: float, height_m: float) -> bytes:
-    """Return the content of the layout's file."""
     return orjson.dumps(layout(width_m, height_m), option=orjson.OPT_INDENT_2)
 
 

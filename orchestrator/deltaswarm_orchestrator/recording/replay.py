@@ -32,11 +32,7 @@ SHOWN_PAGE_EVENTS = ("selected", "away", "back")
 
 
 def worth_of(run: Path) -> Path | None:
-    """Return the file that says what the orders of a run were worth; None if `deltaswarm value` has made none.
-
-    Raises:
-        SealError: it was changed.
-    """
+    """Return the file that says what the orders of a run were worth; None if `deltaswarm value` has made none."""
     file = run / VALUES / seal.RECORD
     digest = seal.read_sealed(run / seal.MANIFEST).get("digest")
     worth = seal.checked(file)

@@ -1,4 +1,4 @@
-"""What a viewer shows of one step: frames, and agents, trees, links and events as shapes and as points.
+"""Make what a viewer shows of one step: frames, and agents, trees, links and events as shapes and as points.
 
 One entity per topic holds all shapes of the topic. Each message replaces the one before entirely, so nothing needs to
 be deleted, even when a viewer jumps in time.
@@ -167,7 +167,6 @@ class Scene:
             yield "/swarm/agents", agents_message.SerializeToString()
 
     def _make_messages(self, agents: list[int]) -> None:
-        """Make new messages for these agents, in this order."""
         self._agents, self._tree_statuses = agents, None
         frames = [_transform(ARENA_FRAME, f"agent/{agent}", (0.0, 0.0)) for agent in agents]
         # The arena's frame comes with each message, since a viewer may start anywhere.
@@ -196,7 +195,6 @@ class Scene:
             frame.y = sphere.y = end.y = y
 
     def _turn_agents(self, headings_rad: list[float], places: list[Place]) -> None:
-        """Turn each agent's frame, and draw its heading."""
         ends = self._headings.points
         while len(ends) < 2 * len(places):
             ends.add(z=self._radius_m)
@@ -246,7 +244,6 @@ class Scene:
 
 @lru_cache(MAX_LOOKS)
 def role_rgba(role: str) -> bytes:
-    """Return the colour of a role as four bytes (RGBA)."""
     return bytes.fromhex(role_colour(role)[1:]) + OPAQUE
 
 

@@ -1,4 +1,4 @@
-"""What a recording holds: its topics, and the protobuf message of each.
+"""The topics of a recording, and the protobuf message of each.
 
 Viewers draw a topic by the name of its schema: Foxglove and Lichtblick the scene, Rerun the points. The
 `foxglove` messages are the published ones; the `deltaswarm` messages are made here from the wire's named tuples.
@@ -77,7 +77,6 @@ _SCALARS[str] = FieldDescriptorProto.TYPE_STRING
 
 
 def _compiled() -> dict[str, Any]:
-    """Compile the classes of our own messages, by name."""
     file = FileDescriptorProto(name="deltaswarm.proto", package="deltaswarm", syntax="proto3")
     for name, hints in _MESSAGES.items():
         message = file.message_type.add(name=name)

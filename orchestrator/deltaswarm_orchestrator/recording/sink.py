@@ -1,4 +1,4 @@
-"""Interfaces of the objects that record or show a run, for the code that feeds them."""
+"""Interfaces of objects that record or show a run."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -10,23 +10,18 @@ from deltaswarm_wire.operator_messages import Report, Workload
 class Sink(Protocol):
     """Takes a run's data: the recorder, a live view, or a test's stand-in."""
 
-    def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """Take one closed step."""
+    def step(self, truth: Truth, reports: Sequence[Report]) -> None: ...
 
-    def workload(self, workload: Workload) -> None:
-        """Take what the operator counted in one step."""
+    def workload(self, workload: Workload) -> None: ...
 
-    def radio(self, step: int, agent: int, data: bytes) -> None:
-        """Take one raw radio frame."""
+    def radio(self, step: int, agent: int, data: bytes) -> None: ...
 
     def save(self) -> None:
         """Write everything so far to disk, so that it survives a crash of the machine."""
 
-    def log(self, level: int, name: str, text: str, time_s: float) -> None:
-        """Take a log line, at a simulated time [s]."""
+    def log(self, level: int, name: str, text: str, time_s: float) -> None: ...
 
-    def report_bytes(self, step: int, agent: int, data: bytes) -> None:
-        """Take one raw report."""
+    def report_bytes(self, step: int, agent: int, data: bytes) -> None: ...
 
 
 class Viewer(Protocol):

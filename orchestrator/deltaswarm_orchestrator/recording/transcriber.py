@@ -58,7 +58,6 @@ class Transcriber:
             self.note(event)
 
     def views(self, truth: Truth) -> Iterator[TopicMessage]:
-        """Yield the views of this step, which show where everything is."""
         return self._scene.messages(truth)
 
     def open_events(self) -> list[TopicMessage]:

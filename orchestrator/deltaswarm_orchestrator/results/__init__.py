@@ -1,1 +1,1 @@
-"""What a run leaves: its folder, its tables and summary, and the checkpoints from which it can go on."""
+"""Results of a run: its folder, tables and summary, and the checkpoints to resume from."""

@@ -1,4 +1,4 @@
-"""The folder of a run in progress: who holds it, what it may replace, when it gets its final name."""
+"""The folder of a run in progress: its lock, what it may replace, and its final name."""
 
 import errno
 import os
@@ -88,7 +88,6 @@ class RunFolder:
         self.release()
 
     def release(self) -> None:
-        """Release the folder's lock."""
         self._lock.release()
 
     def is_there(self) -> bool:
@@ -114,9 +113,6 @@ class RunFolder:
         """Write the summary, and the manifest, which seals all results.
 
         If the disk has room for one of them, it is for the manifest, without which nobody knows how the run ended.
-
-        Raises:
-            OSError: one of them cannot be written.
         """
         file, failed = self.path / SUMMARY, None
         try:
@@ -134,11 +130,7 @@ class RunFolder:
         seal.write_sealed(self.path / seal.MANIFEST, manifest, seal.digests(self.path, results_in(self.path)))
 
     def finish(self) -> Path:
-        """Give the folder its final name, release it, and return its path.
-
-        Raises:
-            FolderTakenError: the name was taken during the run and must not be replaced; nothing is lost.
-        """
+        """Give the folder its final name, release it, and return its path."""
         kept = f"the whole run is in {self.path}; rename that folder"
         replaced = None
         if os.path.lexists(self.target):
@@ -160,11 +152,7 @@ class RunFolder:
         return self.target
 
     def _delete_interrupted(self) -> None:
-        """Delete the folder of an interrupted run, if there is one.
-
-        Raises:
-            FolderError: `--force` was not given, another run holds the folder, or it is no run folder.
-        """
+        """Delete the folder of an interrupted run, if there is one."""
         _check_part(self.path, self._force)
         if not os.path.lexists(self.path):
             return
@@ -221,7 +209,6 @@ def _code_of(error: OSError) -> int | None:
 
 
 def _beside(path: Path) -> Path:
-    """Return an unused name in the same folder."""
     return path.with_name(f"{path.name}-{secrets.token_hex(4)}")
 
 
@@ -243,9 +230,6 @@ def check_target(target: Path, force: bool) -> None:
     """Refuse a target that a run could not be written to, or that the finished run could not be renamed to.
 
     It is the rule of all commands that write a run's folder: with `force` another run's gives way, whole or not.
-
-    Raises:
-        FolderError: the text says why.
     """
     try:
         is_link, exists = target.is_symlink(), target.exists()

@@ -1,4 +1,4 @@
-"""A lock that lets one process at a time write to a folder, on any file system, however that process ends."""
+"""Lock a folder for one process, on any file system; the lock ends with the process, however that ends."""
 
 import fcntl
 import json
@@ -16,7 +16,7 @@ OWNER = ".lock-owner"
 """Used where the file system has no `flock`: names the process that holds the folder, and is removed on release."""
 
 CLAIM = ".lock-owner.new"
-"""Created by the one process that may replace the name of an owner that has ended."""
+"""Created by the process that replaces an owner that has ended."""
 
 LOCK_FILES = frozenset({LOCK, OWNER, CLAIM})
 
@@ -160,7 +160,6 @@ def _read(file: Path) -> str | None:
 
 
 def _parsed(text: str) -> Owner | None:
-    """Parse an owner file; return None if it is damaged or incomplete."""
     try:
         host, kernel, pid, started = json.loads(text)
         return Owner(str(host), str(kernel), int(pid), str(started))
@@ -169,7 +168,6 @@ def _parsed(text: str) -> Owner | None:
 
 
 def _here() -> tuple[str, str]:
-    """Return the name of this host, and its boot and process namespace."""
     boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
     return platform.node(), f"{boot} {os.readlink('/proc/self/ns/pid')}"
 

@@ -1,4 +1,4 @@
-"""What a metric of a run is, and the metrics of the time until a moment of an event."""
+"""Define a metric of a run, and the metrics of the time until an event is sensed, told, read, worked on or complete."""
 
 from dataclasses import dataclass
 

@@ -43,14 +43,7 @@ METRICS = (
         column="waiting_time_s",
         session="waiting_time_s",
     ),
-    *until(
-        TOLD,
-        "told_s.mean",
-        "told_s.median",
-        study="told_s",
-        column="told_time_s",
-        session="told_s",
-    ),
+    *until(TOLD, "told_s.mean", "told_s.median", study="told_s", column="told_time_s", session="told_s"),
     *until(SHOWN, "shown_s.mean", "shown_s.median", study="shown_s", session=""),
     *until(READ, "read_s.mean", "read_s.median", study="read_s", session=""),
     Metric(
@@ -61,14 +54,7 @@ METRICS = (
         title="Share of events read only after they were complete",
         study="read_too_late",
     ),
-    *until(
-        WORKED,
-        "worked_s.mean",
-        "worked_s.median",
-        study="worked_s",
-        column="worked_time_s",
-        session="worked_s",
-    ),
+    *until(WORKED, "worked_s.mean", "worked_s.median", study="worked_s", column="worked_time_s", session="worked_s"),
     *until(
         COMPLETED,
         "completion_s.mean",
@@ -92,18 +78,8 @@ METRICS = (
         label="mean waiting time of sensed events",
         study="waiting",
     ),
-    Metric(
-        "waiting_time_s.median",
-        "the same, median",
-        "s",
-        lambda run: median_of(waits(run)),
-    ),
-    Metric(
-        "waiting_time_s.n",
-        "events that were sensed",
-        compute=lambda run: len(waits(run)),
-        label="events sensed",
-    ),
+    Metric("waiting_time_s.median", "the same, median", "s", lambda run: median_of(waits(run))),
+    Metric("waiting_time_s.n", "events that were sensed", compute=lambda run: len(waits(run)), label="events sensed"),
     Metric(
         "waiting_time_s.never_sensed",
         "events that nobody sensed",
@@ -201,12 +177,7 @@ METRICS = (
     Metric(
         "frames_dropped", "receptions that did not happen, by reason", compute=by_reason("frames_dropped", DROP_REASONS)
     ),
-    Metric(
-        "reports.sent",
-        "reports, over the run",
-        compute=total("reports_sent"),
-        label="reports sent",
-    ),
+    Metric("reports.sent", "reports, over the run", compute=total("reports_sent"), label="reports sent"),
     Metric(
         "reports.arrived",
         "reports that reached the operator",

@@ -1,4 +1,4 @@
-"""What one run recorded, and what metrics are computed from."""
+"""Data recorded by one run, and the functions that metrics are computed with."""
 
 import hashlib
 import math
@@ -49,7 +49,6 @@ class Moment:
     """What the event is from then on, in words."""
 
     def __call__(self, event: EventLife) -> float | None:
-        """Return when the moment came [s]; None: it has not come."""
         time_s: float | None = getattr(event, self.column)
         return time_s
 
@@ -76,7 +75,7 @@ class Outcome:
     world: dict[str, Any] = field(default_factory=dict)
     operator: dict[str, Any] = field(default_factory=dict)
     told_s: Mapping[int, float] | None = None
-    """By event, when the operator was first told of it [s]; None: the operator did not get to say so."""
+    """By event, when the operator was first told of it [s]; None: the operator ended before it could say so."""
     shown_s: Mapping[int, float] | None = None
     """By event, when the inbox of the person at the console first showed it [s]; None: there was no person."""
     read_s: Mapping[int, float] | None = None
@@ -121,24 +120,19 @@ class Outcome:
 
 @dataclass(eq=False)
 class RunData:
-    """What metrics are computed from."""
-
     outcome: Outcome
     scenario: Scenario
 
     @property
     def steps(self) -> list[StepRecord]:
-        """The world's record of each step."""
         return self.outcome.step_records
 
     @property
     def workloads(self) -> list[Workload]:
-        """The operator's record of each step."""
         return self.outcome.workloads
 
     @cached_property
     def followed(self) -> list[EventLife]:
-        """The events that could be followed for the horizon."""
         run = self.scenario.run
         return followed(self.outcome.lives, len(self.steps) * run.step_s, self.scenario.metrics.horizon_s)
 
@@ -148,7 +142,6 @@ class RunData:
 
 
 def median_of(values: Sequence[float]) -> float | None:
-    """Return the median; None of nothing."""
     return float(median(values)) if values else None
 
 
@@ -163,7 +156,6 @@ def worst_tenth(values: Sequence[float]) -> float | None:
 
 
 def mean_of(values: Sequence[float]) -> float | None:
-    """Return the mean; None of nothing."""
     return fmean(values) if values else None
 
 
@@ -241,7 +233,6 @@ def newest(column: str) -> Compute:
 
 
 def of_bodies(name: str) -> Compute:
-    """Return what the dynamics counted; 0 for points."""
     return lambda run: run.outcome.world.get("bodies", {}).get(name, 0)
 
 
@@ -251,12 +242,11 @@ def own_mean(name: str) -> Compute:
 
 
 def own_last(name: str) -> Compute:
-    """Return a number of the controller's own in the last step."""
     return lambda run: run.steps[-1].metrics.get(name) if run.steps else None
 
 
 def time_to(moment: Moment, statistic: Callable[[Sequence[float]], float | None]) -> Compute:
-    """Summarise the times until a moment over the followed events; None if nobody knows when the moment came."""
+    """Summarise the times until a moment over the followed events; None if the moment was not recorded."""
 
     def compute(run: RunData) -> float | None:
         is_unknown = moment.column in BY_OPERATOR and getattr(run.outcome, moment.column) is None

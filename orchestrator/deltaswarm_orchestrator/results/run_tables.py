@@ -1,4 +1,4 @@
-"""Results of a run: the files of its parts, merged into tables and one summary; scores of a person's answers."""
+"""Merge the files of a run's parts into its tables, read them back, and score a person's answers."""
 
 import csv
 import io
@@ -67,7 +67,6 @@ def new_manifest(scenario: Scenario, engine: str, record: str, known: inputs.Inp
 
 
 def write_json(file: Path, value: Any) -> None:
-    """Write a JSON file atomically."""
     write_whole(file, json.dumps(value, indent=2, allow_nan=False).encode() + b"\n")
 
 
@@ -145,7 +144,6 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
 
 
 def series_rows(outcome: Outcome) -> tuple[list[str], Iterator[list[Any]]]:
-    """Return header and rows of `series.csv`."""
     by_step = {workload.step: workload for workload in outcome.workloads}
 
     def rows() -> Iterator[list[Any]]:

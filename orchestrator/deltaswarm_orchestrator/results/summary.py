@@ -1,4 +1,4 @@
-"""The summary of a run: its metrics, what its parts found, and whether its numbers may be used."""
+"""The summary of a run: its metrics, the counts of its parts, and whether its numbers may be used."""
 
 import math
 from collections import Counter
@@ -26,27 +26,23 @@ HUNG_STEPS, HUNG_S = 20, 1.0
 `run.step_timeout_s`."""
 
 OFTEN = 5
-"""Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
+"""Number of sequence number resets that is no coincidence: an agent that restarts behind a dead link causes one."""
 
 
 def of_world(name: str, default: Any = None) -> Compute:
-    """Return what the world counted."""
     return lambda run: run.outcome.world.get(name, default)
 
 
 def of_operator(name: str) -> Compute:
-    """Return what the operator counted."""
     return lambda run: run.outcome.operator.get(name)
 
 
 def steps_per_s(run: RunData) -> float | None:
-    """Return the speed of the run."""
     wall_s = run.outcome.world.get("wall_s")
     return len(run.steps) / wall_s if wall_s else None
 
 
 def real_time_factor(run: RunData) -> float | None:
-    """Return simulated per wall time."""
     wall_s = run.outcome.world.get("wall_s")
     return len(run.steps) * run.scenario.run.step_s / wall_s if wall_s else None
 
@@ -74,7 +70,7 @@ def why_invalid(run: RunData) -> list[str]:
 
 
 def failed_agents(run: RunData) -> list[dict[str, Any]]:
-    """Return the agents that failed, by nobody's plan: `agent`, `step`, `steps` missed, and `cause`."""
+    """Return the agents that failed although no fault of the scenario made them fail."""
     outcome, causes = run.outcome, run.outcome.causes
     rows = {row["agent"]: row for row in outcome.world.get("agents_failed", [])}
     step = len(run.steps)
@@ -100,7 +96,7 @@ def hung_agents(run: RunData) -> list[dict[str, Any]]:
 
 
 def missing_agents(run: RunData) -> list[str]:
-    """Name the agents that did not take part in the whole run, unless the scenario accepts so many."""
+    """Name the agents that missed a part of the run, unless the scenario accepts as many."""
     rows = [("failed", row) for row in failed_agents(run)] + [("hung", row) for row in hung_agents(run)]
     agents = {row["agent"] for _, row in rows}
     if run.scenario.run.accepts_lost(len(agents), run.scenario.agents.count):
@@ -114,13 +110,11 @@ def missing_agents(run: RunData) -> list[str]:
 
 
 def answered_share(run: RunData) -> float | None:
-    """Return the share of agent-steps with an answer."""
     counts = run.outcome.world.get("agent_steps")
     return counts["answered"] / counts["due"] if counts and counts["due"] else None
 
 
 def lost_on_fabric(run: RunData) -> int:
-    """Return the number of messages that were lost on the fabric."""
     [metric] = [metric for metric in METRICS if metric.key == "transport_lost"]
     assert metric.compute is not None
     return int(metric.compute(run))
@@ -165,12 +159,7 @@ ACCOUNT = (
         "those with an answer in time; the last act counts while it holds",
         compute=lambda run: run.outcome.world.get("agent_steps", {}).get("answered"),
     ),
-    Metric(
-        "agent_steps.answered_share",
-        "their share",
-        compute=answered_share,
-        label="agent-steps answered",
-    ),
+    Metric("agent_steps.answered_share", "their share", compute=answered_share, label="agent-steps answered"),
     Metric(
         "agents_failed",
         "agents whose controller raised, or whose process or link ended, by no fault of the scenario: first `step`, "
@@ -256,10 +245,7 @@ PERSON = (
         study="person_utilisation",
     ),
     _of_person(
-        "load",
-        "mean of the load x, from 0 to 1",
-        title="Mean load of the operator, from 0 to 1",
-        study="person_load",
+        "load", "mean of the load x, from 0 to 1", title="Mean load of the operator, from 0 to 1", study="person_load"
     ),
     _of_person(
         "load_above_0_7_s", "time with x above 0.7", "s", title="Time at a load above 0.7", study="person_high_load"

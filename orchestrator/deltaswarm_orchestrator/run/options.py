@@ -6,8 +6,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, Reporter
 from deltaswarm_orchestrator.base.inputs import Inputs
-from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_orchestrator.base.ports import check_ports
+from deltaswarm_orchestrator.base.paths import check_out, check_ports
 from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.live.foxglove_server import HOST as LIVE_HOST
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, LiveError, check_installed

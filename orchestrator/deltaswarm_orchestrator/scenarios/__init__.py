@@ -1,4 +1,4 @@
-"""The built-in scenarios, and how scenarios are read."""
+"""Read scenarios; those that are built in are here."""
 
 from importlib import resources
 from importlib.resources.abc import Traversable

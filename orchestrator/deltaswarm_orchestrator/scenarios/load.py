@@ -1,4 +1,4 @@
-"""Load scenarios from TOML files or built-in ones, apply `--set`, and check the result as a whole."""
+"""Load a built-in scenario or a TOML file, apply `--set`, and check the result as a whole."""
 
 import dataclasses
 import re
@@ -192,11 +192,7 @@ def commented_toml(scenario: Scenario) -> str:
 
 
 def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[str, Any]:
-    """Read the unchecked table of a built-in scenario or of a file; a relative path starts at `beside`.
-
-    Raises:
-        SettingsError: there is no such scenario, it is not TOML, or it has no schema; `key` says where it was named.
-    """
+    """Read the unchecked table of a built-in scenario or of a file; a relative path starts at `beside`."""
     table, path = read_toml(key, name, BUILT_IN, beside)
     if path is not None:
         _resolve_grid(table, path.parent)
@@ -211,9 +207,6 @@ def read_toml(
     """Read the table of a built-in file (path None) or of another file, and return it with the file's path.
 
     `also` are other names that the user could have meant.
-
-    Raises:
-        SettingsError: there is no such file, it is not TOML, or it has no schema.
     """
     if name in built_in:
         return parsed_toml(built_in[name].read_text(encoding="utf-8")), None
@@ -320,7 +313,6 @@ def apply(table: dict[str, Any], override: str) -> list[Problem]:
 
 
 def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
-    """Set one dotted key of a nested table."""
     keys = keys_in(path)
     if not all(keys):
         return [Problem(path or "''", "no key", "must be a dotted key such as control.delta")]

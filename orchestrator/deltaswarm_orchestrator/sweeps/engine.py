@@ -1,4 +1,4 @@
-"""Engines that do the runs of a sweep: processes on this machine, or what an extension adds."""
+"""Engines that do the runs of a sweep: worker processes on this machine, this process, or an extension's."""
 
 import contextlib
 import multiprocessing
@@ -70,7 +70,6 @@ class LocalEngine:
         self._context = multiprocessing.get_context("spawn")
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield each task once, as it ends."""
         waiting = deque((task, 1) for task in tasks)
         busy: dict[Connection, _Worker] = {}
         try:
@@ -110,8 +109,6 @@ class LocalEngine:
 
 
 class _Worker:
-    """One worker process, as its engine sees it."""
-
     def __init__(self, context: multiprocessing.context.SpawnContext) -> None:
         self.connection, theirs = context.Pipe()
         self.task: Task | None = None
@@ -121,19 +118,16 @@ class _Worker:
         theirs.close()
 
     def assign(self, task: Task, attempt: int) -> None:
-        """Send the process a run to do."""
         self.task, self.attempt = task, attempt
         with contextlib.suppress(OSError):  # it has died; the next `wait` reports that
             self.connection.send(task)
 
     def resume(self) -> None:
-        """Let the process continue if a signal has stopped it."""
         if self._process.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._process.pid, signal.SIGCONT)
 
     def stop(self) -> str:
-        """Stop the process at once, and return how it ended."""
         self.connection.close()
         self._process.join(0.2 if self.task is None else 0)
         self._process.kill()
@@ -142,7 +136,6 @@ class _Worker:
 
 
 def _serve(connection: Connection, parent: int) -> None:
-    """Do runs in a worker process until there are no more."""
     signal_at_parents_death(signal.SIGKILL, parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the parent; a run's processes unblock it
     while True:
@@ -164,7 +157,6 @@ class ThisProcess:
         self._look = look
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield each task once, as it ends."""
         for task in tasks:
             yield Done(task, *attempt(task, self._look))
 

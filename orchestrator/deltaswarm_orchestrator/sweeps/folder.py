@@ -35,11 +35,7 @@ class SweepFolder:
 
     @contextmanager
     def held(self, name: str) -> Iterator[None]:
-        """Create or reopen the folder, and lock it for the length of the block.
-
-        Raises:
-            SweepFolderError: the folder is in use, holds something else, or cannot be written.
-        """
+        """Create or reopen the folder, and lock it for the length of the block."""
         with ExitStack() as stack:
             try:
                 self.check(name)
@@ -57,12 +53,7 @@ class SweepFolder:
             yield
 
     def check(self, name: str) -> None:
-        """Check that the folder can hold the sweep of this name, or does not exist.
-
-        Raises:
-            SweepFolderError: it holds something else, or another sweep, or it cannot be read.
-            CommandError: it has something that is no file, as `check_files` says.
-        """
+        """Check that the folder can hold the sweep of this name, or does not exist."""
         check_files(self.path, 1)
         try:
             if self.path.exists() and not self._is_ours():
@@ -84,15 +75,12 @@ class SweepFolder:
         return (self.path / LOCK).exists() or "swept" in (self.manifest() or ()) or not any(self.path.iterdir())
 
     def file(self, job: Job, means: str) -> Path:
-        """Return the path at which a finished run is kept."""
         return self.runs / f"{job.key}.{means}.json"
 
     def has(self, job: Job, means: str = IN_PROCESS) -> bool:
-        """Return whether a run is finished."""
         return self.result(job, means) is not None
 
     def is_damaged(self, job: Job, means: str = IN_PROCESS) -> bool:
-        """Return whether the file of a run is damaged."""
         return self.file(job, means).exists() and not self.has(job, means)
 
     def save(self, job: Job, means: str, result: Result) -> None:
@@ -113,15 +101,10 @@ class SweepFolder:
         return result if is_its_own and result.get("means") == means else None
 
     def manifest(self) -> dict[str, Any] | None:
-        """Read the manifest; return None before the first sweep in the folder.
-
-        Raises:
-            SealError: the manifest cannot be read, or has been changed.
-        """
+        """Read the manifest; return None before the first sweep in the folder."""
         return seal.read_sealed(self.path / seal.MANIFEST) or None
 
     def write_manifest(self, manifest: dict[str, Any], files: Mapping[str, Sequence[Any]]) -> None:
-        """Write `manifest.json`, which seals the files of the sweep."""
         seal.write_sealed(self.path / seal.MANIFEST, manifest, files)
 
 
@@ -134,9 +117,6 @@ def copy_runs(sweep: Sweep, path: Path, others: Sequence[Path]) -> int:
 
     Experiments share runs, above all those without a limit. A run is the same if its key and the digest of its code
     are the same.
-
-    Raises:
-        SweepFolderError: the folder is in use, holds something else, or cannot be written.
     """
     folder, code = SweepFolder(path), provenance.code_digest()
     copied = 0

@@ -1,4 +1,4 @@
-"""Mistakes in what a sweep file lets vary: lists, labels, keys in two places, replicates."""
+"""Check what a sweep file varies: lists, labels, keys given twice, replicates."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Do one run of a sweep, from its scenario to the result that is kept."""
+"""Do one run of a sweep; return the result that the sweep keeps."""
 
 import os
 import platform
@@ -73,16 +73,11 @@ Look = Callable[[Outcome, Scenario, Mapping[str, Any]], Mapping[str, Any]]
 
 
 def nothing_more(outcome: Outcome, scenario: Scenario, summary: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Add nothing to a summary."""
     return {}
 
 
 def work(task: Task, look: Look = nothing_more) -> Result:
-    """Do one run.
-
-    Raises:
-        RunError: the run failed or is not valid; the text says why.
-    """
+    """Do one run."""
     began = time.monotonic()
     scenario = task.job.scenario
     if task.means == PROCESSES:
@@ -128,7 +123,6 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
 
 
 def listed_reasons(summary: Mapping[str, Any]) -> str:
-    """Return why a run is not valid, in one line."""
     return "; ".join(summary["invalid_because"])
 
 
@@ -164,7 +158,6 @@ def _run_awake(command: Sequence[str]) -> tuple[int, str, str]:
 
 
 def how_ended(code: int) -> str:
-    """Say how a process with this exit code ended."""
     return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
@@ -211,7 +204,6 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
 
 
 def events_of(outcome: Outcome) -> dict[str, list[float | None]]:
-    """Return the columns of `events.csv`, in order of arrival."""
     lives = outcome.lives
     return {name: [getattr(life, name) for life in lives] for name in EventLife._fields}
 

@@ -1,4 +1,4 @@
-"""Load sweep files, from TOML or built in: check them as a whole and expand them into variants."""
+"""Load a built-in sweep or a TOML file, check it as a whole, and expand it into variants."""
 
 import copy
 import itertools
@@ -34,18 +34,12 @@ ALSO = "so it cannot also be given"
 
 
 def files() -> dict[str, Traversable]:
-    """Return the files of the core's own sweeps, by name."""
     return files_in("sweeps/built_in")
 
 
 @cache
 def built_in() -> dict[str, dict[str, Traversable]]:
-    """Return every built-in file that holds a sweep, by kind and name: sweeps, and what extensions add, as studies.
-
-    Raises:
-        SettingsError: an extension's files cannot be found.
-        PluginError: an extension's function raised, or returned no files.
-    """
+    """Return every built-in file that holds a sweep, by kind and name: sweeps, and what extensions add, as studies."""
     return {kind: _files_of(find(SWEEPS, kind, SWEEPS.group)) for kind in SWEEPS.names()}
 
 
@@ -58,7 +52,6 @@ def _files_of(function: Any) -> dict[str, Traversable]:
 
 
 def built_in_files() -> dict[str, Traversable]:
-    """Return the files of `built_in` by name alone."""
     return {name: file for files in built_in().values() for name, file in files.items()}
 
 
@@ -82,11 +75,7 @@ def load_sweep(
 
 
 def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence[str] = ()) -> Sweep:
-    """Make the sweep that a table describes; file names in the table are relative to the folder `beside`.
-
-    Raises:
-        SettingsError: all mistakes together.
-    """
+    """Make the sweep that a table describes; file names in the table are relative to the folder `beside`."""
     file, problems = _file(table)
     try:
         base = scenarios.read_table(file.base, beside, "base")
@@ -147,9 +136,6 @@ def read_file(name: str, key: str = "sweep", also: Iterable[str] = ()) -> tuple[
     """Read a sweep or study from a file or by its built-in name; return its table and the folder of its paths.
 
     `key` and `also` are for the message about a name that does not exist, as for `read_toml`.
-
-    Raises:
-        SettingsError: the file does not exist or is not TOML.
     """
     table, path = scenarios.read_toml(key, name, built_in_files(), also=also)
     table.pop("session", None)  # for participants; does not change a run
@@ -157,11 +143,7 @@ def read_file(name: str, key: str = "sweep", also: Iterable[str] = ()) -> tuple[
 
 
 def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
-    """Check the form of a sweep file; return the file and its problems. Wrong keys count as not given.
-
-    Raises:
-        SettingsError: the file is not valid even without its wrong keys.
-    """
+    """Check the form of a sweep file; return the file and its problems. Wrong keys count as not given."""
     known = {spec.name for spec in fields(SweepFile)}
     unknown = [checked.unknown_key(name, [*known, *STUDY_TABLES]) for name in table if name not in known]
     file, problems = checked.check(SweepFile, {name: value for name, value in table.items() if name in known})
@@ -322,7 +304,6 @@ def _points(
 
 
 def _is_at(path: str, name: str) -> bool:
-    """Return whether the path of a problem is that of a key, or within it."""
     return path == name or path.startswith((f"{name}.", f"{name}["))
 
 

@@ -1,4 +1,4 @@
-"""Conduct a sweep: keep the finished runs, do the missing ones, and write tables of all."""
+"""Conduct a sweep: keep finished runs, do the missing ones, and write the tables."""
 
 import sys
 import time
@@ -35,16 +35,12 @@ SPEED_OVER_S = 3600.0
 class SweepReporter:
     """Receives the progress of a sweep. This base class ignores it."""
 
-    def announce(self, total: int, finished: int) -> None:
-        """Announce a sweep of `total` runs, `finished` of which were finished before."""
+    def announce(self, total: int, finished: int) -> None: ...
 
-    def count(self, done: Done) -> None:
-        """Count a run that has ended."""
+    def count(self, done: Done) -> None: ...
 
 
 class SweepDisplay(Bar, SweepReporter):
-    """Shows the progress of a sweep."""
-
     def __init__(self, name: str) -> None:
         columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
         super().__init__(name, *columns, speed_estimate_period=SPEED_OVER_S)
@@ -53,13 +49,11 @@ class SweepDisplay(Bar, SweepReporter):
         self._total = self._before = self._ended = self._failed = 0
 
     def announce(self, total: int, finished: int) -> None:
-        """Announce a sweep of `total` runs, `finished` of which were finished before."""
         self._total, self._before = total, finished
         if finished:
             print(f"{self._name}: {finished} of {total} runs are done already", file=sys.stderr, flush=True)
 
     def count(self, done: Done) -> None:
-        """Count a run that has ended."""
         self._ended += 1
         self._failed += done.result is None
         failed = f", {self._failed} failed" if self._failed else ""
@@ -76,8 +70,6 @@ class SweepDisplay(Bar, SweepReporter):
 
 @dataclass
 class SweepResult:
-    """The result of a sweep, finished or not."""
-
     folder: Path
     runs: int
     """Runs that were asked for."""
@@ -109,7 +101,6 @@ class SweepResult:
 
     @property
     def code(self) -> int:
-        """The exit code that tells how the sweep ended."""
         return OK if self.is_well else INTERRUPTED if self.interrupted else FAILED
 
     @property
@@ -150,26 +141,9 @@ def run_sweep(
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest, {name: was for name, was in seal.files_of(before).items() if name != PLAN})
         write_whole(path / PLAN, tomli_w.dumps(checked.plain(sweep.file)).encode())
-        failed: list[str] = []
-        invalid = {_run_of(row): row for row in before.get("invalid", [])}
-        interrupted = False
         reporter.announce(len(wanted), len(wanted) - len(tasks))
-        try:
-            if tasks:
-                for done in make_engine().run(tasks):
-                    if done.ends_sweep:
-                        raise InputsChangedError(done.reason)
-                    if done.result is not None:
-                        folder.save(done.task.job, done.task.means, done.result)
-                    else:
-                        failed.append(f"{done.task.job.name} ({done.task.means}): {done.reason}")
-                        row = invalid_run(done.task.job, done.task.means, done.reason)
-                        invalid[_run_of(row)] = row
-                    reporter.count(done)
-        except KeyboardInterrupt:
-            interrupted = True
-        except (EngineLostError, InputsChangedError) as error:
-            failed.append(str(error))
+        failed, rows, interrupted = _do(tasks, folder, make_engine, reporter)
+        invalid = {_run_of(row): row for row in [*before.get("invalid", []), *rows]}
         missing = {(job.variant.label, job.replicate, by) for job, by in wanted if not folder.has(job, by)}
         in_order = [(job.variant.label, job.replicate, by) for job, by in kept.values()]
         invalid = {run: invalid[run] for run in in_order if run in invalid and run in missing}
@@ -209,16 +183,35 @@ def run_sweep(
     )
 
 
+def _do(
+    tasks: Sequence[Task], folder: SweepFolder, make_engine: Callable[[], Engine], reporter: SweepReporter
+) -> tuple[list[str], list[InvalidRun], bool]:
+    """Do runs and save them; return what failed, the rows of runs without a result, and whether it was interrupted."""
+    failed: list[str] = []
+    invalid: list[InvalidRun] = []
+    try:
+        for done in make_engine().run(tasks) if tasks else ():
+            if done.ends_sweep:
+                raise InputsChangedError(done.reason)
+            if done.result is not None:
+                folder.save(done.task.job, done.task.means, done.result)
+            else:
+                failed.append(f"{done.task.job.name} ({done.task.means}): {done.reason}")
+                invalid.append(invalid_run(done.task.job, done.task.means, done.reason))
+            reporter.count(done)
+    except KeyboardInterrupt:
+        return failed, invalid, True
+    except (EngineLostError, InputsChangedError) as error:
+        failed.append(str(error))
+    return failed, invalid, False
+
+
 def _run_of(row: InvalidRun) -> tuple[Any, ...]:
     return row["variant"], row["replicate"], row["means"]
 
 
 def check_folder(sweep: Sweep, path: Path, means: str) -> None:
-    """Check that a sweep may be written into a folder that exists.
-
-    Raises:
-        SweepFolderError: the folder holds something else, or only runs of other sweeps.
-    """
+    """Check that a sweep may be written into a folder that exists."""
     folder = SweepFolder(path)
     folder.check(sweep.name)
     before = folder.manifest() or {}
@@ -259,11 +252,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
 
 
 def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any], manifest: dict[str, Any]) -> None:
-    """Refuse a sweep that shares no run with the folder, since its tables would replace those of the other sweep.
-
-    Raises:
-        SweepFolderError: the folder has only runs of other sweeps; the text says what differs.
-    """
+    """Refuse a sweep that shares no run with the folder, since its tables would replace those of the other sweep."""
     ours = {folder.file(job, means) for job in sweep.jobs() for means in (IN_PROCESS, PROCESSES)}
     theirs = set(folder.runs.glob("*.json"))
     if not theirs or ours & theirs:

@@ -60,7 +60,6 @@ class RangeSettings:
 
     @property
     def label(self) -> str:
-        """Title and unit, for axes and headings."""
         return f"{self.title} [{self.unit}]" if self.unit else self.title
 
     @property
@@ -72,7 +71,6 @@ class RangeSettings:
 
     @property
     def distribution(self) -> str:
-        """Where values are drawn from, in words."""
         if self.choices:
             return f"{', '.join(self.choices)}: equally often"
         low, high = map(shown_limit, self.ends)
@@ -90,7 +88,6 @@ class RangeSettings:
         return int(inside) if self.integer else inside
 
     def value(self, drawn: Any) -> Any:
-        """Return the scenario's value for what was drawn."""
         return self.choices[drawn] if self.choices else drawn
 
 
@@ -127,7 +124,6 @@ class SensitivitySettings:
 
     @property
     def design(self) -> str:
-        """The method, in words."""
         return "a scrambled Sobol sequence" if self.method == SOBOL else "a Latin hypercube"
 
 

@@ -98,7 +98,6 @@ def row_of(job: Job, result: Result) -> pd.DataFrame:
 
 
 def metrics_of(result: Result) -> dict[str, Any]:
-    """Return a run's metrics by dotted names."""
     return {name: value for name, value in flattened(result["summary"]) if not name.startswith(PER_SENDER)}
 
 
@@ -115,7 +114,6 @@ def senders_of(runs: Finished) -> pd.DataFrame:
 
 
 def _head(job: Job) -> dict[str, Any]:
-    """Return the columns that identify a run."""
     keys = {name: cell(value) for name, value in job.variant.keys.items()}
     return {"variant": job.variant.label, **keys, "replicate": job.replicate, "seed": job.scenario.seed}
 
@@ -154,7 +152,6 @@ def costs_of(runs: Finished) -> pd.DataFrame:
 
 
 def digest_of(runs: Finished) -> str:
-    """Compute a sweep's digest from its runs' digests, in the table's order."""
     digest = hashlib.blake2b(digest_size=16)
     for job, result in runs:
         digest.update(f"{job.variant.label}/{job.replicate}/{result['summary']['digest']}\n".encode())
@@ -174,12 +171,7 @@ def differing(table: pd.DataFrame) -> list[str]:
 
 
 def read_table(file: Path, labels: Sequence[str] = ("variant",), needs: Sequence[str] = ()) -> pd.DataFrame:
-    """Read a table that `write_table` wrote. In the columns `labels`, `10`, `true` and `None` are text.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file holds no table, or one without a column that it needs.
-    """
+    """Read a table that `write_table` wrote. In the columns `labels`, `10`, `true` and `None` are text."""
     columns = pd.read_csv(file, nrows=0).columns
     if absent := [name for name in needs if name not in columns]:
         raise ValueError(f"{file} must have the columns {', '.join(needs)}; it lacks {', '.join(absent)}")

@@ -17,7 +17,7 @@ from deltaswarm_agent.controllers.central.frames import SensedFrame
 from deltaswarm_agent.controllers.central.maps import Cells, KnownMap, LearntMap
 from deltaswarm_agent.controllers.central.overview import Overview
 from deltaswarm_agent.controllers.central.planner import AT_EVENT_SHARE, POST_SHARE, Planner, posts
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario

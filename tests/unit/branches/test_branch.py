@@ -9,8 +9,8 @@ import pytest
 
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.plan import DECIDED, KEPT, Difference
+from deltaswarm_cli.main import main
 from deltaswarm_operator.core.budget import Structure
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.run_tables import read_outcome, read_rows
 from tests.support.branching import AIR, FAULTS, SCRIPT, branched, manifest_of, ran, repetition_of, summary_of
 from tests.support.complaints import Printed

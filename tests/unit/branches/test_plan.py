@@ -7,7 +7,7 @@ import pytest
 from deltaswarm_branches.keys import RULES, problem_of, rule_of
 from deltaswarm_branches.parent import Parent, read_parent
 from deltaswarm_branches.plan import DECIDED, DROPPED, KEPT, Difference, at_step, plan
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.scenarios.load import keys_of
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario

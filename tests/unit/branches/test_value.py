@@ -8,9 +8,9 @@ import pytest
 from deltaswarm_branches.pairs import MEASURES
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.value import value_of_command
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.temporary import remove_left
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.replay import worth_of
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from tests.support.branching import AIR, SCRIPT, branched, ran, summary_of

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.sweeps.job import work
 from tests.support.dask_clusters import Cluster, dask_cluster
 from tests.support.swarms import BOUND_S, wait_until

@@ -22,6 +22,7 @@ import deltaswarm
 from deltaswarm_learn import make
 from deltaswarm_learn.environment import SwarmEnv
 from deltaswarm_learn.rewards import StepOutcome
+from deltaswarm_learn.state import EVENT_NUMBERS, MAX_STATE_EVENTS
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import check_table, load_scenario
@@ -233,6 +234,28 @@ def test_an_agent_that_leaves_does_not_come_back() -> None:
     assert senders.get("3", {"messages": 0})["messages"] <= 4
 
 
+def test_an_agent_that_dies_with_the_episode_is_truncated_and_not_terminated() -> None:
+    """It is killed in the step after the last one, which only shows where the last actions led."""
+    kill = {"kind": "kill", "at_s": 19.0, "agents": [2]}
+    env = SwarmEnv("smoke", {**SHORT, "fault": [kill]}, leaving=True, max_cycles=19)
+    *_, (observations, _, terminations, truncations, _) = episode(env)
+    assert observations["agent_2"][0] == 0
+    assert set(terminations.values()) == {False}
+    assert set(truncations.values()) == {True}
+
+
+def test_the_state_tells_sensed_events_from_told_ones() -> None:
+    """Agents that stand still sense events, and report none."""
+    env = SwarmEnv("smoke", {"run.duration_s": 60.0, "events.rate_hz": 0.5})
+    env.reset(seed=1)
+    sensed = told = 0.0
+    while env.agents:
+        env.step(idle(env))
+        events = env.state()[-EVENT_NUMBERS * MAX_STATE_EVENTS :].reshape(MAX_STATE_EVENTS, EVENT_NUMBERS)
+        sensed, told = sensed + events[:, 4].sum(), told + events[:, 5].sum()
+    assert (sensed > 10, told) == (True, 0)
+
+
 # Wrappers, and what is left behind
 
 
@@ -331,7 +354,6 @@ def test_actions_are_of_the_agents_that_are_there() -> None:
     ],
 )
 def test_a_wrong_argument_is_refused(named: dict[str, Any], text: str) -> None:
-    """When the environment is made, before any episode."""
     with pytest.raises(SettingsError, match=text):
         SwarmEnv(**named)
 

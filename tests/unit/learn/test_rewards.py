@@ -1,12 +1,14 @@
 """Rewards: each number against the step's own records, weights and signs, and functions of a user's."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deltaswarm_learn.environment import SwarmEnv
-from deltaswarm_learn.rewards import REWARDS, StepOutcome, reward_function
+from deltaswarm_learn.rewards import REWARDS, StepOutcome, Tally, reward_function
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.support.learning import episode
 
 AGENTS = ["agent_0", "agent_1"]
@@ -86,6 +88,20 @@ def test_each_number_is_what_the_records_say(step_s: float) -> None:
     assert totals["completed"] == summary["completed"] > 0
     assert totals["sensed"] == summary["waiting_time_s"]["n"] >= totals["worked"] >= totals["completed"]
     assert totals["messages"] == summary["reports"]["arrived"]
+
+
+def test_an_event_that_is_told_after_the_horizon_is_no_reward() -> None:
+    """Two events arrive at once; one is told within 10 s, the other later."""
+    events = [SimpleNamespace(event=number, arrived_s=0.0, sensed_s=0, worked_s=0, completed_s=0) for number in (1, 2)]
+    told_s: dict[int, float] = {}
+    world = SimpleNamespace(environment=SimpleNamespace(arrived=events, changed=[]))
+    swarm = SimpleNamespace(world=world, operator=SimpleNamespace(told_s=told_s))
+    tally, told = Tally(load_scenario("smoke", ["metrics.horizon_s=10"])), []
+    for time_s in range(20):
+        told_s |= {1: 5.0} if time_s == 5 else {2: 15.0} if time_s == 15 else {}
+        record = SimpleNamespace(time_s=time_s, events_open=0, frames_sent=0, bytes_sent=0)
+        told.append(tally.count(swarm, record, SimpleNamespace(messages=0))["told"])  # type: ignore[arg-type]
+    assert [time_s for time_s, number in enumerate(told) if number] == [5]
 
 
 def test_no_event_counts_as_untold_beyond_the_horizon() -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main, parser
+from deltaswarm_cli.run import KEPT
 from deltaswarm_orchestrator.base.advice import as_given, command_line, options_given
 from deltaswarm_orchestrator.base.exits import INTERRUPTED
-from deltaswarm_orchestrator.cli import main, parser, report
-from deltaswarm_orchestrator.cli.run import KEPT
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps import engine
@@ -102,7 +103,6 @@ def test_a_session_that_stops_goes_on_as_it_says(
 
 
 def test_a_study_without_tables_says_how_to_make_them(tmp_path: Path, capsys: Printed) -> None:
-    """Its file and its folder, not its name alone."""
     file = tmp_path / "my-study.toml"
     file.write_text(
         'schema = 1\nbase = "smoke"\n[study]\n[sweep]\nrepeats = 2\n[sweep.axes]\nradio.loss = [0.0, 0.5]\n'
@@ -110,26 +110,3 @@ def test_a_study_without_tables_says_how_to_make_them(tmp_path: Path, capsys: Pr
     given = ["study", str(file), "--out", str(tmp_path / "page of it"), "--render"]
     assert main(given) == 1
     assert advised(capsys.readouterr().err, "to make it: ") == given[:-1]
-
-
-OUT = {
-    "run": ["smoke", "--in-process", "--set", "run.duration_s=5"],
-    "sweep": ["smoke", "--repeats", "1", "--set", "metrics.horizon_s=1", "--set", "run.duration_s=5"],
-    "study": ["limits"],
-    "session": ["FILE", "--participant", "1"],
-    "certificates": ["--agents", "1"],
-    "bundle": ["--platform", "linux_x86_64"],
-}
-
-
-@pytest.mark.parametrize("command", OUT)
-def test_a_place_that_cannot_be_written_is_refused_in_a_line(command: str, tmp_path: Path, capsys: Printed) -> None:
-    """A file, a place below one, and a file system that takes no files: nothing has been started."""
-    given = [str(a_file(tmp_path)) if word == "FILE" else word for word in OUT[command]]
-    file = tmp_path / "file"
-    file.write_text("mine")
-    for out in (file, file / "below", Path("/proc/nowhere")):
-        assert main([command, *given, "--out", str(out)]) in (1, 2)
-        (line,) = capsys.readouterr().err.splitlines()
-        assert str(out.parent if command == "bundle" else out) in line
-    assert file.read_text() == "mine"

@@ -1,17 +1,16 @@
 """Commands at the command line: scripts are checked before a run, and a recorded script is the same run again."""
 
 import subprocess
-import tomllib
 from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli.main import main
+from deltaswarm_cli.run import EXCLUDES, NEEDS
 from deltaswarm_orchestrator.base.exits import OK
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.run import EXCLUDES, NEEDS
 from deltaswarm_orchestrator.results.run_tables import write_tables
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.support.commanding import script
 from tests.support.swarms import COMMAND
@@ -36,13 +35,6 @@ def test_the_commands_of_a_run_are_a_script_of_the_same_run(tmp_path: Path, step
     assert len(first.world["commands"]) == 3
 
 
-def test_a_scenario_with_commands_is_the_same_after_writing_it() -> None:
-    """So a run folder's scenario makes the same run."""
-    scenario = load_scenario("smoke", [script(*ROWS)])
-    assert load_scenario("smoke", [], None).command == ()
-    assert tomllib.loads(to_toml(scenario))["command"][1]["arguments"] == {"for_s": 12.5}
-
-
 @in_one_test(
     "row",
     [
@@ -58,7 +50,6 @@ def test_a_scenario_with_commands_is_the_same_after_writing_it() -> None:
     ],
 )
 def test_a_command_that_nobody_would_obey_is_a_mistake_of_the_scenario(row: list[object]) -> None:
-    """It is found before anything is started."""
     with pytest.raises(SettingsError):
         load_scenario("smoke", [script(row)])
 
@@ -68,7 +59,6 @@ def test_a_command_that_nobody_would_obey_is_a_mistake_of_the_scenario(row: list
     [None, "", "command = 3", "[[command]]\nname = 3", "[command]\nname='hold'", "[[command]]\nnme='hold'", "\0"],
 )
 def test_a_file_that_is_no_script_is_refused(tmp_path: Path, text: str | None) -> None:
-    """With its name or its key."""
     file = tmp_path / "commands.toml"
     if text is not None:
         file.write_text(text)
@@ -121,7 +111,6 @@ def test_an_option_without_effect_is_refused(
 
 
 def test_a_station_is_for_a_run(tmp_path: Path) -> None:
-    """A folder without one has none."""
     assert main(["station", str(tmp_path / "no-run")]) != OK
     assert main(["replay", str(tmp_path)]) != OK
 
@@ -130,7 +119,7 @@ def test_help_loads_nothing_that_a_run_needs() -> None:
     """--version and the --help of every command are shown before numpy, protobuf and the scenario's settings load."""
     program = """
 import sys
-from deltaswarm_orchestrator.cli import all_commands, main
+from deltaswarm_cli.main import all_commands, main
 words = [[command, "--help"] for command in (*all_commands(), "agent", "world", "operator")]
 for command in (["--version"], ["--help"], *words, ["agent", "board", "--help"], ["operator", "--no-world", "--help"]):
     try:

@@ -75,7 +75,6 @@ def test_compiled_cores_that_change_a_digest_do_not_stay(site: Path, monkeypatch
 
 
 def test_an_error_of_the_compiler_changes_nothing(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its last lines are shown."""
     before = content(site)
     failed = subprocess.CompletedProcess([], 1, "a\n" * 9, "codec.c:1: error: no room\n")
     monkeypatch.setattr(compiling.subprocess, "run", lambda *_, **__: failed)
@@ -102,11 +101,9 @@ class Installed:
         self._folder, self._origin = folder, origin
 
     def locate_file(self, name: str) -> Path:
-        """As of importlib."""
         return self._folder / name
 
     def read_text(self, name: str) -> str | None:
-        """As of importlib."""
         return None if self._origin is None else json.dumps(self._origin)
 
 
@@ -115,10 +112,7 @@ HERE = Path(compiling.__file__).parents[1]
 
 @pytest.mark.parametrize(
     ("folder", "origin"),
-    [
-        (HERE, {"url": "file:///clone", "dir_info": {"editable": True}}),
-        (Path("/elsewhere"), None),
-    ],
+    [(HERE, {"url": "file:///clone", "dir_info": {"editable": True}}), (Path("/elsewhere"), None)],
     ids=["editable", "another copy is imported"],
 )
 def test_sources_that_may_change_stay_pure(

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.installation import SHELLS
+from deltaswarm_cli.installation import SHELLS
+from deltaswarm_cli.main import main
 
 
 def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:
@@ -27,8 +27,7 @@ def test_the_shell_accepts_its_script(shell: str, tmp_path: Path, capsys: pytest
 
 
 @pytest.mark.parametrize(
-    ("typed", "offered"),
-    [("deltaswarm stu", "study"), ("deltaswarm run --station-l", "--station-listen"), ("deltaswarm bench r", "run")],
+    ("typed", "offered"), [("deltaswarm stu", "study"), ("deltaswarm run --station-l", "--station-listen")]
 )
 def test_bash_completes(typed: str, offered: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands, their options, and subcommands."""

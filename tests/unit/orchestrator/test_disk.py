@@ -6,15 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import disk
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 
 
 @pytest.fixture
 def free(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """What the disk seems to have."""
     made = SimpleNamespace(free=0)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: made)
     return made

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire.extras import extras, install, needed
 from tests.support.complaints import Printed
 
@@ -45,7 +45,7 @@ def test_a_lean_installation_runs_and_says_what_studies_need(tmp_path: Path) -> 
     program = """
 import contextlib, io, json, sys
 sys.modules.update(dict.fromkeys(sys.argv[1].split(",")))
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 for command in json.loads(sys.argv[2]):
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):

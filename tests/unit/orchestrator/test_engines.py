@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.processes.elsewhere import engine_of
 from deltaswarm_orchestrator.sweeps.load import built_in
 from deltaswarm_wire.plugin_errors import PluginError

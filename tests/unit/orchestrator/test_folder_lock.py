@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.results.folder import FolderError, RunFolder
 from deltaswarm_orchestrator.results.folder_lock import CLAIM, LOCK, LOCK_FILES, OWNER, FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
@@ -64,7 +64,6 @@ def test_a_folder_is_held_until_it_is_let_go_of(tmp_path: Path, has_flock: bool)
 
 
 def test_the_lock_of_a_killed_process_is_void(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is another's that has its number by now."""
     without_flock(monkeypatch)
     command = [sys.executable, "-c", KILLED, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
@@ -136,7 +135,6 @@ def test_who_takes_over_is_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_runs_and_sweeps_do_without_flock(tmp_path: Path, has_flock: bool) -> None:
-    """And leave nothing of it in what they made."""
     with RunFolder(tmp_path / "run", force=False) as folder:
         with pytest.raises(FolderError, match="run in progress"):
             RunFolder(tmp_path / "run", force=True)

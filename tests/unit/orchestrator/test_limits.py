@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main
 from tests.support.complaints import Printed
 from tests.support.tiers import in_one_test
 

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import (
     COMPLETED,
     SENSED,
@@ -27,7 +26,7 @@ from deltaswarm_orchestrator.results.outcome import (
     time_until,
     worst_tenth,
 )
-from deltaswarm_orchestrator.results.summary import EVERY_KEY, computed
+from deltaswarm_orchestrator.results.summary import computed
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -258,27 +257,10 @@ def test_digests_of_arrivals_are_those_of_earlier_versions() -> None:
 
 
 def test_what_broke_the_protocol_or_was_lost_counts_on_both_sides() -> None:
-    """What the world noticed and what the operator did."""
     outcome = whole(rejected=[0, 1, 0, 0, 4, 0], transport_lost=[2, 0, 0, 0, 0, 1])
     outcome.workloads = [workload(step, rejected=step, lost=10 * step) for step in range(3)]
     found = metrics(outcome, a_scenario())
     assert (found["samples_rejected"], found["transport_lost"]) == (5 + 3, 3 + 30)
-
-
-def test_a_series_says_what_its_numbers_are() -> None:
-    """Those of rates are per step, and are shown per second."""
-    kinds = {metric.over.column: metric.over.kind for metric in METRICS if metric.over}
-    assert {column: kind for column, kind in kinds.items() if kind != "per step"} == {
-        "operator_messages": "rate",
-        "frames_sent": "rate",
-        "frames_received": "rate",
-        "never_sensed": "count",
-        "completed": "count",
-        "waiting_time_s": "per event",
-        "told_time_s": "per event",
-        "worked_time_s": "per event",
-        "completion_time_s": "per event",
-    }
 
 
 Row = dict[str, float]
@@ -354,20 +336,3 @@ def test_a_step_row_counts_completed_events() -> None:
     ]
     assert [t.events_completed for t in outcome.step_records] == done
     assert done[-1] > 5
-
-
-WHOLE = """
-completed person.items person.read person.missed person.replaced person.unread.max person.unread.last person.commands
-person.commands_by_state.done task.hits task.misses task.false_alarms task.correct_rejections task.unjudged task.events
-inbox.items inbox.shown inbox.lines inbox.held_back inbox.never_shown inbox.opened inbox.read inbox.unread inbox.alerts
-inbox.alerts_never_shown inbox.alerts_missed
-person.questions person.answers_missing autonomy.changes autonomy.vetoes operator_restarts
-"""
-
-
-def test_counts_are_whole_numbers() -> None:
-    """Tables of sessions write them without a point; only the share of right answers is known after the summary."""
-    assert {metric.key for metric in EVERY_KEY if metric.is_whole} == {*WHOLE.split()}
-    shares = [f"person.situation_{name}_share" for name in ("right", "true", "known")]
-    assert [metric.key for metric in EVERY_KEY if not metric.is_in_summary] == shares
-    assert {metric.study for metric in EVERY_KEY} >= {"person_isa", "person_load", "person_commands"}

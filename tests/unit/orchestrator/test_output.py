@@ -1,17 +1,16 @@
 """What commands print: with `--json` one document on standard output and nothing else; else aligned columns."""
 
-import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from docs.extensions.command_line import subparsers, with_subcommands
 
-from deltaswarm_orchestrator.base.exits import aligned, named, shown
-from deltaswarm_orchestrator.cli import all_commands, main, parser
+from deltaswarm_cli.main import all_commands, main, parser
+from deltaswarm_orchestrator.base.exits import aligned, shown
 from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
@@ -24,30 +23,17 @@ WITHOUT_JSON = {"compile", "completion", "replay"}
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a short run."""
     out = tmp_path_factory.mktemp("runs") / "short"
     command = ["run", "smoke", "--in-process", "--set", "run.duration_s=20", "--out", str(out)]
     subprocess.run([*COMMAND, *command], capture_output=True, check=True)
     return out
 
 
-def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[argparse.ArgumentParser]:
-    """The parsers of a command: its own, or those of its subcommands."""
-    choices = next((a.choices for a in made._actions if isinstance(a, argparse._SubParsersAction)), None)
-    if not words and choices is None:
-        yield made
-    elif words:
-        yield from leaves(choices[words[0]], words[1:])  # type: ignore[index]
-    else:
-        for one in choices.values():
-            yield from leaves(one, ())
-
-
 @in_one_test("command", sorted(all_commands()))
 def test_every_command_with_a_result_has_json(command: str) -> None:
-    """Each of its subcommands too."""
-    for own in leaves(parser(command), (command,)):
-        assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
+    for own in with_subcommands(subparsers(parser(command))[command]):
+        if not subparsers(own):
+            assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
 
 
 @pytest.mark.parametrize(
@@ -66,7 +52,6 @@ def test_every_command_with_a_result_has_json(command: str) -> None:
 def test_json_is_all_on_standard_output(
     command: str, keys: set[str], run: Path, tmp_path: Path, capsys: Printed
 ) -> None:
-    """One document with what the text tells."""
     assert main([*command.format(run=run, new=tmp_path / "new").split(), "--json"]) == 0
     assert keys <= json.loads(capsys.readouterr().out).keys()
 
@@ -107,7 +92,6 @@ def test_a_dry_run_refuses_what_a_run_would_refuse(command: str, run: Path, tmp_
 def test_a_dry_run_starts_and_writes_nothing(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
-    """It prints what would be run."""
     monkeypatch.chdir(tmp_path)
     words = command.format(file=a_file(tmp_path)).split()
     before = sorted(tmp_path.rglob("*"))
@@ -130,7 +114,7 @@ def test_a_quiet_command_says_nothing_beside_its_result(
     """No progress, no notices; without the option there are some."""
     words = command.format(new=tmp_path / "new", file=a_file(tmp_path)).split()
     if words[0] == "session":
-        monkeypatch.setattr("deltaswarm_orchestrator.cli.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
+        monkeypatch.setattr("deltaswarm_cli.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
     assert main([*words, "--quiet"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
@@ -141,19 +125,11 @@ def test_a_quiet_command_says_nothing_beside_its_result(
 
 
 def test_a_quiet_command_still_says_what_is_wrong(run: Path, capsys: Printed) -> None:
-    """And ends with 2."""
     assert main(["run", "smoke", "-q", "--out", str(run)]) == 2
     assert str(run) in capsys.readouterr().err
 
 
-def test_the_options_of_run_are_in_groups() -> None:
-    """None but help is left in argparse's own groups."""
-    (own,) = leaves(parser("run"), ("run",))
-    assert [len(group._group_actions) for group in own._action_groups[:2]] == [0, 1]
-
-
 def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
-    """Of what each of its studies prints."""
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     assert main(["study", "beyond", "--plan", "--json"]) == 0
     assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]
@@ -171,17 +147,6 @@ def test_columns_begin_at_the_same_place() -> None:
 def test_a_value_is_short(value: object, text: str) -> None:
     """Fractions have two decimals, or none where they are large."""
     assert shown(value) == text
-
-
-def test_rows_become_a_table() -> None:
-    """A list of them, or a table of them by name; plain values come first."""
-    lines = named(
-        {"sizes": [{"agents": 5, "speed_hz": 2.5}], "radio": {"all_on": {"x": 1}}, "steps": 9, "us": {"a": 1}}
-    )
-    assert [line.split() for line in lines.splitlines() if line] == [
-        *(["steps", "9"], ["agents", "speed", "hz"], ["5", "2.50"]),
-        *(["radio", "x"], ["all_on", "1"], ["us"], ["a", "1"]),
-    ]
 
 
 def test_nothing_slow_is_imported_before_signals_are_heeded() -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
-from deltaswarm_orchestrator.cli import main
 from tests.support.complaints import Printed
 from tests.support.tiers import in_one_test
 
@@ -45,13 +45,13 @@ def test_a_folder_with_what_is_no_file_is_refused(command: tuple[str, ...], tmp_
         ("study paper --freeze --out FILE", "--out"),
         ("certificates --agents 0 --out FILE/x", "--out"),
         ("certificates --operator-key FILE/key", "--operator-key"),
+        ("bundle --platform linux_x86_64 --out FILE/x", "--out"),
         ("run smoke --boards 0 --boards-folder FILE --listen tcp/127.0.0.1:0 --dry-run", "--boards-folder"),
     ],
 )
 def test_an_output_in_whose_place_is_a_file_is_refused(
     command: str, name: str, tmp_path: Path, capsys: Printed
 ) -> None:
-    """With the option that names it."""
     file = tmp_path / "file"
     file.touch()
     assert main(command.replace("FILE", str(file)).split()) == 2

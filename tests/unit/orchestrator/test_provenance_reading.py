@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import deltaswarm
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.inspect.info import describe
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support.complaints import Printed

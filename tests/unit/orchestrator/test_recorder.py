@@ -16,7 +16,6 @@ from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.operator_messages import Workload
 from tests.support.truths import messages, on, recorded, shown, steps, truth
 
 
@@ -185,36 +184,17 @@ def test_what_was_written_is_flushed_each_wall_second(tmp_path: Path) -> None:
         assert len(read_recording(tmp_path).step_records) == 4
 
 
-def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:
-    """Every field, unrounded, at the time of its step."""
-    workload = Workload(7, 7.0, 3, 2, 1 / 3, 2 / 7, 0.1, 1, 0, 0)
+@pytest.mark.parametrize(
+    ("kept", "lost"), [(20, []), (8, ["steps 8 to 19"]), (None, ["steps 0 to 19"]), (0, ["steps 0 to 19"])]
+)
+def test_what_a_damaged_recording_has_lost_is_told(kept: int | None, lost: list[str], tmp_path: Path) -> None:
+    """A run is resumed after step 19; its recording may have been cut off before that, be another file, or be gone."""
+    before = tmp_path / "before"
+    if kept:
+        recorded(tmp_path, scenario(), kept).rename(before)
+    else:
+        before.write_bytes(b"This is no recording.")
     with Recorder(tmp_path, scenario()) as recorder:
-        recorder.workload(workload)
-        recorder.complete({})
-    ((topic, log_time, message),) = messages(tmp_path / "recording.mcap")
-    assert (topic, log_time) == ("/operator/workload", (EPOCH_S + 7) * 10**9)
-    assert Workload(*(getattr(message, name) for name in Workload._fields)) == workload
-
-
-@pytest.mark.parametrize(("kept", "lost"), [(20, []), (8, ["steps 8 to 19"])])
-def test_what_a_damaged_recording_has_lost_is_told(kept: int, lost: list[str], tmp_path: Path) -> None:
-    """A run is resumed after step 19; its recording may have been cut off before that."""
-    before = recorded(tmp_path, scenario(), kept).rename(tmp_path / "before")
-    told = told_after_19(tmp_path, {RECORDING: before})
+        told = recorder.continue_from({} if kept is None else {RECORDING: before}, 19)
     assert len(told) == len(lost)
     assert all(part in line for part, line in zip(lost, told, strict=True))
-
-
-@pytest.mark.parametrize("is_there", [True, False])
-def test_a_recording_that_is_none_has_lost_everything(is_there: bool, tmp_path: Path) -> None:
-    """It is gone, or another file has its name."""
-    (tmp_path / "before").write_bytes(b"This is no recording.")
-    [line] = told_after_19(tmp_path, {RECORDING: tmp_path / "before"} if is_there else {})
-    assert "steps 0 to 19" in line
-
-
-def told_after_19(folder: Path, before: dict[str, Path]) -> list[str]:
-    """What a recorder says has been lost of an earlier recording when a run is resumed after step 19."""
-    made = scenario()
-    with Recorder(folder, made) as recorder:
-        return recorder.continue_from(before, 19)

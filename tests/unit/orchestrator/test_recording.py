@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import COLUMNS, EventState, StepRecord, Truth
+from deltaswarm_scenario.truth import EventState, Truth
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event
@@ -101,17 +101,6 @@ def test_a_plausible_run_reads_back_as_it_was_written(tmp_path: Path, seed: int)
     check_same(tmp_path, told)
 
 
-def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
-    """None is absent from a message, and is None again; -1 is a number like others."""
-    zeros: dict[str, Any] = dict.fromkeys(COLUMNS, 0)
-    record = StepRecord.of({**zeros, "time_s": 0.0, "covered_area_m2": None})
-    event = EventState(1, -1.0, -1.0, 0.0, None, None, None, 0.0)
-    write(tmp_path, [(Truth(0, 0.0, (), (event,), (), record), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
-    found = read_recording(tmp_path)
-    assert found.step_records[0].covered_area_m2 is None
-    assert found.events == [event]
-
-
 def test_a_finished_recording_is_complete(tmp_path: Path) -> None:
     """It has its manifest, and the scenario from which it came."""
     write(tmp_path, list(steps(SCENARIO, 3)), digest="ab12", seed=5)
@@ -122,7 +111,6 @@ def test_a_finished_recording_is_complete(tmp_path: Path) -> None:
 
 
 def test_a_finished_recording_is_preferred_to_a_part(tmp_path: Path) -> None:
-    """A run's folder with both is read as finished."""
     write(tmp_path, list(steps(SCENARIO, 3)))
     (tmp_path / "recording.mcap.part").write_bytes(b"")
     assert len(read_recording(tmp_path).step_records) == 3

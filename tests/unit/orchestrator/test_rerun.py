@@ -6,9 +6,8 @@ from typing import Any
 import pyarrow as pa
 from rerun.chunk import McapReader
 
-from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS
-from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS, TOPICS
+from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from tests.support.truths import recorded, steps
@@ -47,28 +46,3 @@ def test_rerun_draws_agents_and_events(tmp_path: Path) -> None:
     assert all(column(found["/points/events"], "Points3D:positions"))
     children = column(found["/tf"], "Transform3D:child_frame")
     assert children == [[name] for name in ("arena", *(f"agent/{i}" for i in range(12)))] * STEPS
-
-
-def test_rerun_shows_the_log_and_our_own_figures(tmp_path: Path) -> None:
-    """Lines of log as text; every field of our messages, absent where it is not yet."""
-    found = decoded(recorded(tmp_path, SCENARIO, STEPS))
-    assert column(found["/log"], "TextLog:text") == [[f"step {step}"] for step in range(STEPS)]
-    assert set(column(found["/log"], "TextLog:level")[0]) == {"INFO"}
-    told = list(steps(SCENARIO, STEPS))
-    workloads = [row for (row,) in column(found["/operator/workload"], "deltaswarm.Workload:message")]
-    assert workloads == [workload._asdict() for _, _, workload in told]
-    states = [row for (row,) in column(found["/swarm/state"], "deltaswarm.SwarmState:message")]
-    assert [row["covered_area_m2"] for row in states] == [truth.step_record.covered_area_m2 for truth, _, _ in told]
-
-
-def test_rerun_recovers_a_recording_that_was_cut_off(tmp_path: Path) -> None:
-    """All that was flushed, with the option that it has for such files."""
-    with Recorder(tmp_path, SCENARIO) as recorder:
-        for truth, reports, _ in steps(SCENARIO, STEPS):
-            recorder.step(truth, reports)
-        recorder.save()
-        whole = (tmp_path / "recording.mcap.part").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole)
-    found = decoded(tmp_path / "cut.mcap", recover=True)
-    assert found.keys() >= {"/tf", "/points/agents", *SCENE_TOPICS}
-    assert len(column(found["/points/agents"], "Points3D:positions")) == STEPS

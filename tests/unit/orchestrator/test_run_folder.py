@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.results import folder as run_folder
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError, FolderTakenError, RunFolder
@@ -23,7 +23,6 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 
 
 def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
-    """Until then it is beside it as `.part`."""
     target = tmp_path / "run"
     folder = RunFolder(target, force=False)
     scenario = load_scenario("smoke")
@@ -37,7 +36,6 @@ def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("there", ["run", "run.part"])
 def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> None:
-    """Neither a run nor what an interrupted one left."""
     (tmp_path / there).mkdir()
     for name in ("manifest.json", "scenario.toml"):
         (tmp_path / there / name).touch()
@@ -98,7 +96,6 @@ def test_a_symbolic_link_is_refused_at_the_start(tmp_path: Path, name: str, forc
 
 
 def test_a_folder_has_a_name() -> None:
-    """`..` is none, though there be no such folder."""
     with pytest.raises(FolderError, match="name"):
         RunFolder(Path("nowhere/.."), force=True)
 
@@ -125,7 +122,6 @@ APPEARS: dict[str, Callable[[Path], None]] = {
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("what", APPEARS)
 def test_what_appears_during_a_run_is_replaced_only_if_it_is_a_run(tmp_path: Path, what: str, force: bool) -> None:
-    """And only by force: else both are kept."""
     target = tmp_path / "run"
     scenario = load_scenario("smoke")
     with RunFolder(target, force=force) as folder:

@@ -77,18 +77,8 @@ def test_any_key_can_be_set(override: str, found: Any) -> None:
 
 
 def test_the_last_override_wins_and_the_seed_above_all() -> None:
-    """In the order of the command line."""
     scenario = load_scenario("smoke", ["seed=3", "agents.count=5", "agents.count=8", "seed=4"], seed=9)
     assert (scenario.agents.count, scenario.seed) == (8, 9)
-
-
-def test_a_mixture_can_be_set() -> None:
-    """Also tables in lists are TOML values."""
-    parts = "[{weight = 2, mean_m = [10, 10]}, {mean_m = [30, 30], covariance_m2 = [[9, 0], [0, 9]]}]"
-    density = load_scenario(
-        "smoke", ["events.density.kind=mixture", f"events.density.components={parts}"]
-    ).events.density
-    assert [part.weight for part in density.components] == [2.0, 1.0]
 
 
 @in_one_test(
@@ -114,16 +104,8 @@ def test_a_mixture_can_be_set() -> None:
     ],
 )
 def test_a_wrong_override_is_explained(override: str, said: str) -> None:
-    """By the key's path and what was found."""
     (problem,) = problems("smoke", override)
     assert names(problem, said), problem
-
-
-def test_a_scenario_that_is_not_there_is_named() -> None:
-    """With what could have been meant."""
-    (problem,) = problems("nowhere.toml")
-    assert names(problem, "scenario: 'nowhere.toml'")
-    assert all(name in problem for name in BUILT_IN)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +129,6 @@ def test_a_scenario_says_its_schema(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", ["npy", "csv"])
 def test_a_grid_is_relative_to_its_scenario(tmp_path: Path, suffix: str) -> None:
-    """Wherever the command is called."""
     grid = np.array([[1.0, 2.0]])
     if suffix == "npy":
         np.save(tmp_path / "weights.npy", grid)
@@ -172,7 +153,6 @@ def test_a_grid_that_cannot_be_read_is_refused_before_anything_starts(
 
 
 def test_a_zip_of_arrays_is_no_grid(tmp_path: Path) -> None:
-    """Numpy reads it, as something else."""
     np.savez(tmp_path / "weights.npz", weights=np.ones((2, 2)))
     file = (tmp_path / "weights.npz").rename(tmp_path / "weights.npy")
     assert len(problems("smoke", "events.density.kind=grid", f"events.density.file={file}")) == 1

@@ -35,13 +35,6 @@ def test_frames_of_every_step(tmp_path: Path) -> None:
         assert {agent.parent_frame_id for agent in agents} == {"arena"}
 
 
-def test_the_arenas_centre_is_the_origin(tmp_path: Path) -> None:
-    """Where a viewer's camera looks first."""
-    arena, agent = on("/tf", shown(tmp_path, truth(AgentState(0, 50.0, 50.0, "free", 0, -1))))[0].transforms
-    assert arena.translation.x + agent.translation.x == 0
-    assert arena.translation.y + agent.translation.y == 0
-
-
 def test_bodies_are_drawn_in_their_size_with_their_headings(tmp_path: Path) -> None:
     """Each frame is turned, each sphere has the body's diameter, and a line leads from its centre beyond its edge."""
     world = {"dynamics": "physics", "radius_m": 0.5}
@@ -67,7 +60,6 @@ def test_bodies_are_drawn_in_their_size_with_their_headings(tmp_path: Path) -> N
 
 
 def test_obstacles_are_drawn_with_the_arenas_edge(tmp_path: Path) -> None:
-    """A closed line around each."""
     obstacle = {"corners_m": [[10, 10], [30, 10], [20, 40]]}
     scenario = load(Scenario, {"agents": {"count": 12}, "arena": {"obstacles": [obstacle]}})
     edge, drawn = shapes("/scene/agents", messages(recorded(tmp_path, scenario, 1))).lines

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.seal import SealError
-from deltaswarm_orchestrator.cli import main
 
 Printed = pytest.CaptureFixture[str]
 
@@ -27,7 +27,6 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(runs: Path, tmp_path: Path) -> Path:
-    """A copy of the first of them."""
     return Path(shutil.copytree(runs / "1", tmp_path / "run"))
 
 
@@ -60,7 +59,6 @@ def test_a_file_that_changed_after_the_run_is_named(
 @pytest.mark.parametrize("key", ["seed", "digest", "code", "started"])
 @pytest.mark.parametrize("command", ["info {}", "replay {}", "export {} --format csv", "export {} --format mcap"])
 def test_an_edited_manifest_is_refused(command: str, key: str, run: Path, capsys: Printed) -> None:
-    """Whatever the edit is."""
     manifest = json.loads((run / "manifest.json").read_text())
     (run / "manifest.json").write_text(json.dumps(manifest | {key: "0"}))
     assert main(command.format(run).split()) == 2
@@ -72,7 +70,6 @@ def test_an_edited_manifest_is_refused(command: str, key: str, run: Path, capsys
 def test_the_recording_of_another_run_is_refused(
     command: str, has_seal: bool, run: Path, runs: Path, capsys: Printed
 ) -> None:
-    """Though it is whole, and though nothing seals it."""
     shutil.copy(runs / "2" / "recording.mcap", run)
     if not has_seal:
         without_seal(run / "manifest.json")
@@ -107,7 +104,6 @@ def test_a_new_file_in_the_folder_is_nobodys_business(run: Path, capsys: Printed
 
 @pytest.mark.parametrize("content", [{"a": 1}, {"ü": [1e300, -0.0, None, True]}, {"big": 2**70, "": {}}])
 def test_a_record_is_whole_after_it_was_read(content: dict[str, Any], tmp_path: Path) -> None:
-    """Whatever it holds, in whatever layout."""
     (tmp_path / "table.csv").write_text("a\n1\n")
     file = tmp_path / "seal.json"
     seal.write_sealed(file, content, seal.digests(tmp_path, ["table.csv"]))
@@ -120,7 +116,6 @@ def test_a_record_is_whole_after_it_was_read(content: dict[str, Any], tmp_path: 
 
 @pytest.mark.parametrize("wrong", ["seal", {"files": 3}, {"files": {}}, {"files": {}, "sha256": "00"}, None])
 def test_a_broken_seal_is_no_missing_seal(wrong: Any, tmp_path: Path) -> None:
-    """Only its absence is."""
     (tmp_path / "seal.json").write_text(json.dumps({"a": 1, "seal": wrong}))
     with pytest.raises(SealError, match="changed or damaged"):
         seal.read_sealed(tmp_path / "seal.json")

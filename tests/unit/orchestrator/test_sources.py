@@ -100,7 +100,6 @@ def test_every_file_that_it_imports_or_declares_counts(folder: Path) -> None:
 
 
 def test_a_file_that_it_declares_must_be_there(folder: Path) -> None:
-    """Else nobody would know what the results rest on."""
     (folder / "table.csv").unlink()
     with pytest.raises(AssertionError, match=r"must be a controller whose files can be read: .*table\.csv"):
         sources_of(folder)
@@ -113,7 +112,6 @@ def test_shipped_controllers_are_identified_by_the_version() -> None:
 
 @in_one_test("wrong", [3, "table.csv", (3,)])
 def test_data_files_must_be_paths(wrong: Any) -> None:
-    """Else the class is named, with its place."""
     kind = type("Own", (), {"data_files": wrong, "__module__": __name__})
     with pytest.raises(PluginError, match=rf"{__name__}:Own\.data_files must be a tuple of paths"):
         data_of(kind)

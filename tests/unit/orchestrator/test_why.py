@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.inspect.info import ending_text
 from deltaswarm_orchestrator.inspect.link_report import LinkFindings, examine
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
@@ -204,9 +204,3 @@ def test_a_wrong_question_ends_with_2(folder: Path, arguments: list[str], facts:
     assert main(["why", str(folder), *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert all(fact in line for fact in facts), line
-
-
-def test_what_is_no_run_cannot_be_asked(tmp_path: Path, capsys: Printed) -> None:
-    """Exit code 2, and its name."""
-    assert main(["why", str(tmp_path), "1", "2", "--at", "5"]) == 2
-    assert str(tmp_path) in capsys.readouterr().err

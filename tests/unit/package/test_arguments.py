@@ -65,7 +65,6 @@ def test_every_wrong_argument_of_every_public_function_is_named() -> None:
 
 
 def test_numbers_of_numpy_and_paths_are_taken() -> None:
-    """As Python's own."""
     made = testing.percept(np.int64(3), (np.float32(1), 2), events=iter([(4.0, 5.0)]), heard={0: b"x"}, step_s=2)
     assert (made.step, made.time_s, made.pose) == (3, 6, (1.0, 2))
     assert type(made.step) is int

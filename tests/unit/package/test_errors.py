@@ -10,7 +10,7 @@ import pytest
 
 import deltaswarm
 from deltaswarm.errors import error_of
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire.files import Written, write_secret, write_whole
 from tests.support.complaints import Printed
 from tests.support.sessions import a_file
@@ -73,7 +73,6 @@ def test_a_file_that_cannot_be_replaced_is_as_it_was(tmp_path: Path, no_room: No
     ],
 )
 def test_an_error_of_the_system_is_told_with_its_file(error: Exception, told: str, tmp_path: Path) -> None:
-    """And with the files that were written before."""
     Written.begin()
     write_whole(tmp_path / "first.csv", b"x")
     made = error_of(error, "deltaswarm x")
@@ -84,7 +83,6 @@ def test_an_error_of_the_system_is_told_with_its_file(error: Exception, told: st
 
 
 def test_a_removed_working_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
-    """By commands and from Python."""
     gone = tmp_path / "gone"
     gone.mkdir()
     monkeypatch.chdir(gone)

@@ -14,7 +14,7 @@ import pytest
 import deltaswarm
 from deltaswarm.keys import overrides
 from deltaswarm_agent.controllers.potential import PotentialController
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire.operator_messages import Report
 
 SHORT = {"run.duration_s": 60.0, "run.step_s": 2.0}

@@ -8,7 +8,7 @@ import pytest
 
 import deltaswarm
 from deltaswarm.errors import in_python
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.sweeps.table import read_table
 
 SWEEP = """

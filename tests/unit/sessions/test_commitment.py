@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.seal import write_sealed
-from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.scenario import Scenario
 from tests.support.complaints import Printed

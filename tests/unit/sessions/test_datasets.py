@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from tests.support.sessions import a_command, a_participant, rows_of
 
 

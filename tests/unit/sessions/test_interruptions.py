@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import FAILED
-from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_sessions import roster, tables
 from deltaswarm_sessions.folder import RECORD, read_record

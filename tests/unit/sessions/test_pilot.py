@@ -9,8 +9,8 @@ import pytest
 import statsmodels.formula.api as smf
 from scipy import stats as scipy_stats
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_sessions import pilot
 from deltaswarm_sessions.pilot import Question, plan_participants
 from deltaswarm_sessions.plan import order_of

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_sessions import roster
 from deltaswarm_sessions.plan import plan

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_cli import report
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import inputs, seal
-from deltaswarm_orchestrator.cli import main, report
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.run.options import RunOptions

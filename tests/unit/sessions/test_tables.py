@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.seal import digests, write_sealed
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_scenario.person_tables import TABLES

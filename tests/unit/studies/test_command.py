@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import provenance, seal
-from deltaswarm_orchestrator.cli import main
 from tests.support.studying import OWN
 
 FINDING = "Loss is no matter to those who do not listen."

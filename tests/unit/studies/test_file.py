@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.sweeps.load import built_in_files, load_sweep
 from deltaswarm_orchestrator.sweeps.table import write_table
 from deltaswarm_studies.load import COLLECTIONS, load_study

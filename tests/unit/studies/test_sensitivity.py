@@ -170,6 +170,12 @@ def test_all_correlations_are_corrected_together() -> None:
     assert corrected["verdict"].tolist() == [TURNS, NEITHER, NEITHER]
 
 
+def test_a_key_turns_a_claim_only_after_the_correction() -> None:
+    """0.03 among four tests is 0.12, and 0.012 is 0.048."""
+    keys = pd.DataFrame({"p": [0.9, 0.9], "p_holds": [0.03, 0.012]})
+    assert with_verdicts(keys)["verdict"].tolist() == [NEITHER, TURNS]
+
+
 def test_a_p_value_at_the_level_is_shown() -> None:
     """At exactly 5 % after the correction."""
     assert with_verdicts(pd.DataFrame({"p": [0.05], "p_holds": [math.nan]}))["verdict"].tolist() == [MOVES]

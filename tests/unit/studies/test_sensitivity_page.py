@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_studies.design import design
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.page import pages, write

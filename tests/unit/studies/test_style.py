@@ -12,7 +12,6 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from benchmarks import plots as benchmarks
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_studies import looks, style, swarm
 from deltaswarm_studies.drawing import draw
@@ -254,7 +253,6 @@ def draw_all(folder: Path) -> None:
     evidence = Evidence.of_sweep(study, table(), series(lambda *_: 20.0))
     figures = [
         *(draw(one, study, evidence).figure for one in study.file.figure),
-        benchmarks.scale([{"agents": n, "steps_per_s": 1000 / n, "peak_memory_mb": n} for n in (10, 100)]),
         swarm.swarm({"hybrid 3": snapshot(load_scenario("smoke"), 50)}),
     ]
     for place, figure in enumerate(figures):

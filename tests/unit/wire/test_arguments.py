@@ -8,9 +8,9 @@ import pytest
 
 from deltaswarm_agent.__main__ import parser as agent
 from deltaswarm_board.__main__ import parser as board
+from deltaswarm_cli.main import all_commands, parser
 from deltaswarm_operator.__main__ import open_air_parser
 from deltaswarm_operator.__main__ import parser as operator
-from deltaswarm_orchestrator.cli import all_commands, parser
 from deltaswarm_world.__main__ import parser as world
 
 MAY_BE_NEGATIVE = {"effect", "seed", "repeats", "prove"}

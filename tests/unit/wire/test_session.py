@@ -13,7 +13,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire.arguments import connects_to, listens_on
 from deltaswarm_wire.logs import LogFormatter
 from deltaswarm_wire.session import WITH_PORT, RouterLink, client_pairs, configured, endpoint_problem, host_and_port

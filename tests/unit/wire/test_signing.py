@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.core.commands import MAX_KNOWN, CommandRelay
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import (
     AHEAD_S,

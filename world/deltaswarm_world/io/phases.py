@@ -1,4 +1,4 @@
-"""Where the wall time of the world's steps goes, phase by phase, for `deltaswarm bench run`."""
+"""Where the wall time of the world's steps goes, phase by phase, for `python -m benchmarks processes`."""
 
 import time
 

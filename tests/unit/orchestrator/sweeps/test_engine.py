@@ -133,7 +133,6 @@ def test_workers_give_what_one_process_gives(mark: str) -> None:
 
 @pytest.mark.processes
 def test_more_workers_than_runs_do_no_harm(mark: str) -> None:
-    """And no runs need none."""
     assert len(list(LocalEngine(9).run(tasks_of(made(ONE))))) == 1
     assert list(LocalEngine(2).run([])) == []
     assert marked(mark) == []
@@ -222,40 +221,6 @@ def test_giving_up_ends_the_swarms_of_real_processes_too(tmp_path: Path, mark: s
     assert next(running).result is not None
     wait_until(lambda: len(marked(mark)) >= 11, "worker, run, fork server, world, operator, six agents")
     running.close()  # type: ignore[attr-defined]  # it is a generator
-    all_gone(mark)
-
-
-@pytest.mark.processes
-def test_a_swarm_that_lost_an_agent_is_run_again(tmp_path: Path, mark: str) -> None:
-    """It is not valid, and the machine may have been the cause."""
-    paced = {"run.duration_s": 400.0, "run.clock": "realtime", "run.real_time_factor": 100.0}
-    (job,) = made(ONE, scenario=paced).jobs()
-
-    def agents() -> list[int]:
-        if not any(file.read_text().count("\n") > 1 for file in tmp_path.glob(".deltaswarm-*/run.part/world.csv")):
-            return []
-        found = [json.loads(file.read_text()) for file in tmp_path.glob(".deltaswarm-*/run.part/logs/pids.json")]
-        return [pid for pids in found for name, pid in pids.items() if name == "agent 3"]
-
-    with killing(agents, 1) as killed:
-        (done,) = LocalEngine(1).run([Task(job, PROCESSES, str(tmp_path))])
-    assert len(killed) == 1
-    assert done.result is not None, done.reason
-    assert done.result["summary"]["agents_lost"] == []
-    assert list(tmp_path.iterdir()) == []
-    all_gone(mark)
-
-
-@pytest.mark.processes
-def test_a_swarm_that_is_killed_each_time_is_reported(tmp_path: Path, mark: str) -> None:
-    """By how it ended; nothing of it is left, neither processes nor files."""
-    (job,) = made(ONE, scenario=ENDLESS).jobs()
-    with killing(lambda: runs(mark), 2) as killed:
-        (done,) = LocalEngine(1).run([Task(job, PROCESSES, str(tmp_path))])
-    assert len(killed) == 2
-    assert done.result is None
-    assert re.search("2 times .*signal 9", done.reason)
-    assert list(tmp_path.iterdir()) == []
     all_gone(mark)
 
 

@@ -65,7 +65,6 @@ def test_what_the_folder_has_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_runs_by_real_processes_are_no_runs_in_one_process(tmp_path: Path) -> None:
-    """They would prove nothing any more."""
     sweep = planned(0.2)
     other = kept(tmp_path / "other", sweep, PROCESSES, code=OURS)
     assert copy_runs(sweep, tmp_path / "own", [other]) == 0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.sweeps.load import built_in, built_in_files, load_sweep, make_sweep
 from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
 from deltaswarm_wire.checked import SettingsError
@@ -36,7 +36,6 @@ def load(folder: Path, text: str, *overrides: str) -> Sweep:
 
 @in_one_test("name", built_in_files())
 def test_built_in_sweeps_load(name: str) -> None:
-    """By name, and they carry it."""
     assert load_sweep(name).name == name
 
 
@@ -61,18 +60,6 @@ def test_an_installed_package_adds_sweeps_of_its_own(
     assert json.loads(capsys.readouterr().out)["ours"] == {"mine": "Two speeds."}
 
 
-def test_the_papers_conditions_are_all_there() -> None:
-    """Three structures, hybrid 2 to 10, both ablations, and 100 agents by both readings of covariance and rate."""
-    sweep = load_sweep("paper")
-    assert sweep.file.sweep.repeats == 20
-    scenarios = {variant.label: variant.scenario for variant in sweep.variants}
-    assert {scenarios[f"hybrid {delta}"].control.options["delta"] for delta in range(2, 11)} == set(range(2, 11))
-    large = [one for one in scenarios.values() if one.agents.count == 100]
-    assert len({(one.events.rate_hz, one.events.density.covariance_m2) for one in large}) == 4
-    assert not scenarios["no recruitment"].control.options["recruitment"]
-    assert not scenarios["no dissolution"].control.options["dissolution"]
-
-
 @pytest.mark.parametrize("axes", [{"control.delta": [2, 3]}, {"control": {"delta": [2, 3]}}], ids=["quoted", "nested"])
 def test_a_dotted_key_is_the_same_quoted_or_not(axes: dict[str, Any]) -> None:
     """TOML reads the one as a key and the other as a table in a table."""
@@ -83,7 +70,6 @@ def test_a_dotted_key_is_the_same_quoted_or_not(axes: dict[str, Any]) -> None:
 
 
 def test_axes_are_combined_in_the_files_order() -> None:
-    """The last one varies fastest."""
     sweep = made({"axes": {"control.delta": [2, 3], "radio.loss": [0.0, 0.5]}})
     assert [tuple(variant.keys.values()) for variant in sweep.variants] == [(2, 0.0), (2, 0.5), (3, 0.0), (3, 0.5)]
     assert sweep.variants[1].label == "delta=2, loss=0.5"
@@ -308,7 +294,6 @@ def test_mistakes_beside_the_axes_are_said_too(other: dict[str, Any], message: s
     ],
 )
 def test_an_override_that_would_do_nothing_is_refused(override: str, message: str) -> None:
-    """Rather than overridden in silence by the sweep itself."""
     with pytest.raises(SettingsError) as caught:
         make_sweep(described(AXES), overrides=["radio.range_m=9", override])
     [problem] = caught.value.problems
@@ -353,7 +338,6 @@ def test_a_file_that_is_no_text_ends_the_command_with_2(tmp_path: Path, capsys: 
 def test_a_dry_run_lists_the_variants_and_does_nothing(
     tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Numbers of variants, replicates and runs first."""
     monkeypatch.chdir(tmp_path)
     assert main(["sweep", str(written(tmp_path)), "--dry-run", "--repeats", "4"]) == 0
     first, *variants = capsys.readouterr().out.splitlines()
@@ -363,6 +347,5 @@ def test_a_dry_run_lists_the_variants_and_does_nothing(
 
 
 def test_settings_of_the_command_line_are_checked_as_the_files(tmp_path: Path, capsys: Printed) -> None:
-    """They are the same keys."""
     assert main(["sweep", str(written(tmp_path)), "--repeats", "0", "--seed", "-1", "--prove", "-1"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 3

@@ -64,7 +64,6 @@ def test_seeds_are_what_they_were() -> None:
 
 
 def test_more_replicates_keep_the_first_ones() -> None:
-    """Else a sweep could not be extended."""
     few, many = (made({"axes": {"control.delta": [2]}, "repeats": repeats}).jobs() for repeats in (2, 4))
     assert [one.key for one in many[:2]] == [one.key for one in few]
 
@@ -80,7 +79,6 @@ def test_a_variant_can_have_more_replicates_than_the_others() -> None:
 
 
 def test_no_run_of_a_sweep_is_recorded() -> None:
-    """Whatever its base says."""
     assert all(one.scenario.record == "off" for one in made({"axes": {"control.delta": [2]}}).jobs())
 
 
@@ -128,12 +126,10 @@ def test_the_same_content_has_the_same_key() -> None:
 
 
 def test_another_window_of_the_series_has_another_key() -> None:
-    """The series is a part of the result."""
     assert job(Scenario(), 60.0).key != job(Scenario(), 30.0).key
 
 
 def leaves(settings: Any, prefix: str = "") -> Iterator[str]:
-    """Every key of settings, dotted."""
     for spec in dataclasses.fields(settings):
         value = getattr(settings, spec.name)
         if dataclasses.is_dataclass(value):
@@ -178,7 +174,6 @@ def changed(settings: Any, dotted: str) -> Any:
 
 
 def test_any_other_scenario_has_another_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whichever key it is that differs."""
     put_weather(tmp_path, monkeypatch)
     file = tmp_path / "grid.csv"
     np.savetxt(file, np.eye(3), delimiter=",")

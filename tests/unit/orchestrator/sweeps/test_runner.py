@@ -14,9 +14,8 @@ import pytest
 
 from deltaswarm.errors import error_of
 from deltaswarm.sweeps import each_trace_once
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.seal import SealError
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.sweep import described
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work
@@ -37,7 +36,6 @@ class Here:
         self._stops_after = stops_after
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Each task, in order."""
         self.given += [f"{task.job.name} {task.means}" for task in tasks]
         for index, task in enumerate(tasks):
             if index == self._stops_after:
@@ -64,7 +62,6 @@ def runs(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_finished_sweep_is_not_done_again(tmp_path: Path) -> None:
-    """Nothing is run; the tables are as they were."""
     first = conducted(planned(), tmp_path / "out", Here())
     assert (first.runs, first.finished, first.is_well) == (4, 4, True)
     table, files = (tmp_path / "out" / "table.csv").read_bytes(), runs(tmp_path / "out")
@@ -96,7 +93,6 @@ def test_an_interrupted_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 def test_a_sweep_that_is_interrupted_before_its_proofs_is_not_well(tmp_path: Path) -> None:
-    """Though every run of its plan is there."""
     cut = conducted(planned(prove=1), tmp_path / "out", Here(stops_after=4))
     assert (cut.finished, cut.runs, cut.is_well) == (4, 4, False)
 
@@ -124,7 +120,6 @@ def test_a_sweep_can_be_extended(tmp_path: Path, extended: Sweep, missing: list[
 
 
 def test_a_run_is_done_once_though_two_variants_have_it(tmp_path: Path) -> None:
-    """It stands in both their rows."""
     same = made({"variants": [{"label": "base"}, {"label": "delta 3", "control.delta": 3}], "repeats": 2, "prove": 0})
     engine = Here()
     result = conducted(same, tmp_path / "out", engine)
@@ -135,7 +130,6 @@ def test_a_run_is_done_once_though_two_variants_have_it(tmp_path: Path) -> None:
 
 
 def test_what_failed_is_said_and_tried_again_by_the_next_call(tmp_path: Path) -> None:
-    """The other runs are in the table meanwhile."""
     result = conducted(planned(), tmp_path / "out", Here(lambda task: task.job.name == "loss=0.4, replicate 0"))
     [failed] = result.failed
     assert "loss=0.4, replicate 0" in failed
@@ -146,7 +140,6 @@ def test_what_failed_is_said_and_tried_again_by_the_next_call(tmp_path: Path) ->
 
 
 def test_when_all_fail_there_are_tables_all_the_same(tmp_path: Path) -> None:
-    """Empty ones."""
     result = conducted(planned(), tmp_path / "out", Here(lambda task: True), with_series=True)
     assert (result.finished, len(result.failed), len(result.table)) == (0, 4, 0)
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["finished"] == 0
@@ -186,7 +179,6 @@ def test_a_damaged_file_is_no_finished_run(tmp_path: Path, means: str, spoil: Ca
 
 
 def test_a_damaged_file_of_a_run_is_named(tmp_path: Path, capsys: Printed) -> None:
-    """And its run is done again."""
     sweep = load_sweep("smoke", ["run.duration_s=60"], {"repeats": 1, "prove": 0})
     conducted(sweep, tmp_path / "out", Here())
     file = SweepFolder(tmp_path / "out").file(sweep.jobs()[0], IN_PROCESS)
@@ -236,20 +228,6 @@ def test_the_command_says_which_runs_differ_and_ends_with_1(tmp_path: Path, caps
     assert re.search(r"real processes: 1, .*: 0$", printed.out, flags=re.MULTILINE)
 
 
-def test_the_end_of_a_sweep_counts_runs_and_comparisons(tmp_path: Path) -> None:
-    """There is nothing to compare where every run is done by processes, and none in one process."""
-    only = described(conducted(planned(), tmp_path / "processes", Here(), means=PROCESSES))
-    assert only.startswith("4 of 4 runs")
-    assert "real processes: 0" in only
-    assert "real processes: 1" in described(conducted(planned(prove=1), tmp_path / "both", Here()))
-
-
-def test_seconds_of_earlier_sessions_are_said_to_be_so(tmp_path: Path) -> None:
-    """A sweep's wall time is that of all its sessions."""
-    for session in (1, 2):
-        assert f"sessions: {session}" in described(conducted(planned(), tmp_path / "out", Here()))
-
-
 # Whose folder it is
 
 
@@ -263,7 +241,6 @@ def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
 
 
 def test_another_sweeps_folder_is_refused(tmp_path: Path) -> None:
-    """It is left as it is."""
     conducted(planned(), tmp_path / "out", Here())
     before = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*")}
     with pytest.raises(SweepFolderError, match=r"'mine'.*'other'"):
@@ -325,7 +302,6 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path, content: str) -> 
 
 @pytest.mark.parametrize("manifest", [b"", b"[1]", b"\xff", b'{"swept": ["a"]'])
 def test_a_sweeps_folder_with_a_spoilt_manifest_is_refused(tmp_path: Path, manifest: bytes) -> None:
-    """Nobody knows what is in it."""
     conducted(planned(), tmp_path / "out", Here())
     (tmp_path / "out" / "manifest.json").write_bytes(manifest)
     with pytest.raises(SealError, match=r"manifest\.json"):
@@ -352,7 +328,6 @@ def test_a_folder_without_its_lock_is_still_a_sweeps(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("where", ["file/out", "x" * 300, "/proc/none"])
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, where: str) -> None:
-    """In one line, as the command's exit code 2."""
     (tmp_path / "file").write_text("")
     with pytest.raises(SweepFolderError, match="cannot be"):
         conducted(planned(), tmp_path / where, Here())

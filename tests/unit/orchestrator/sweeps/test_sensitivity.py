@@ -30,7 +30,6 @@ def table(*ranges: dict[str, Any], points: int = 40, sweep: dict[str, Any] = MOD
 
 
 def made(*ranges: dict[str, Any], **own: Any) -> Sweep:
-    """The sweep of `table`."""
     return make_sweep(table(*ranges, **own))
 
 
@@ -139,7 +138,6 @@ def test_a_drawing_that_cannot_be_is_refused(own: dict[str, Any], words: list[st
     ],
 )  # fmt: skip
 def test_a_range_that_cannot_be_drawn_is_refused(wrong: dict[str, Any], words: str) -> None:
-    """Before anything runs, whichever points would be drawn."""
     given = {name: value for name, value in wrong.items() if value is not None}
     assert any(words in line for line in mistakes(table(given))), mistakes(table(given))
 

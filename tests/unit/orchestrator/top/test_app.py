@@ -11,7 +11,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Sparkline, Static, TabbedContent
 
-from deltaswarm_orchestrator.cli import main
+from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.live.views import LIVE_SOCKET, LiveSocket, short_path
 from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.top.app import BANNER, NO_TRUTH, Top

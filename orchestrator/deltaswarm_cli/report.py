@@ -1,4 +1,4 @@
-"""A run as commands do it: its progress and its results on the terminal."""
+"""Do a run for a command: show its progress and print its results."""
 
 import json
 import sys

@@ -22,17 +22,16 @@ from deltaswarm_wire.plugins import PARTS, find
 
 COMMANDS = {
     "run": "run a scenario with real processes",
-    "sweep": "many runs that differ in some keys, in one table",
+    "sweep": "do many runs that differ in some keys, with their results in one table",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
-    "new": "make a folder for a controller of your own: its file, tests, a scenario and a study",
-    "station": "open the page of a run that is under way, for the person who watches and commands",
+    "new": "make a folder for your own controller, with tests, a scenario and a study",
+    "station": "open the operator's page of a run in progress",
     "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",
-    "top": "watch a run under way on a terminal",
-    "why": "explain how a run ended, or whether one agent could hear another at some time of it",
-    "export": "a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
-    "bench": "measure what a swarm costs on this machine",
-    "compile": "compile the cores of this installation, so that runs take less time",
+    "top": "watch a run in progress in the terminal",
+    "why": "explain how a run ended, or why one agent could not hear another at a given time",
+    "export": "export a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
+    "compile": "compile the cores of this installation, for faster runs",
     "doctor": "check whether this machine has what runs need",
     "completion": "print a script with which a shell completes commands and options",
 }
@@ -44,6 +43,38 @@ MODULES = {
 }
 
 
+GROUPS = {
+    "one run": ("run", "top", "station", "info", "why", "replay", "export"),
+    "many runs": ("sweep", "study", "report"),
+    "a run with a difference": ("branch", "value"),
+    "participants": ("session", "verify"),
+    "extensions": ("list", "new"),
+    "boards": ("bundle", "certificates"),
+    "this installation": ("doctor", "compile", "completion"),
+    "parts by hand": ("agent", "world", "operator"),
+}
+"""How `--help` groups the commands; those of other packages follow."""
+
+
+class _Grouped(argparse.RawDescriptionHelpFormatter):
+    """Shows the commands under the titles of GROUPS."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        left = {choice.dest: choice for choice in action._choices_actions}
+        groups = {title: [left.pop(name) for name in names if name in left] for title, names in GROUPS.items()}
+        groups["other packages"] = list(left.values())
+        lines = []
+        for title, choices in groups.items():
+            if choices:
+                lines.append(f"\n  {title}:\n")
+                self._indent()
+                lines += [self._format_action(choice) for choice in choices]
+                self._dedent()
+        return "".join(lines).removeprefix("\n")
+
+
 class AddArguments(Protocol):
     """What an entry point of a command names: adds its arguments, and sets these defaults.
 
@@ -52,8 +83,7 @@ class AddArguments(Protocol):
     The first line of the docstring is shown by `deltaswarm --help`.
     """
 
-    def __call__(self, command: argparse.ArgumentParser) -> None:
-        """Add the arguments, and set the defaults."""
+    def __call__(self, command: argparse.ArgumentParser) -> None: ...
 
 
 def all_commands() -> list[str]:
@@ -70,14 +100,15 @@ def parser(*complete: str, has_help: bool = True) -> argparse.ArgumentParser:
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages,\nworkload measured.",
         epilog="\n".join(["exit codes:", *(f"  {code:<3}  {meaning}" for code, meaning in EXIT_CODES.items())]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_Grouped,
     )
+    everything._positionals.title = "commands"
     everything.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
     commands = everything.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
         if name in complete:
-            module = importlib.import_module(f"{__name__}.{MODULES.get(name, name)}")
+            module = importlib.import_module(f"deltaswarm_cli.{MODULES.get(name, name)}")
             getattr(module, f"add_{name}")(command)
     if not set(complete) <= {*COMMANDS, "--version"}:  # else there is no need to look through all packages
         for name, target in COMMAND_POINT.names().items():

@@ -1,16 +1,15 @@
 """Measure what a step costs in one process, and how the cost grows with the swarm, at the paper's density."""
 
 import itertools
+import multiprocessing
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.delaying_proxy import child
-from deltaswarm_orchestrator.bench.rounds import WARM_UP_STEPS, in_turns, median_of, memory_mb
+from benchmarks.rounds import WARM_UP_STEPS, in_turns, median_of, memory_mb
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.density import ComponentSettings, DensitySettings
 from deltaswarm_scenario.scenario import Scenario
@@ -55,13 +54,12 @@ def measure(sizes: Sequence[int], steps: int, rounds: int) -> dict[str, Any]:
     Rounds have seeds 1, 2... Costs are CPU times per step and agent, and per agent that was asked: more agents are
     asked where trees are larger, so the latter tells dearer agents from busier ones. The sizes take turns, so that
     temporary load on the machine affects all of them.
-
-    Raises:
-        ValueError: fewer than two different sizes.
     """
-    if len(set(sizes)) < 2:
-        raise ValueError(f"--sizes must have at least two different sizes (got {', '.join(map(str, sizes)) or 'none'})")
-    results = [[_in_fresh_process(agents, steps, seed) for agents in sizes] for seed in range(1, rounds + 1)]
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=spawn, max_tasks_per_child=1) as pool:
+        runs = [pool.submit(_measure_size, agents, steps, seed) for seed in range(1, rounds + 1) for agents in sizes]
+        found = [run.result() for run in runs]
+    results = [found[first : first + len(sizes)] for first in range(0, len(found), len(sizes))]
     rows = [
         {"agents": agents, "agent_steps_per_s": agents * row["steps_per_s"], **row}
         for agents, row in zip(sizes, map(median_of, zip(*results, strict=True)), strict=True)
@@ -84,22 +82,6 @@ def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
     """
     slope, _ = np.polyfit(np.log(sizes), np.log(costs), 1)
     return float(slope)
-
-
-def save(result: dict[str, Any], path: Path) -> None:
-    """Draw speed and memory against the number of agents."""
-    from benchmarks.plots import scale, write
-
-    write(scale(result["sizes"]), path)
-
-
-def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, Any]:
-    with child(_send_size, agents, steps, seed) as connection:
-        return dict(connection.recv())
-
-
-def _send_size(connection: Connection, agents: int, steps: int, seed: int) -> None:
-    connection.send(_measure_size(agents, steps, seed))
 
 
 def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float | None]:

@@ -4,11 +4,12 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.resources.abc import Traversable
+from itertools import takewhile
 from pathlib import Path
 
+from deltaswarm_cli.arguments import add_json, show
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, aligned
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 
 SHELLS = ("bash", "zsh", "tcsh")
@@ -21,7 +22,6 @@ examples:
 
 
 def add_compile(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm compile`."""
     command.description = (
         "Compile the cores of this installation with mypyc, which takes about a minute and needs a C compiler. Results "
         "stay the same. The next version of deltaswarm has to be compiled anew."
@@ -31,7 +31,6 @@ def add_compile(command: argparse.ArgumentParser) -> None:
 
 
 def compile_cores(arguments: argparse.Namespace) -> int:
-    """Compile the cores of this installation, or remove what was compiled."""
     from deltaswarm_orchestrator import compiling
 
     try:
@@ -44,7 +43,6 @@ def compile_cores(arguments: argparse.Namespace) -> int:
 
 
 def add_completion(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm completion`."""
     command.description = "Print a script with which a shell completes commands, options and file names."
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
     command.add_argument("shell", choices=SHELLS, help="the shell that the script is for")
@@ -55,7 +53,7 @@ def completion(arguments: argparse.Namespace) -> int:
     """Print the script, which is made from the parsers of all commands."""
     import shtab
 
-    from deltaswarm_orchestrator.cli import all_commands, parser
+    from deltaswarm_cli.main import all_commands, parser
 
     everything = parser(*all_commands())
     _complete_files(everything, shtab.FILE)
@@ -74,7 +72,6 @@ def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
 
 
 def add_doctor(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm doctor`."""
     command.add_argument(
         "scenario",
         nargs="?",
@@ -104,18 +101,26 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 
 def add_list(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm list`."""
     command.description = "List what comes with deltaswarm and what other installed packages add to it."
     add_json(command, "the lists")
     command.set_defaults(func=list_all)
 
 
 def list_all(arguments: argparse.Namespace) -> int:
-    """Print every name that a command or a settings file may use, by kind, each with a short text."""
     lists = known()
     texts = (f"{kind}:\n{aligned(('', *pair) for pair in names.items())}" for kind, names in lists.items())
     show(arguments, lists, "\n".join(texts))
     return OK
+
+
+def _first_sentence(text: str) -> str:
+    """Return the first lines of a file's comment, up to one that ends with a full stop."""
+    lines = []
+    for line in takewhile(lambda line: line.startswith("# "), text.splitlines()):
+        lines.append(line.removeprefix("# "))
+        if line.endswith("."):
+            break
+    return " ".join(lines)
 
 
 def known() -> dict[str, dict[str, str]]:
@@ -125,8 +130,7 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_wire.plugins import BODIES, CONTROLLERS, DYNAMICS, FAULTS, RADIO_MODELS, find_controller
 
     def about(files: Mapping[str, Traversable]) -> dict[str, str]:
-        texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
-        return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
+        return {name: _first_sentence(file.read_text(encoding="utf-8")) for name, file in files.items()}
 
     return {
         "scenarios": about(BUILT_IN),

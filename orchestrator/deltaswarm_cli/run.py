@@ -5,18 +5,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_cli.arguments import add_dry_run, add_engine, add_json, add_markers, add_quiet, host_and_port, show
 from deltaswarm_orchestrator.base.advice import options_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.base.paths import free_folder, must_exist
-from deltaswarm_orchestrator.cli.arguments import (
-    add_dry_run,
-    add_engine,
-    add_json,
-    add_markers,
-    add_quiet,
-    host_and_port,
-    show,
-)
 from deltaswarm_orchestrator.processes.elsewhere import LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 from deltaswarm_wire import checked
@@ -48,7 +40,7 @@ NEEDS = {
     "engine": "scheduler",
     "scheduler": "engine",
 }
-"""Options, and the one without which they have no effect."""
+"""Options, and the option without which they have no effect."""
 
 EXCLUDES = {
     "in_process": (("station", "researcher", "boards", "checkpoint", "listen", "zenoh"), "there is one process"),
@@ -69,7 +61,6 @@ KEPT = ("listen", "zenoh", "live", "live_port", "live_connect", "researcher", "q
 
 
 def add_run(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm run`."""
     group = command.add_argument_group("what to run")
     group.add_argument(
         "scenario",
@@ -125,7 +116,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--live-connect",
         type=connects_to,
         metavar="ENDPOINT",
-        help="where the observer is reached; for --live ros2 the ROS side's Zenoh router (default: tcp/127.0.0.1:7447)",
+        help="endpoint of the observer; with --live ros2, of the Zenoh router of ROS (default: tcp/127.0.0.1:7447)",
     )
     group = command.add_argument_group("station")
     group.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
@@ -133,7 +124,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--speed",
         type=number(0, 1000),
         metavar="N",
-        help="with --station: simulated per wall second to begin with; 0: as fast as possible (default: 1)",
+        help="with --station: initial speed, in simulated seconds per second; 0: as fast as possible (default: 1)",
     )
     group.add_argument(
         "--station-listen",
@@ -171,9 +162,8 @@ def add_run(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run a scenario, or resume a run, and print its results."""
     from deltaswarm import runs
-    from deltaswarm_orchestrator.cli import report
+    from deltaswarm_cli import report
     from deltaswarm_orchestrator.scenarios.load import commented_toml
 
     if problem := _problem(arguments):

@@ -1,5 +1,6 @@
-"""Make a folder with a controller, its tests, a scenario and a study, all of which work, to begin with."""
+"""The command `deltaswarm new`: a folder with a controller, its tests, a scenario and a study, all of which work."""
 
+import argparse
 import builtins
 import importlib.util
 import keyword
@@ -8,7 +9,8 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_cli.arguments import add_json, show
+from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.base.temporary import new_folder
 from deltaswarm_wire.files import write_whole
@@ -41,7 +43,7 @@ def new_controller(name: str, folder: Path) -> list[Path]:
     taken = {*sys.stdlib_module_names, *dir(builtins), *keyword.softkwlist, "conftest"}
     if name in taken or name.startswith(("test_", "deltaswarm")) or importlib.util.find_spec(name) is not None:
         raise CommandError(f"NAME must not be that of another module, or of Python's own (got {name!r})")
-    templates = resources.files("deltaswarm").joinpath("template")
+    templates = resources.files("deltaswarm_cli").joinpath("template")
     texts = {path: templates.joinpath(file).read_text(encoding="utf-8") for file, path in FILES.items()}
     cls = "".join(part.capitalize() for part in name.split("_"))
     lines = " ".join(line for text in texts.values() for line in NAMED_IN_FILES.findall(text))
@@ -55,3 +57,20 @@ def new_controller(name: str, folder: Path) -> list[Path]:
         for file, text in zip(names, texts.values(), strict=True):
             write_whole(made / file, text.replace("NAME", name).replace("CLASS", cls).encode())
     return [folder / file for file in names]
+
+
+def add_new(command: argparse.ArgumentParser) -> None:
+    command.add_argument("what", choices=("controller",), help="what to make")
+    command.add_argument("name", metavar="NAME", help="of the controller's module, such as my_walk")
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="the folder to make (default: NAME)")
+    add_json(command, "the names of the files")
+    command.set_defaults(func=new, makes_files=True)
+
+
+def new(arguments: argparse.Namespace) -> int:
+    folder = arguments.out or Path(arguments.name)
+    files = new_controller(arguments.name, folder)
+    show(arguments, [str(file) for file in files], "\n".join(map(str, files)))
+    tests = f"{'' if importlib.util.find_spec('pytest') else 'pip install pytest; '}python -m pytest"
+    notice(f"next: cd {folder}; export PYTHONPATH=$PWD; {tests}; deltaswarm run scenario.toml --in-process")
+    return OK

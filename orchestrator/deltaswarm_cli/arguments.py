@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from typing import Any, Protocol
+from typing import Any
 
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.processes.elsewhere import LOCAL
@@ -11,11 +11,8 @@ from deltaswarm_wire.extras import missing
 A_RUN = "the folder of a run"
 
 
-class Group(Protocol):
-    """A parser, or a group of its arguments."""
-
-    def add_argument(self, *names: str, **options: Any) -> argparse.Action:
-        """Add an argument."""
+Group = argparse._ActionsContainer
+"""A parser, or a group of its arguments."""
 
 
 def add_dry_run(command: Group, prints: str) -> None:
@@ -37,28 +34,24 @@ def add_engine(command: Group, scheduler: str) -> None:
 
 
 def add_json(command: Group, what: str = "the result") -> None:
-    """Add `--json`."""
     command.add_argument("--json", action="store_true", help=f"print {what} as one JSON document")
 
 
 def add_quiet(command: Group) -> None:
-    """Add `--quiet`."""
     command.add_argument("-q", "--quiet", action="store_true", help="print no progress and no notices, only errors")
 
 
 def show(arguments: argparse.Namespace, result: Any, text: str) -> None:
-    """Print a result on standard output, for people or as JSON."""
     print_result(json.dumps(result) if arguments.json else text)
 
 
 def add_markers(command: Group) -> None:
-    """Add `--markers`."""
     command.add_argument(
         "--markers",
         type=_markers,
         metavar="HOST:PORT|lsl",
-        help="tell other instruments what the person does and is asked, as it happens: JSON lines for whoever connects "
-        "there, or an LSL marker stream (extra lsl)",
+        help="send what the person does and is asked to other instruments as it happens: JSON lines to every client "
+        "that connects to HOST:PORT, or an LSL marker stream (extra lsl)",
     )
 
 

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
 from deltaswarm_wire.arguments import whole
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 def add_sweep(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm sweep`."""
     command.add_argument("sweep", metavar="NAME|FILE", help="a built-in sweep (`deltaswarm list`) or a TOML file")
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
@@ -29,7 +28,6 @@ def add_sweep(command: argparse.ArgumentParser) -> None:
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
-    """Add the arguments that say which runs to do, and how."""
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
     command.add_argument(
         "--repeats", type=int, metavar="N", help="replicates of each variant; of a sensitivity sweep, points"
@@ -41,7 +39,6 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
 
 
 def sweep(arguments: argparse.Namespace) -> int:
-    """Do a sweep, or list its variants, and print the result."""
     from deltaswarm_orchestrator.sweeps.load import load_sweep
 
     settings = {"repeats": arguments.repeats, "seed": arguments.seed, "prove": arguments.prove}
@@ -67,11 +64,7 @@ def sweep(arguments: argparse.Namespace) -> int:
 
 
 def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) -> None:
-    """Make every check of a sweep before anything is started or written.
-
-    Raises:
-        CommandError: the sweep would be refused.
-    """
+    """Make every check of a sweep before anything is started or written."""
     from deltaswarm import sweeps
 
     means = _means(arguments)
@@ -82,11 +75,7 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
 def conduct_for(
     arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool, with_events: bool = False
 ) -> "SweepResult":
-    """Do a sweep as the command line says, and print what went wrong on standard error.
-
-    Raises:
-        CommandError: the sweep could not start, or its tables could not be written.
-    """
+    """Do a sweep as the command line says, and print what went wrong on standard error."""
     from deltaswarm import sweeps
     from deltaswarm_orchestrator import compiling
     from deltaswarm_orchestrator.base.provenance import build
@@ -113,7 +102,6 @@ def _means(arguments: argparse.Namespace) -> str:
 
 
 def described(result: "SweepResult") -> str:
-    """Format the result of a sweep as text."""
     manifest, proofs = result.manifest, result.manifest["proofs"]
     return "\n".join(
         [

@@ -6,14 +6,13 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from deltaswarm_cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
-from deltaswarm_orchestrator.base.paths import must_exist, part_of
-from deltaswarm_orchestrator.base.ports import check_ports
+from deltaswarm_orchestrator.base.paths import check_ports, must_exist, part_of
 from deltaswarm_orchestrator.base.signals import stoppable
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, show
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import OPERATOR
@@ -23,7 +22,6 @@ FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
 
 
 def add_export(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm export`."""
     command.description = "Exports the recording of a run, also of one that was cut off. See docs/RECORDING.md."
     command.add_argument("run", type=Path, metavar="RUN", help="a run's folder, or an MCAP recording")
     command.add_argument("--format", choices=FORMATS, required=True, help="tables, MCAP, ROS 2 bag, Rerun, or video")
@@ -41,7 +39,6 @@ def add_export(command: argparse.ArgumentParser) -> None:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Export a recording, and print where it is."""
     from deltaswarm_orchestrator.export import formats
 
     must_exist(arguments.run, "RUN", f"{A_RUN}, or an MCAP recording")
@@ -59,14 +56,12 @@ def export(arguments: argparse.Namespace) -> int:
 
 
 def add_info(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm info`."""
     command.add_argument("folder", type=Path, metavar="RUN")
     add_json(command)
     command.set_defaults(func=info)
 
 
 def info(arguments: argparse.Namespace) -> int:
-    """Describe a run from its folder."""
     from deltaswarm_orchestrator.inspect import info
 
     must_exist(arguments.folder, "RUN", A_RUN)
@@ -78,7 +73,6 @@ def info(arguments: argparse.Namespace) -> int:
 
 
 def add_replay(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm replay`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, finished or not, with a recording")
     command.add_argument(
         "--listen",
@@ -91,7 +85,6 @@ def add_replay(command: argparse.ArgumentParser) -> None:
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    """Serve the station's page from a recording, until Ctrl-C."""
     from deltaswarm_orchestrator.processes.pages import serve_page
     from deltaswarm_orchestrator.processes.starter import REPLAY, LaunchError, StoppedError
     from deltaswarm_orchestrator.processes.station import StationChannel
@@ -132,7 +125,6 @@ def _notice_unsealed(run: Path) -> None:
 
 
 def add_station(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm station`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run that was started with --station")
     add_json(command)
     command.set_defaults(func=station)
@@ -155,7 +147,6 @@ def station(arguments: argparse.Namespace) -> int:
 
 
 def add_top(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm top`."""
     command.description = (
         "Shows a run under way on the terminal: map, message rate, agents and events. Attach and leave as often as you "
         "like; the run does not notice. Shows the truth, which no operator knows. See docs/LIVE.md."
@@ -168,7 +159,6 @@ def add_top(command: argparse.ArgumentParser) -> None:
 
 
 def top(arguments: argparse.Namespace) -> int:
-    """Attach to a run and show it, or print one picture of it as JSON."""
     from deltaswarm_orchestrator.top.link import linked
 
     if not arguments.json and not (sys.stdin.isatty() and sys.stderr.isatty()):
@@ -188,7 +178,6 @@ def top(arguments: argparse.Namespace) -> int:
 
 
 def add_why(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm why`."""
     command.description = (
         "Says how a run ended, what failed in it in which order, and why it is not valid. With A, B and --at: repeats "
         "the run in one process up to a time, and says whether B could hear A then."
@@ -209,7 +198,6 @@ def _receiver(text: str) -> int | str:
 
 
 def why(arguments: argparse.Namespace) -> int:
-    """Say how a run ended, or whether one agent could hear another, and why not."""
     from deltaswarm_orchestrator.base import inputs, seal
     from deltaswarm_orchestrator.inspect import info, link_report
     from deltaswarm_orchestrator.recording import SCENARIO

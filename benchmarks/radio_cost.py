@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
+from benchmarks.rounds import WARM_UP_STEPS, in_turns, median_of
 from benchmarks.scale import scale_scenario
-from deltaswarm_orchestrator.bench.rounds import WARM_UP_STEPS, in_turns, median_of
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 
@@ -39,9 +39,6 @@ ALWAYS_ON = (
 
 VARIANTS = {"plain": (), "all_on": ALWAYS_ON}
 
-LEAST_AGENTS = 3
-"""Agents 1 and 2 have ranges of their own, so they must exist."""
-
 
 def radio_scenario(agents: int, steps: int, seed: int, settings: tuple[str, ...]) -> Scenario:
     """Make the paper's base scenario at its density for this many agents, with some settings of the radio."""
@@ -53,13 +50,9 @@ def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
     """Measure the CPU time of each variant after a warm-up, in rounds with seeds 1, 2...; return medians of the rounds.
 
     Agents that hear less have less to do, which is part of a run's speed. Therefore the CPU time of the world and of
-    all agents is given separately, with the frames sent and received.
-
-    Raises:
-        ValueError: fewer than 3 agents.
+    all agents is given separately, with the frames sent and received. There must be an agent 2, which has a range of
+    its own.
     """
-    if agents < LEAST_AGENTS:
-        raise ValueError(f"--agents must be at least {LEAST_AGENTS} (got {agents})")
     last = WARM_UP_STEPS + steps
     results = []
     for seed in range(1, rounds + 1):

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,44 +34,29 @@ def coverage_scenario(range_m: float | None, loss: float, seed: int) -> Scenario
     )
 
 
-def measure(rounds: int = 20, ranges_m: Sequence[float | None] = RANGES_M) -> dict[str, Any]:
-    """Measure the mean share of agents that know the command over time, in one process, with seeds 1 to `rounds`.
+def measure(rounds: int, ranges_m: Sequence[float | None] = RANGES_M) -> dict[str, Any]:
+    """Measure the mean share of agents that know the command over time, with seeds 1 to `rounds`.
 
     Returns:
-        `rows`, one for each range of the base and loss, with `share_known`, an entry per step.
+        `rows`, one for each range of the base and loss: the time until half and nine tenths of the agents know the
+        command [s]. `shares` has the whole curves, with a number per step from the command on.
     """
-    rows = [
-        {
-            "range_m": range_m,
-            "loss": loss,
-            "share_known": np.mean([_shares(range_m, loss, seed) for seed in range(1, rounds + 1)], axis=0).tolist(),
-        }
+    curves = {
+        (range_m, loss): np.mean([_shares(range_m, loss, seed) for seed in range(1, rounds + 1)], axis=0).tolist()
         for range_m in ranges_m
         for loss in LOSSES
+    }
+    step_s = coverage_scenario(None, 0.0, 1).run.step_s
+    rows = [
+        {"range_m": range_m, "loss": loss, **_times_s(curve, step_s), "known_at_end": curve[-1]}
+        for (range_m, loss), curve in curves.items()
     ]
-    return {"rounds": rounds, "step_s": coverage_scenario(None, 0.0, 1).run.step_s, "rows": rows}
+    return {"rounds": rounds, "rows": rows, "shares": list(curves.values())}
 
 
-def brief(result: dict[str, Any]) -> dict[str, Any]:
-    """Return, instead of each row's shares, the time until half and nine tenths of the agents know the command."""
-    rows = []
-    for row in result["rows"]:
-        shares = row["share_known"]
-        times_s = {
-            f"{share:.0%}_know_after_s": next(
-                (step * result["step_s"] for step, known in enumerate(shares) if known >= share), None
-            )
-            for share in (0.5, 0.9)
-        }
-        rows.append({"range_m": row["range_m"], "loss": row["loss"], **times_s, "known_at_end": shares[-1]})
-    return {**result, "rows": rows}
-
-
-def save(result: dict[str, Any], path: Path) -> None:
-    """Draw the share of agents that know the command against time."""
-    from benchmarks.plots import coverage, write
-
-    write(coverage(result), path)
+def _times_s(curve: Sequence[float], step_s: float) -> dict[str, float | None]:
+    first = {share: next((step for step, known in enumerate(curve) if known >= share), None) for share in (0.5, 0.9)}
+    return {f"{share:.0%}_know_after_s": None if step is None else step * step_s for share, step in first.items()}
 
 
 def _shares(range_m: float | None, loss: float, seed: int) -> list[float]:

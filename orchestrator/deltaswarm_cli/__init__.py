@@ -1,0 +1,1 @@
+"""The command line `deltaswarm`: the core's commands, above the package for Python."""

@@ -1,1 +1,0 @@
-"""Measure what this machine allows, and what a swarm costs on it."""
