@@ -11,7 +11,6 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.operator_messages import Clock
 
 RANGES_M = (20.0, 50.0, None)
 """Ranges of the base, which is in the middle of the arena; None: the base is heard everywhere."""
@@ -79,11 +78,8 @@ def save(result: dict[str, Any], path: Path) -> None:
 def _shares(range_m: float | None, loss: float, seed: int) -> list[float]:
     scenario = coverage_scenario(range_m, loss, seed)
     swarm = InProcess(scenario)
-    steps, step_s = scenario.run.steps, scenario.run.step_s
     shares = []
-    for step in range(steps):
-        record = swarm.step(step, step == steps - 1)
-        swarm.close_step(Clock(step, record.time_s, step == steps - 1))
-        if step * step_s >= SENT_S:
+    for record, _ in swarm.steps():
+        if record.time_s >= SENT_S:
             shares.append(sum(agent.commands.knows(0) for agent in swarm.agents) / len(swarm.agents))
     return shares

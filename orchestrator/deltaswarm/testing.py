@@ -8,6 +8,7 @@ from deltaswarm.errors import one_error
 from deltaswarm.keys import name_of, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES, run
 from deltaswarm_agent.controller import Controller, Percept, make_controller
+from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -17,7 +18,7 @@ from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import Command
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, Event, Pose
-from deltaswarm_wire.operator_messages import Clock, Report
+from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.plugin_errors import PluginError
 
 SCENARIO = "smoke"
@@ -86,8 +87,9 @@ class Swarm:
             Error: the class is not a controller, or the keys have mistakes.
             ControllerError: a controller's constructor raised.
         """
-        self._swarm = InProcess(_scenario(cls, {"agents.count": agents, **(keys or {})}, seed), on_failure=_fail)
-        self._step = -1
+        scenario = _scenario(cls, {"agents.count": agents, **(keys or {})}, seed)
+        self._swarm = InProcess(scenario, Wanted(on_failure=_fail))
+        self._steps = self._swarm.steps(MAX_STEP)
         self.controllers = [core.controller for core in self._swarm.agents]
         self.acts: dict[int, Act] = {}
         self.payloads: dict[int, bytes] = {}
@@ -104,9 +106,7 @@ class Swarm:
         Raises:
             ControllerError: a controller raised, or returned an invalid decision.
         """
-        self._step += 1
-        record = self._swarm.step(self._step, last=False)
-        self._swarm.close_step(Clock(self._step, record.time_s, False))
+        record = next(self._steps).record
         outputs = {agent: output for agent, _, output in self._swarm.exchanged}
         self.acts = {agent: output.act for agent, output in outputs.items()}
         payloads = {agent: decode_sample(one.radio).payload for agent, one in outputs.items() if one.radio is not None}

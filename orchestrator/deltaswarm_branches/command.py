@@ -25,8 +25,8 @@ def add_branch(command: argparse.ArgumentParser) -> None:
     """Go on from a step of a run with something different: an order less or more, a setting, a mode."""
     command.description = (
         "Repeat a run, check its digest, and go on from one of its steps in a new run with something different: "
-        "without an order, with another, or with other settings. Events and chance are the same, as far as they are "
-        "common to both. See docs/BRANCHES.md."
+        "without an order, with another, or with other settings. Events and random draws are the same, as far as "
+        "both have them. See docs/BRANCHES.md."
     )
     command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
     group = command.add_argument_group("what is different")
@@ -55,7 +55,7 @@ def add_branch(command: argparse.ArgumentParser) -> None:
     group.add_argument("--mode", metavar="MODE", help="control mode from then on; short for --set control.mode=MODE")
     add_later(group)
     group = command.add_argument_group("output")
-    add_replicates(group, 0, "also do both runs with other chance from that step on, and compare them in pairs")
+    add_replicates(group, 0, "also do both runs with other random draws from that step on, and compare them in pairs")
     group.add_argument("--processes", action="store_true", help="go on with real processes (default: in one process)")
     group.add_argument("--out", type=Path, metavar="FOLDER", help="folder of the new run (default: runs/NAME-atS)")
     group.add_argument("--force", action="store_true", help="replace the folder if it exists")
@@ -73,11 +73,11 @@ def add_replicates(group: Group, default: int, what: str) -> None:
 
 
 def add_value(command: argparse.ArgumentParser) -> None:
-    """Say what each order of a run was worth: the run with it, and without it."""
+    """Estimate the effect of each order of a run: the run with it, and without it."""
     command.description = (
-        "Repeat a run with and without each of its orders, under its own chance and in replicates in which chance is "
-        "drawn anew from that step on, and write what each order was worth into RUN/value: waiting, told, completed "
-        "and messages. `deltaswarm replay` shows it beside the order. See docs/BRANCHES.md."
+        "Repeat a run with and without each of its orders, as it was and in replicates with other random draws from "
+        "that step on, and write the effect of each order on waiting, told, completed and messages into RUN/value. "
+        "`deltaswarm replay` shows it beside the order. See docs/BRANCHES.md."
     )
     command.add_argument("run", type=Path, metavar="RUN", help=A_RUN)
     command.add_argument(
@@ -89,7 +89,7 @@ def add_value(command: argparse.ArgumentParser) -> None:
         metavar="N",
         help="only this order; repeatable",
     )
-    add_replicates(command, 20, "do both runs with other chance")
+    add_replicates(command, 20, "do both runs with other random draws")
     add_later(command)
     add_json(command)
     add_quiet(command)
@@ -97,7 +97,7 @@ def add_value(command: argparse.ArgumentParser) -> None:
 
 
 def value(arguments: argparse.Namespace) -> int:
-    """Compare a run with itself without each of its orders; print and write what each was worth."""
+    """Compare a run with itself without each of its orders; print and write the effects."""
     from deltaswarm_branches.parent import read_parent
     from deltaswarm_branches.value import in_words, value_of_command, write
 
@@ -113,8 +113,8 @@ def value(arguments: argparse.Namespace) -> int:
         done=_say_done,
     )
     files = write(parent, rows, found, replicates=arguments.replicates, later=later)
-    told = [{"order": row.order.number, **row.worth._asdict()} for row in rows]
-    lines = [(f"{row.order.number} {row.order.command.name}", row.worth.measure, in_words(row.worth)) for row in rows]
+    told = [{"order": row.order.number, **row.effect._asdict()} for row in rows]
+    lines = [(f"{row.order.number} {row.order.command.name}", row.effect.measure, in_words(row.effect)) for row in rows]
     result = {"files": list(map(str, files)), "later_orders": later, "orders": told}
     show(arguments, result, f"{aligned(lines)}\n{files[0]}")
     return OK
@@ -126,8 +126,8 @@ def _say_done(count: int, of: int) -> None:
 
 
 def _say_if_too_few(replicates: int, orders: int) -> None:
+    from deltaswarm_branches.effects import replicates_needed
     from deltaswarm_branches.pairs import MEASURES
-    from deltaswarm_branches.worth import replicates_needed
 
     comparisons = orders * len(MEASURES)
     if replicates < (least := replicates_needed(comparisons)):
@@ -154,22 +154,21 @@ def add_later(group: Group) -> None:
 def branch(arguments: argparse.Namespace) -> int:
     """Make a branch, and print its results."""
     from deltaswarm import runs
-    from deltaswarm_branches.handover import prepare
+    from deltaswarm_branches.folder import prepare
     from deltaswarm_branches.pairs import Comparison, Work
     from deltaswarm_branches.parent import read_parent
     from deltaswarm_branches.plan import Difference, at_step, plan
-    from deltaswarm_branches.trunk import repeat
+    from deltaswarm_branches.repetition import repeat
     from deltaswarm_orchestrator.cli.report import run_and_report
     from deltaswarm_orchestrator.results.folder import check_target
     from deltaswarm_orchestrator.run.options import RunOptions
 
-    parent = read_parent(arguments.run)
-    sets = [*arguments.set, *([f"control.mode={arguments.mode}"] if arguments.mode else [])]
-    difference = Difference(tuple(arguments.drop_command), (), tuple(sets), arguments.later)
-    step = at_step(parent, arguments.at, difference)
+    parent, drop = read_parent(arguments.run), tuple(arguments.drop_command)
+    step = at_step(parent, arguments.at, drop)
     at_s = step * parent.step_s
     added = tuple(_added(text, at_s) for text in arguments.add_command)
-    difference = Difference(difference.drop, added, difference.sets, difference.later)
+    sets = [*arguments.set, *([f"control.mode={arguments.mode}"] if arguments.mode else [])]
+    difference = Difference(drop, added, tuple(sets), arguments.later)
     planned = plan(parent, step, difference)
     unchanged = planned
     if arguments.replicates:
@@ -185,24 +184,24 @@ def branch(arguments: argparse.Namespace) -> int:
     runs.check(planned.scenario, options)
     notice(f"branch of {parent.folder} at {at_s:g} s (step {step}): {difference.text}; later orders: {planned.later}")
     with runs.display_of(parent.scenario, quiet=arguments.quiet) as display:
-        trunk = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
+        repetition = repeat(parent, [planned.turn_step], display, needs_console=planned.changes_console)
     engine = "processes" if arguments.processes else "in-process"
-    _, scenario = prepare(parent, planned, difference, trunk, out, engine, force=force)
+    _, scenario = prepare(repetition, planned, difference, out, engine, force=force)
     code = run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
     if arguments.replicates and code == OK:
-        _compare(Work(parent, trunk, [Comparison(planned, unchanged)]), out, arguments)
+        _compare(Work(repetition, [Comparison(planned, unchanged)]), out, arguments)
     return code
 
 
 def _compare(work: "Work", out: Path, arguments: argparse.Namespace) -> None:
     """Compare a branch with its parent over replicates; write the tables into its folder, and say what is found."""
+    from deltaswarm_branches.effects import effects
     from deltaswarm_branches.pairs import pairs
     from deltaswarm_branches.value import in_words, write_difference
-    from deltaswarm_branches.worth import worths
 
     found = pairs(work, arguments.replicates, _jobs(arguments), _say_done)
-    rows = worths(found)
-    record = {"parent": work.parent.identity, "replicates": arguments.replicates}
+    rows = effects(found)
+    record = {"parent": work.repetition.parent.identity, "replicates": arguments.replicates}
     files = write_difference(out, record, rows, found)
     notice(f"branch minus parent, over {arguments.replicates} replicates:")
     notice(aligned((row.measure, in_words(row)) for row in rows))

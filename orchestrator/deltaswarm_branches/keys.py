@@ -33,12 +33,12 @@ RULES = (
     KeyRule("operator.probes", False, "the times of all questions are drawn before the first step"),
     KeyRule("operator.task", False, "events keep their classes"),
     KeyRule("command", False, "orders are changed by --add-command and --drop-command"),
-    KeyRule("seed", False, "a branch has the chance of its parent; --replicates draws another"),
+    KeyRule("seed", False, "a branch has the random draws of its parent; --replicates makes others"),
     KeyRule("run", False, "a branch has the steps and the pace of its parent"),
     KeyRule("metrics", False, "a branch is measured as its parent is"),
     *(KeyRule(prefix, False, WORLD) for prefix in ("arena", "world", "events", "agents", "fault")),
     *(
-        KeyRule(prefix, False, "frames are under way, and links have drawn their chance")
+        KeyRule(prefix, False, "frames are under way, and links have made their draws")
         for prefix in ("radio", "uplink", "downlink")
     ),
     *(KeyRule(prefix, False, "it says how a run is kept, not what happens in it") for prefix in ("schema", "name")),

@@ -1,4 +1,4 @@
-"""Do a run's rest twice from one state, with something and without it, under its own chance and in replicates."""
+"""Run the remainder of a run twice from one saved state, with and without a change: as it was, and in replicates."""
 
 import os
 import pickle
@@ -12,11 +12,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from deltaswarm_branches.chance import replicate_seed
-from deltaswarm_branches.parent import Parent
 from deltaswarm_branches.plan import Plan
-from deltaswarm_branches.sides import go_on
-from deltaswarm_branches.trunk import Trunk
+from deltaswarm_branches.randomness import replicate_seed
+from deltaswarm_branches.repetition import Repetition
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
@@ -39,12 +37,12 @@ Measured = dict[str, float | None]
 
 
 class Pair(NamedTuple):
-    """What was measured with something, and without it, under the same chance."""
+    """What was measured with a change and without it, with the same random draws."""
 
     comparison: int
     """Its place among the comparisons."""
     replicate: int
-    """0: the run's own chance."""
+    """0: the run's own randomness."""
     with_it: Measured
     without: Measured
 
@@ -60,8 +58,7 @@ class Comparison(NamedTuple):
 class Work:
     """All that a worker process needs."""
 
-    parent: Parent
-    trunk: Trunk
+    repetition: Repetition
     comparisons: Sequence[Comparison]
 
     def pair(self, comparison: int, replicate: int) -> Pair:
@@ -70,19 +67,24 @@ class Work:
         Raises:
             InputsChangedError: a file that decides them is not as it was when they were planned.
         """
-        plans = self.comparisons[comparison]
+        plans, scenario = self.comparisons[comparison], self.repetition.parent.scenario
         for plan in plans:
             plan.check_inputs()
-        seed = replicate and replicate_seed(self.parent.scenario.seed, plans.with_it.at_step, replicate)
-        sides = [measured(self._outcome(plan, seed), self.parent.scenario) for plan in plans]
+        seed = replicate and replicate_seed(scenario.seed, plans.with_it.at_step, replicate)
+        sides = [measured(self._outcome(plan, seed), scenario) for plan in plans]
         for plan in plans:
             plan.check_inputs()
         return Pair(comparison, replicate, *sides)
 
     def _outcome(self, plan: Plan, seed: int) -> Outcome:
-        if not seed and not plan.changes_console and not plan.restarts_agents and self.parent.digest is not None:
-            return self.trunk.past  # which was repeated to its end
-        outcome = go_on(self.parent, plan, self.trunk, seed or None)
+        if (
+            not seed
+            and not plan.changes_console
+            and not plan.restarts_agents
+            and self.repetition.parent.digest is not None
+        ):
+            return self.repetition.past  # which was repeated to its end
+        outcome = self.repetition.go_on(plan, seed or None)
         if outcome.messages:
             raise CommandError("; ".join(outcome.messages), FAILED)
         return outcome

@@ -87,18 +87,18 @@ class Plan:
             swarm.restart(step, seed)
 
 
-def at_step(parent: Parent, at_s: float | None, difference: Difference) -> int:
+def at_step(parent: Parent, at_s: float | None, drop: Sequence[int]) -> int:
     """Return the step of a branching point: at a time [s], or where the first dropped order leaves.
 
     Raises:
         SettingsError: there is no such step.
     """
     if at_s is None:
-        if not difference.drop:
+        if not drop:
             raise SettingsError([Problem("--at", "nothing", "must be given without --drop-command")])
-        if unknown := list(_unknown(parent, difference)):
+        if unknown := list(_unknown(parent, drop)):
             raise SettingsError(unknown)
-        return min(order.step for order in parent.orders if order.number in difference.drop)
+        return min(order.step for order in parent.orders if order.number in drop)
     step, end_s = round(at_s / parent.step_s), parent.steps * parent.step_s
     if not 1 <= step < parent.steps:
         must = f"must be after the first step and before the end, from {parent.step_s:g} to {end_s - parent.step_s:g} s"
@@ -113,51 +113,82 @@ def plan(parent: Parent, step: int, difference: Difference) -> Plan:
         SettingsError: a part of the difference has no meaning; all mistakes are named.
     """
     table = plain(parent.scenario)
-    problems = [problem for text in difference.sets for problem in _set(table, text)]
-    if problems:
+    if problems := [problem for text in difference.sets for problem in _set(table, text)]:
         raise SettingsError(problems)
     restarts = table["control"] != plain(parent.scenario)["control"]
-    operator, _ = check(OperatorSettings, table["operator"])  # None if it is wrong, which is told below
-    ruled = operator is not None and operator.commands
-    was_ruled = ruled or parent.has_rule  # a rule that is switched off gives no more orders
-    later = difference.later or (DECIDED if was_ruled else KEPT)
-    if operator is not None and not operator.autonomy.keeps_budget:
-        allowed = "must be given with operator.autonomy.sets_delta = 'budget': no rule keeps a budget in this branch"
-        problems += [Problem("--set", text, allowed) for text in difference.sets if text.startswith(BUDGET_KEYS)]
-    if later == DECIDED and not was_ruled:
-        problems.append(Problem("--later", DECIDED, "must be kept or dropped: no rule gives orders in this run"))
-    is_muted = ruled and later != DECIDED
-    if is_muted:
-        useless = [text for text in difference.sets if text.startswith(RULES)]
-        problems += [
-            Problem("--set", text, f"must be given without --later {later}: no rule decides") for text in useless
-        ]
+    operator, _ = check(OperatorSettings, table["operator"])  # None if it is wrong, which `check_table` says
+    has_rule = operator is not None and operator.commands
+    later = difference.later or (DECIDED if has_rule or parent.has_rule else KEPT)
+    problems = [
+        *_rule_problems(parent, operator, difference, later),
+        *_drop_problems(parent, step, difference, later),
+        *_add_problems(parent, step, difference.add),
+    ]
+    is_rule_muted = has_rule and later != DECIDED
+    if is_rule_muted:
         table["operator"]["person"]["policy"] = NONE if parent.scenario.operator.person.is_on else "off"
         table["operator"]["autonomy"]["sets_delta"] = OPERATOR
-    orders = [order for order in parent.orders if order.step >= step]
-    problems += _drop_problems(parent, step, difference, later)
-    problems += _add_problems(parent, step, difference.add)
-    commands = [
-        Scripted(_leaving(order, parent.step_s), later == DROPPED or order.number in difference.drop, order.number)
-        for order in orders
-        if later != DECIDED or order.by == SCRIPT
+    by_script = [order for order in parent.orders if later != DECIDED or order.by == SCRIPT]
+    script = [
+        *(
+            Scripted(_leaving(order, parent.step_s), later == DROPPED or order.number in difference.drop, order.number)
+            for order in by_script
+            if order.step >= step
+        ),
+        *map(Scripted, difference.add),
     ]
-    commands += map(Scripted, difference.add)
-    past = [order.command for order in parent.orders if order.step < step and (later != DECIDED or order.by == SCRIPT)]
-    given = [*_accepted(past, table), *(scripted.command for scripted in commands if not scripted.is_dropped)]
-    table["command"] = [plain(command) for command in given]
+    past = _accepted([order.command for order in by_script if order.step < step], table)
+    commands = past + [scripted.command for scripted in script if not scripted.is_dropped]
+    scenario = _scenario(parent, table, commands, difference, problems)
+    changes_orders = is_rule_muted or later == DROPPED or bool(difference.drop or difference.add)
+    changes_console = changes_orders or restarts or scenario.operator != parent.scenario.operator
+    return Plan(
+        step,
+        scenario if changes_console else parent.scenario,
+        tuple(script),
+        _dropped_of_rule(parent, difference) if later == DECIDED else 0,
+        later,
+        changes_console,
+        restarts,
+        inputs.identify(scenario if changes_console else parent.scenario),
+    )
+
+
+def _rule_problems(
+    parent: Parent, operator: OperatorSettings | None, difference: Difference, later: str
+) -> Iterator[Problem]:
+    """Yield what is wrong about rules that give orders: none is there, or it gives none."""
+    if operator is not None and not operator.autonomy.keeps_budget:
+        allowed = "must be given with operator.autonomy.sets_delta = 'budget': no rule keeps a budget in this branch"
+        yield from (Problem("--set", text, allowed) for text in difference.sets if text.startswith(BUDGET_KEYS))
+    has_rule = operator is not None and operator.commands
+    if later == DECIDED and not (has_rule or parent.has_rule):
+        yield Problem("--later", DECIDED, "must be kept or dropped: no rule gives orders in this run")
+    if has_rule and later != DECIDED:
+        allowed = f"must be given without --later {later}: no rule decides"
+        yield from (Problem("--set", text, allowed) for text in difference.sets if text.startswith(RULES))
+
+
+def _dropped_of_rule(parent: Parent, difference: Difference) -> int:
+    return sum(order.by != SCRIPT for order in parent.orders if order.number in difference.drop)
+
+
+def _scenario(
+    parent: Parent,
+    table: dict[str, Any],
+    commands: Sequence[CommandSettings],
+    difference: Difference,
+    problems: list[Problem],
+) -> Scenario:
+    """Return the scenario of a branch. Raises SettingsError, with `problems` too."""
+    table["command"] = [plain(command) for command in commands]
     scenario, wrong = check_table(table)
     if scenario is not None:
         others = _differing(plain(parent.scenario) | {"command": table["command"]}, plain(scenario))
         problems += [problem for key in others if (problem := problem_of(key))]
     if scenario is None or problems + wrong:
-        raise SettingsError([*problems, *_in_words(wrong, given, difference.add)])
-    is_other = (scenario.operator, bool(difference.drop or difference.add), restarts, later == DROPPED)
-    changes = is_other != (parent.scenario.operator, False, False, False) or is_muted
-    if not changes:
-        scenario = parent.scenario
-    drops = sum(order.by != SCRIPT for order in orders if order.number in difference.drop) if later == DECIDED else 0
-    return Plan(step, scenario, tuple(commands), drops, later, changes, restarts, inputs.identify(scenario))
+        raise SettingsError([*problems, *_in_words(wrong, commands, difference.add)])
+    return scenario
 
 
 def _set(table: dict[str, Any], text: str) -> list[Problem]:
@@ -199,7 +230,7 @@ def _leaving(order: Order, step_s: float) -> CommandSettings:
 def _drop_problems(parent: Parent, step: int, difference: Difference, later: str) -> Iterator[Problem]:
     """Yield what is wrong with the orders to drop."""
     by_number = {order.number: order for order in parent.orders}
-    yield from _unknown(parent, difference)
+    yield from _unknown(parent, difference.drop)
     ruled = [order for order in parent.orders if order.step >= step and order.by != SCRIPT]
     is_alone = not (difference.add or difference.sets)
     for number in by_number.keys() & set(difference.drop):
@@ -218,10 +249,10 @@ def _drop_problems(parent: Parent, step: int, difference: Difference, later: str
         yield Problem("--drop-command", ", ".join(map(str, difference.drop)), "must name each order once")
 
 
-def _unknown(parent: Parent, difference: Difference) -> Iterator[Problem]:
+def _unknown(parent: Parent, drop: Sequence[int]) -> Iterator[Problem]:
     """Yield the orders to drop that were never given."""
     known = [order.number for order in parent.orders]
-    for number in difference.drop:
+    for number in drop:
         if number not in known:
             which = f"0 to {known[-1]}" if known else "this run gave none"
             yield Problem("--drop-command", str(number), f"must be an order that left the base: {which}")

@@ -1,16 +1,16 @@
-"""What each order of a run was worth: the run with it and without it, in a table and a figure beside the run."""
+"""The effect of each order of a run: the run with it and without it, in a table and a figure beside the run."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_branches.effects import Effect, OrderEffect, effects
 from deltaswarm_branches.figure import draw
 from deltaswarm_branches.keys import DROPPED, KEPT
 from deltaswarm_branches.pairs import MEASURES, Comparison, Pair, Work, pairs
 from deltaswarm_branches.parent import Order, Parent
 from deltaswarm_branches.plan import Difference, plan
-from deltaswarm_branches.trunk import repeat
-from deltaswarm_branches.worth import OrderWorth, Worth, worths
+from deltaswarm_branches.repetition import repeat
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.recording import VALUES
@@ -31,10 +31,10 @@ def value_of_command(
     later: str = "",
     jobs: int = 1,
     done: Callable[[int, int], None] = lambda count, of: None,
-) -> tuple[list[OrderWorth], list[Pair], str]:
+) -> tuple[list[OrderEffect], list[Pair], str]:
     """Compare a run with itself without each of some orders (default: all), one at a time.
 
-    Return what each order was worth in each measure, the pairs of runs behind it, and what became of later orders.
+    Return the effect of each order on each measure, the pairs of runs behind it, and what became of later orders.
 
     Raises:
         SettingsError: there is no such order, or none at all.
@@ -43,9 +43,9 @@ def value_of_command(
     orders = _orders(parent, numbers)
     comparisons = [Comparison(*_plans(parent, order, later)) for order in orders]
     at = [each.with_it.turn_step for each in comparisons]
-    trunk = repeat(parent, at, Reporter(), needs_console=True)
-    found = pairs(Work(parent, trunk, comparisons), replicates, jobs, done)
-    rows = [OrderWorth(orders[worth.comparison], worth) for worth in worths(found)]
+    repetition = repeat(parent, at, Reporter(), needs_console=True)
+    found = pairs(Work(repetition, comparisons), replicates, jobs, done)
+    rows = [OrderEffect(orders[effect.comparison], effect) for effect in effects(found)]
     return rows, found, comparisons[0].with_it.later if later != DROPPED else DROPPED
 
 
@@ -70,7 +70,7 @@ def _plans(parent: Parent, order: Order, later: str) -> Iterable[Any]:
 
 
 def write(
-    parent: Parent, rows: Sequence[OrderWorth], found: Sequence[Pair], *, replicates: int, later: str
+    parent: Parent, rows: Sequence[OrderEffect], found: Sequence[Pair], *, replicates: int, later: str
 ) -> list[Path]:
     """Write table, replicates and figure beside a run's results, sealed with the run's identity; return the files.
 
@@ -78,8 +78,8 @@ def write(
         OSError: they cannot be written.
     """
     folder = _unsealed(parent.folder / VALUES)
-    write_csv(folder / TABLE, (*ORDER_COLUMNS, *Worth._fields[1:]), (_cells(row, parent.step_s) for row in rows))
-    orders = {row.worth.comparison: row.order.number for row in rows}
+    write_csv(folder / TABLE, (*ORDER_COLUMNS, *Effect._fields[1:]), (_cells(row, parent.step_s) for row in rows))
+    orders = {row.effect.comparison: row.order.number for row in rows}
     _write_pairs(folder, found, orders)
     figures = draw(rows, folder / FIGURE)
     texts = {str(number): _text(rows, number) for number in orders.values()}
@@ -87,14 +87,14 @@ def write(
     return _seal(folder, record, [TABLE, REPLICATES, *(file.name for file in figures)])
 
 
-def write_difference(branch: Path, record: dict[str, Any], rows: Sequence[Worth], found: Sequence[Pair]) -> list[Path]:
+def write_difference(branch: Path, record: dict[str, Any], rows: Sequence[Effect], found: Sequence[Pair]) -> list[Path]:
     """Write how a branch differs from its parent over replicates into the branch's folder, sealed; return the files.
 
     Raises:
         OSError: they cannot be written.
     """
     folder = _unsealed(branch / VALUES)
-    write_csv(folder / DIFFERENCE, Worth._fields[1:], (row[1:] for row in rows))
+    write_csv(folder / DIFFERENCE, Effect._fields[1:], (row[1:] for row in rows))
     _write_pairs(folder, found, {})
     return _seal(folder, record, [DIFFERENCE, REPLICATES])
 
@@ -118,22 +118,22 @@ def _seal(folder: Path, record: dict[str, Any], names: Sequence[str]) -> list[Pa
     return [folder / name for name in names]
 
 
-def _cells(row: OrderWorth, step_s: float) -> list[Any]:
+def _cells(row: OrderEffect, step_s: float) -> list[Any]:
     number, step, by, command = row.order
-    return [number, step * step_s, command.name, Target(command.target, command.numbers), by, *row.worth[1:]]
+    return [number, step * step_s, command.name, Target(command.target, command.numbers), by, *row.effect[1:]]
 
 
-def _text(rows: Sequence[OrderWorth], number: int) -> str:
-    """Say in a line what an order was worth, for the page."""
-    own = [row.worth for row in rows if row.order.number == number]
-    parts = [f"{worth.measure} {in_words(worth)}" for worth in own]
+def _text(rows: Sequence[OrderEffect], number: int) -> str:
+    """Return a line with the effect of an order, for the page."""
+    own = [row.effect for row in rows if row.order.number == number]
+    parts = [f"{effect.measure} {in_words(effect)}" for effect in own]
     return f"worth: {'; '.join(parts)}"
 
 
-def in_words(worth: Worth) -> str:
-    """Say what a difference is in one measure."""
-    unit = f" {worth.unit}" if worth.unit else ""
-    if worth.estimate is None:
-        return "-" if worth.value is None else f"{worth.value:+.3g}{unit} in one run"
-    ends = "" if worth.low is None or worth.high is None else f" ({worth.low:+.3g} to {worth.high:+.3g})"
-    return f"{worth.estimate:+.3g}{unit}{ends}, {worth.verdict}"
+def in_words(effect: Effect) -> str:
+    """Format an effect."""
+    unit = f" {effect.unit}" if effect.unit else ""
+    if effect.estimate is None:
+        return "-" if effect.value is None else f"{effect.value:+.3g}{unit} in one run"
+    ends = "" if effect.low is None or effect.high is None else f" ({effect.low:+.3g} to {effect.high:+.3g})"
+    return f"{effect.estimate:+.3g}{unit}{ends}, {effect.verdict}"

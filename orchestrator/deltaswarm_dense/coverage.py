@@ -59,22 +59,24 @@ ANY = frozenset(
 )
 """Keys that may have any value."""
 
-ANY_BELOW = ("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget.")
-"""Tables whose keys may: arrivals are made by the Python code, and nobody is at the console."""
+ANY_BELOW = (
+    *("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget."),
+    "operator.person.",
+)
+"""Tables whose keys may: arrivals are made by the Python code, and a console that gives no orders reads afterwards."""
 
 DEFAULT = frozenset(
     [
         "run.clock",
         "run.bound",
         "arena.obstacles",
-        "world.dynamics",
         "command",
         "fault",
     ]
 )
 """Keys that must have their defaults."""
 
-DEFAULT_BELOW = ("radio.", "uplink.", "downlink.", "operator.person.", "operator.autonomy.", "operator.task.")
+DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.autonomy.", "operator.task.")
 """Tables whose keys must, unless they are in `ANY`."""
 
 
@@ -85,7 +87,11 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"control.mode = {mode!r}"]
     defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
-    return [f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults[key]]
+    if scenario.operator.person.commands:
+        return [f"operator.person.policy = {scenario.operator.person.policy!r}"]
+    return [
+        f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)
+    ]
 
 
 def rule(key: str) -> frozenset[str]:

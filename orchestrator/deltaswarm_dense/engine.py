@@ -3,14 +3,18 @@
 import hashlib
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from deltaswarm_dense import layout
+from deltaswarm_dense.operating import messages_of, operate
 from deltaswarm_dense.results import events_of, step_records, told_s, totals_of_operator, workloads
 from deltaswarm_dense.setting_up import set_up
 from deltaswarm_dense.step import advance
 from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Wanted
+from deltaswarm_orchestrator.run.state import RunState
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.digest import SIZE_BYTES
 from deltaswarm_world.core.world import WorldCore
@@ -21,21 +25,25 @@ BRANCHES, BELIEFS = 16, 64
 
 MAX_ROOM = 4096
 
+WORLD, OPERATOR = 0, 1
+"""The digest of which part."""
+
 
 class BeyondError(Exception):
     """The run needs what the arrays have no room for; the Python engine must do it."""
 
 
-def run_dense(scenario: Scenario, stopped: Callable[[], object] = lambda: None) -> Outcome:
-    """Do a covered run, until its end; return the outcome that `run_in_process` returns.
+def run_dense(scenario: Scenario, wanted: Wanted = NOTHING_MORE, state: RunState | None = None) -> Outcome:
+    """Do a covered run, until its end; return the outcome that `run_in_process` returns. It is an `Engine`.
 
     Raises:
         BeyondError: the run needs what the arrays have no room for.
     """
+    assert state is None, "the dense engine begins at the beginning"
     branches, beliefs = BRANCHES, BELIEFS
     while True:
         run = DenseRun(scenario, branches, beliefs)
-        trouble = run.advance(stopped)
+        trouble = run.advance(wanted.stopped)
         if trouble == layout.CHILDREN and branches < MAX_ROOM:
             branches *= 2
         elif trouble == layout.KNOWN and beliefs < MAX_ROOM:
@@ -43,7 +51,7 @@ def run_dense(scenario: Scenario, stopped: Callable[[], object] = lambda: None) 
         elif trouble:
             raise BeyondError(layout.TROUBLE[trouble])
         else:
-            return run.outcome()
+            return run.outcome(wanted.folder)
 
 
 class DenseRun:
@@ -59,6 +67,8 @@ class DenseRun:
         self._done = 0
         self._chains = [bytes(SIZE_BYTES), bytes(SIZE_BYTES)]
         """The states of the world's and of the operator's digest."""
+        self._reports: list[bytes] | None = [] if scenario.has_console else None
+        """The reports of each step, with the heads of the digest; None: nobody reads them."""
 
     def advance(self, stopped: Callable[[], object]) -> int:
         """Do all steps; return the trouble that ended them, 0 if there was none."""
@@ -74,21 +84,23 @@ class DenseRun:
 
     def _hash(self, counts: np.ndarray) -> None:
         output = self._swarm.output
-        for which, (buffer, name) in enumerate(((output.world, "world_end"), (output.operator, "operator_end"))):
+        for which, buffer, name in ((WORLD, output.world, "world_end"), (OPERATOR, output.operator, "operator_end")):
             data, chain, begin = buffer.data, self._chains[which], 0
             for end in counts[name].tolist():
                 if end > begin:
                     chain = hashlib.blake2b(chain + data[begin:end], digest_size=SIZE_BYTES).digest()
+                if which == OPERATOR and self._reports is not None:
+                    self._reports.append(bytes(data[begin:end]))
                 begin = end
             self._chains[which] = chain
 
-    def outcome(self) -> Outcome:
-        """Return what the run recorded."""
+    def outcome(self, folder: Path | None) -> Outcome:
+        """Return what the run recorded; the tables of a console go into a folder."""
         scenario, counts, steps = self._scenario, self._counts[: self._done], self._done
         complete = steps == scenario.run.steps
         world_digest, operator_digest = (chain.hex() for chain in self._chains)
         agent_steps = scenario.agents.count * steps
-        return Outcome(
+        outcome = Outcome(
             step_records=step_records(scenario, counts, self._world.air.reasons),
             events=events_of(self._swarm.world.events),
             workloads=workloads(scenario, counts["reports"]),
@@ -103,3 +115,6 @@ class DenseRun:
             | totals_of_operator(scenario, counts["reports"], self._swarm.agents["sequence"]),
             told_s=told_s(self._swarm.world.events),
         )
+        if self._reports is not None:
+            operate(scenario, folder, outcome, map(messages_of, self._reports))
+        return outcome

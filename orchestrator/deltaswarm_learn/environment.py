@@ -17,13 +17,11 @@ from deltaswarm_learn.rewards import Reward, StepOutcome, reward_function
 from deltaswarm_learn.state import state_of, state_size
 from deltaswarm_learn.tally import Tally
 from deltaswarm_learn.vectors import Vector, VectorSettings, action_size, checked_action, observation_shapes
-from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import check_table, put, read_table
 from deltaswarm_scenario.scenario import MAX_SEED, Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, plain
-from deltaswarm_wire.operator_messages import Clock
 
 Observation = Any
 """A flat array, or a dict of arrays."""
@@ -231,7 +229,6 @@ class _Episode:
         self._began = time.monotonic()
         self._step = 0
         self._reward = reward_function(reward, names)
-        self._outcome = Outcome()
         self._tally = Tally(scenario)
         self._begin()
 
@@ -255,13 +252,11 @@ class _Episode:
             answers.append((agent, frame, swarm.agents[agent].decide(self.percepts[agent])))
         record = swarm.end(step, answers)
         self.is_over = swarm.world.is_last
-        workload = swarm.close_step(Clock(step, record.time_s, self.is_over))
-        self._outcome.step_records.append(record)
-        self._outcome.workloads.append(workload)
+        workload = swarm.close_step(record)
         numbers = self._tally.count(swarm, record, workload)
         outcome = StepOutcome(record, workload, swarm.operator.reports_of_closed_step, numbers)
         if self.is_over:
-            swarm.finish(self._outcome, time.monotonic() - self._began)
+            swarm.finish(time.monotonic() - self._began)
         self._step += 1
         self._begin()
         return self._reward(outcome)  # last, since a function of a user's may raise
@@ -274,7 +269,7 @@ class _Episode:
         """Return the run's summary."""
         if not self.is_over:
             raise RuntimeError("the episode must have ended: its metrics are known after its last step")
-        return summarise(self._outcome, self.swarm.scenario)
+        return summarise(self.swarm.outcome, self.swarm.scenario)
 
     def line(self) -> str:
         """Return a line about this step."""

@@ -9,7 +9,6 @@ from deltaswarm_scenario.operator_settings import NONE
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.situation import SAGAT, SPAM, known
 from deltaswarm_sessions.plan import PlannedRun
-from deltaswarm_wire.operator_messages import Clock
 
 ALWAYS = 0.9
 """Share of moments from which on an answer counts as given away."""
@@ -57,11 +56,9 @@ def _known_beforehand(label: str, scenario: Scenario) -> list[str]:
     person = replace(scenario.operator.person, policy=NONE)
     swarm = InProcess(replace(scenario, record="off", operator=replace(scenario.operator, person=person)))
     assert swarm.console is not None
-    probes, steps = scenario.operator.probes, scenario.run.steps
+    probes = scenario.operator.probes
     first_s = min([*probes.sagat_at_s, *probes.spam_at_s, probes.situation_first_s])
-    for step in range(steps):
-        record = swarm.step(step, step == steps - 1)
-        swarm.close_step(Clock(step, record.time_s, step == steps - 1))
+    for record, _ in swarm.steps():
         if record.time_s >= first_s:
             seen = swarm.console.see()
             for item in items:

@@ -8,6 +8,7 @@ import pytest
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
+from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -88,7 +89,7 @@ class Sink:
 def test_bytes_counted_are_the_bytes_encoded(radio: tuple[str, ...]) -> None:
     """In each step, of the very frames that agents sent."""
     sink = Sink()
-    outcome = run_in_process(a_scenario(*radio), sink)
+    outcome = run_in_process(a_scenario(*radio), Wanted(sink))
     assert sum(sink.sent_bytes.values()) > 1000
     assert [record.bytes_sent for record in outcome.step_records] == [sink.sent_bytes[step] for step in range(SECONDS)]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from deltaswarm_branches.parent import Parent
 from deltaswarm_branches.plan import Difference, Plan, plan
-from deltaswarm_branches.trunk import Trunk, repeat
+from deltaswarm_branches.repetition import Repetition, repeat
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.cli import main
 
@@ -43,8 +43,8 @@ def branched(parent: Path, out: Path, *options: str) -> Path:
     return out
 
 
-def trunk_of(parent: Parent, *steps: int, difference: Difference | None = None) -> tuple[Trunk, list[Plan]]:
+def repetition_of(parent: Parent, *steps: int, difference: Difference | None = None) -> tuple[Repetition, list[Plan]]:
     """A repeated run with a plan for each step."""
     plans = [plan(parent, step, difference or Difference()) for step in steps]
-    trunk = repeat(parent, [planned.turn_step for planned in plans], Reporter(), needs_console=True)
-    return trunk, plans
+    repetition = repeat(parent, [planned.turn_step for planned in plans], Reporter(), needs_console=True)
+    return repetition, plans

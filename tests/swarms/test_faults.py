@@ -9,6 +9,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.states import WALKING
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.results.summary import summarise
+from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.truth import StepRecord
@@ -258,7 +259,7 @@ def test_faults_stand_in_the_log_of_the_recording(tmp_path: Any) -> None:
             log(level, name, text, time_s)
 
         recorder.log = kept  # type: ignore[method-assign]
-        run_in_process(scenario, recorder)
+        run_in_process(scenario, Wanted(recorder))
         recorder.complete({})
     assert [(time_s, "radio-dead" in text and "agent 1" in text) for time_s, text in lines] == [
         (5.0, True),

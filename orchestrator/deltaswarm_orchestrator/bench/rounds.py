@@ -7,12 +7,12 @@ import statistics
 import time
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.run.in_process import InProcess, rare_garbage_collections
+from deltaswarm_orchestrator.run.in_process import InProcess, Step, rare_garbage_collections
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.operator_messages import Clock
 
 WARM_UP_STEPS = 1000
 """Steps before the timed ones. In the paper's scenario, trees hold half of the agents from about here on."""
@@ -81,22 +81,20 @@ def in_turns(
     totals: dict[str, Counter[str]] = {name: Counter() for name in scenarios}
     turns = deque(scenarios)
     last = warm_up_steps + steps
+    all_steps = {name: swarm.steps(last) for name, swarm in swarms.items()}
     for first in range(0, last, BLOCK_STEPS):
         for name in turns:
-            costs = _block(swarms[name], range(first, min(first + BLOCK_STEPS, last)))
+            costs = _block(swarms[name], islice(all_steps[name], min(BLOCK_STEPS, last - first)))
             if first >= warm_up_steps:
                 totals[name].update(costs)
         turns.rotate()
     return {name: {metric: total / steps for metric, total in costs.items()} for name, costs in totals.items()}
 
 
-def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
+def _block(swarm: InProcess, steps: Iterable[Step]) -> dict[str, Any]:
     """Return totals over some steps; the agents' CPU time is estimated by their share of the wall time."""
     agents_s, wall_began, began = swarm.agents_s, time.perf_counter(), time.process_time()
-    step_records = []
-    for step in steps:
-        step_records.append(record := swarm.step(step, last=False))
-        swarm.close_step(Clock(step, record.time_s, False))
+    step_records = [step.record for step in steps]
     whole_us = 1e6 * (time.process_time() - began)
     agents_us = whole_us * (swarm.agents_s - agents_s) / (time.perf_counter() - wall_began)
     counts = {name: sum(getattr(record, name) for record in step_records) for name in COUNTED}

@@ -44,12 +44,10 @@ def answer(report_bytes: bytes | None, radio: bytes | None, act_bytes: bytes) ->
 
 def traffic_of(scenario: Scenario) -> Traffic:
     """Return a run's traffic; the run is done in this process."""
-    swarm, count = InProcess(scenario), scenario.run.steps
+    swarm = InProcess(scenario)
     answers: list[list[Answer]] = [[] for _ in swarm.agents]
     steps = []
-    for step in range(count):
-        clock = Clock(step, swarm.step(step, step == count - 1).time_s, step == count - 1)
-        swarm.close_step(clock)
+    for record, _ in swarm.steps():
         given = [answer(out.report_bytes, out.radio, out.act_bytes) for _, _, out in swarm.exchanged]
         for (agent, _, _), samples in zip(swarm.exchanged, given, strict=True):
             answers[agent].append(samples)
@@ -58,7 +56,7 @@ def traffic_of(scenario: Scenario) -> Traffic:
                 tuple((agent, len(encode_frame(frame))) for agent, frame, _ in swarm.exchanged),
                 sum(map(len, given)),
                 tuple(len(encode_forwarded(forwarded)) for forwarded in swarm.world.forwarded),
-                len(encode_clock(clock)),
+                len(encode_clock(Clock(record.step, record.time_s, swarm.world.is_last))),
             )
         )
     return Traffic(len(swarm.agents), steps, answers)

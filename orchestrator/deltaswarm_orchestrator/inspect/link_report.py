@@ -5,6 +5,7 @@ with those in the folder.
 """
 
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
-from deltaswarm_wire.operator_messages import Clock
 
 
 @dataclass(frozen=True)
@@ -74,24 +74,17 @@ def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, 
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
     differs = None
-    for step in range(at_step + 1):
-        record = swarm.step(step, last=False)
-        if differs is None and step < len(rows) and _air_of(record) != _air_of(rows[step]):
-            differs = step
+    for record, _ in islice(swarm.steps(max(at_step + 1, scenario.run.steps)), at_step + 1):
+        if differs is None and record.step < len(rows) and _air_of(record) != _air_of(rows[record.step]):
+            differs = record.step
     diagnoses, outcomes = swarm.world.explain(sender, at)
     if at is None and swarm.world.uplink is None:
-        outcomes = _outcomes_at_once(swarm, sender, at_step)
+        reports = swarm.operator.reports_of_closed_step  # without an uplink model, each arrives at once
+        outcomes = ["arrived" for report in reports if (report.agent, report.step) == (sender, at_step)]
     findings = [diagnosis._asdict() for diagnosis in diagnoses]
     reason = next((finding["reason"] for finding in findings if finding["cuts"]), None)
     time_s = at_step * scenario.run.step_s
     return LinkFindings(sender, receiver, at_step, time_s, reason, tuple(findings), tuple(outcomes), differs, len(rows))
-
-
-def _outcomes_at_once(swarm: InProcess, sender: int, step: int) -> list[str]:
-    """Return the outcomes of reports without an uplink model, where each report arrives at once."""
-    swarm.close_step(Clock(step, 0.0, False))
-    reports = swarm.operator.reports_of_closed_step
-    return ["arrived" for report in reports if (report.agent, report.step) == (sender, step)]
 
 
 def _air_of(record: StepRecord) -> tuple[Any, ...]:

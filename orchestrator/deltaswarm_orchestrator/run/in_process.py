@@ -7,11 +7,11 @@ the same.
 import gc
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from logging import ERROR, WARNING
-from pathlib import Path
+from typing import NamedTuple
 
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
@@ -19,22 +19,19 @@ from deltaswarm_operator.core.change_of_course import go_on_with
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.script import Scripted as Scripted  # for those that make a branch's script
 from deltaswarm_operator.core.workload import WorkloadMeter
-from deltaswarm_operator.io.action_log import ActionLog
-from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
-from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.results.outcome import READ, SHOWN, Outcome
-from deltaswarm_scenario.operator_settings import Briefing
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Wanted
+from deltaswarm_orchestrator.run.operating import Operating, briefing_of
+from deltaswarm_orchestrator.run.state import Cores, RunState
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
-from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.controller_metrics import declared
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugin_errors import PluginError, blamed
-from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_world.core.turns import AWAITED, OFF
 from deltaswarm_world.core.world import WorldCore
@@ -44,56 +41,41 @@ STATUS_EVERY_STEPS = 500
 SWARM = "the run"
 """Whose traceback it is, if a plug-in of no agent raised."""
 
-
-def ignore(_: PluginError) -> None:
-    """Tell nobody of a failure."""
-
-
-@dataclass
-class Cores:
-    """The state of a run between two steps: all that decides what comes next."""
-
-    world: WorldCore
-    agents: dict[int, AgentCore]
-    """Those that are in the run."""
-    restarts: Counter[int]
-    """How often each agent was started again."""
-    operator: WorkloadMeter
-    console: Console | None
+Answer = tuple[int, Frame, StepOutput]
+"""(agent, its frame, its answer)."""
 
 
-@dataclass
-class Begun:
-    """A run that goes on after some steps: its state, and what these steps recorded."""
+class Step(NamedTuple):
+    """What the world and the operator recorded of one step."""
 
-    cores: Cores
-    step_records: list[StepRecord]
-    workloads: list[Workload]
-    table_bytes: Mapping[str, int] = field(default_factory=dict)
-    """The lengths of the console's tables."""
+    record: StepRecord
+    workload: Workload
 
 
 class InProcess:
-    """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator.
+    """A whole run as one object, whose steps are made by `steps`.
 
-    With a folder, the tables of a scripted or simulated operator are written there. `on_failure` gets the error of each
-    controller that fails, and `failed` its newest text by agent, also if that ends the run. With `begun` the run goes
-    on from there; `listens`: whether there is a console though nobody is at it.
+    Args:
+        scenario: its settings.
+        wanted: what is wanted besides the outcome.
+        state: the state to go on from; None: the run begins.
+        causes: gets the newest error of each agent whose controller failed, also if the run cannot begin for it.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        folder: Path | None = None,
-        on_failure: Callable[[PluginError], None] = ignore,
-        failed: dict[int, str] | None = None,
-        begun: Begun | None = None,
-        *,
-        listens: bool = False,
+        wanted: Wanted = NOTHING_MORE,
+        state: RunState | None = None,
+        causes: dict[int, str] | None = None,
     ) -> None:
         self.scenario = scenario
-        self.failed = {} if failed is None else failed
-        cores = begun.cores if begun else None
+        self.outcome = Outcome(causes={} if causes is None else causes)
+        """Filled in step by step."""
+        if state is not None:
+            self.outcome.step_records += state.step_records
+            self.outcome.workloads += state.workloads
+        cores = state.cores if state else None
         names = [one.name for one in declared(scenario.control.mode)]
         self.world = cores.world if cores else WorldCore(scenario, metrics=names)
         self._restarts: Counter[int] = cores.restarts if cores else Counter()
@@ -105,39 +87,47 @@ class InProcess:
         there = cores.agents if cores else {}
         self.agents = [there.get(agent) or self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = cores.operator if cores else WorkloadMeter(scenario.operator, scenario.run.step_s)
-        self.console: Console | None = cores.console if cores else None
-        """The scripted or simulated operator, if the scenario has one."""
-        if self.console is None and (scenario.has_console or listens):
-            self.console = Console(self.briefing)
-            self.console.start(time.monotonic())
-        self._tables: ActionLog | None = None
-        if self.console is not None and folder is not None:
-            self._tables = ActionLog(folder, begun.table_bytes if begun else None)
+        self._operating: Operating | None = None
+        console = cores.console if cores else None
+        if console is not None or scenario.has_console or wanted.listens:
+            self._operating = Operating(scenario, wanted.folder, console, state.tables if state else None)
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
-        self.traces: dict[str, str] = {}
-        """The traceback of each agent whose controller raised."""
-        self._on_failure = on_failure
-        self.exchanged: list[tuple[int, Frame, StepOutput]] = []
-        """(agent, its frame, its answer) of each agent asked in the last step."""
+        self._wanted = wanted
+        self.exchanged: list[Answer] = []
+        """Those of all agents asked in the newest step."""
 
     @property
-    def briefing(self) -> Briefing:
-        """The configuration of the operator's console."""
-        return self.scenario.for_operator(forms_of(find_controller(self.scenario.control.mode)), 0.0)
+    def console(self) -> Console | None:
+        """The console of a scripted or simulated operator; None without one."""
+        return self._operating.console if self._operating else None
 
     @property
-    def cores(self) -> Cores:
-        """The state between two steps, which belongs to this run: pickle it to go on from it elsewhere."""
+    def state(self) -> RunState:
+        """The state between two steps; it belongs to this run, whose further steps change it."""
         there = {agent: self.agents[agent] for agent in sorted(self.world.participants.present)}
-        return Cores(self.world, there, self._restarts, self.operator, self.console)
+        cores = Cores(self.world, there, self._restarts, self.operator, self.console)
+        tables = self._operating.tables if self._operating else {}
+        return RunState(cores, self.outcome.step_records, self.outcome.workloads, tables)
 
-    @property
-    def tables(self) -> dict[str, bytes]:
-        """What the console's tables hold so far, by name."""
-        if (tables := self._tables) is None:
-            return {}
-        return {name: (tables.folder / name).read_bytes()[:size] for name, size in tables.sizes.items()}
+    def steps(
+        self,
+        last_step: int | None = None,
+        before: Callable[["InProcess", int], None] = lambda swarm, step: None,
+    ) -> Iterator[Step]:
+        """Make step after step, each closed at the operator, until the run ends.
+
+        Args:
+            last_step: the last one; None: that of the scenario.
+            before: called with the run and the number of each step before that begins.
+        """
+        last_step = self.scenario.run.steps - 1 if last_step is None else last_step
+        for step in range(len(self.outcome.step_records), last_step + 1):
+            before(self, step)
+            record = self.step(step, step == last_step or bool(self._wanted.stopped()))
+            yield Step(record, self.close_step(record))
+            if self.world.is_last:  # also if no agent is left
+                break
 
     def go_on_with(self, scenario: Scenario, commands: Sequence[Scripted], rule_drops: int = 0) -> None:
         """Between two steps, go on by the settings of another scenario at the operator, and by other commands.
@@ -150,7 +140,7 @@ class InProcess:
         self.operator.go_on_with(scenario.operator)
         if self.console is None:
             return
-        go_on_with(self.console, self.briefing, commands, rule_drops)
+        go_on_with(self.console, briefing_of(scenario), commands, rule_drops)
         for number in [scripted.number for scripted in commands if scripted.is_dropped and scripted.number is not None]:
             self.console.command_log.withdraw(number)
             self.world.turns.withdraw(number)
@@ -171,44 +161,44 @@ class InProcess:
         try:
             controller = self._make_controller(agent, settings, self._restarts[agent])
         except ControllerError as error:
-            self.failed[agent] = str(error)
+            self.outcome.causes[agent] = str(error)
             raise
         return AgentCore(agent, settings.step_s, controller)
 
-    def _inject(self, step: int, sink: Sink | None) -> None:
+    def _inject(self, step: int) -> None:
         """Inject the faults due before a step. Dead and frozen agents need no more than to get no frame."""
         for order in self.world.inject(step):
             if order.action == START:
                 self._restarts.update(order.agents)
                 for agent in order.agents:
                     self.agents[agent] = self._agent(agent)
-            if sink is not None:
-                sink.log(WARNING, WORLD, order.text, order.time_s)
+            if self._wanted.sink is not None:
+                self._wanted.sink.log(WARNING, WORLD, order.text, order.time_s)
 
-    def step(self, step: int, last: bool, sink: Sink | None = None) -> StepRecord:
+    def step(self, step: int, last: bool) -> StepRecord:
         """Run one step of the world and of all agents, in agent order."""
-        frames = self.begin(step, last, sink)
+        frames = self.begin(step, last)
         began = time.perf_counter()
-        answers = []
+        answers: list[Answer] = []
         for agent, frame in frames:
             try:
                 answers.append((agent, frame, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
-                self.failed[agent] = str(error)
-                self._note(f"agent {agent}", error, time_s=step * self.scenario.run.step_s, sink=sink)
+                self.outcome.causes[agent] = str(error)
+                self._note(f"agent {agent}", error, time_s=step * self.scenario.run.step_s)
                 self.world.participants.token_gone(agent)
         self.agents_s += time.perf_counter() - began
-        return self.end(step, answers, sink)
+        return self.end(step, answers)
 
-    def begin(self, step: int, last: bool, sink: Sink | None = None) -> list[tuple[int, Frame]]:
+    def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
         """Begin a step: inject faults, and return a frame for each agent with something to decide."""
-        self._inject(step, sink)
+        self._inject(step)
         return list(self.world.begin(step, last))
 
-    def end(self, step: int, answers: list[tuple[int, Frame, StepOutput]], sink: Sink | None = None) -> StepRecord:
+    def end(self, step: int, answers: list[Answer]) -> StepRecord:
         """Give the world the agents' answers, as in `exchanged`; end the step."""
-        world, self.exchanged = self.world, answers
-        for agent, _, (act, act_bytes, counter, radio, report, report_bytes) in self.exchanged:
+        world, sink, self.exchanged = self.world, self._wanted.sink, answers
+        for agent, _, (act, act_bytes, counter, radio, report, report_bytes) in answers:
             if radio is not None:
                 world.intake.accept_radio(agent, counter, radio)
                 if sink is not None:
@@ -223,38 +213,53 @@ class InProcess:
             self.operator.count_forwarded(forwarded)
         return record
 
-    def _note(self, name: str, error: PluginError, time_s: float, sink: Sink | None) -> None:
+    def _note(self, name: str, error: PluginError, time_s: float) -> None:
         if error.trace:
-            self.traces[name] = error.trace
-        if sink is not None:
-            sink.log(ERROR, name, error.report, time_s)
-        self._on_failure(error)
+            self.outcome.traces[name] = error.trace
+        if self._wanted.sink is not None:
+            self._wanted.sink.log(ERROR, name, error.report, time_s)
+        self._wanted.on_failure(error)
 
-    def close_step(self, clock: Clock) -> Workload:
-        """Close the step at the operator, and give the world the operator's turn."""
+    def close_step(self, record: StepRecord) -> Workload:
+        """Close the step at the operator, give the world the operator's turn, and record both."""
+        clock = Clock(record.step, record.time_s, self.world.is_last)
         workload = self.operator.close_step(clock, 0)
-        if self.console is not None:
-            reports = self.operator.reports_of_closed_step
-            self.world.turns.accept(self.console.close_step(clock, workload, reports, time.monotonic()))
-            if self._tables is not None:
-                self._tables.write(self.console)
-            self.console.actions.clear()
+        reports = self.operator.reports_of_closed_step
+        if self._operating is not None:
+            self.world.turns.accept(self._operating.close_step(clock, workload, reports))
+        self.outcome.step_records.append(record)
+        self.outcome.workloads.append(workload)
+        if self._wanted.sink is not None:
+            self._wanted.sink.step(self.world.truth(record), reports)
+            self._wanted.sink.workload(workload)
         return workload
 
-    def finish(self, outcome: Outcome, wall_s: float) -> None:
+    @property
+    def status(self) -> Status:
+        """Where the run is after its newest step."""
+        record, steps = self.outcome.step_records[-1], self.scenario.run.steps
+        return Status(
+            record.step,
+            steps,
+            record.time_s,
+            record.agents_alive,
+            record.agents_in_trees,
+            self.world.environment.mean_waiting_s(),
+            record.events_open,
+            record.events_completed,
+            "ended" if self.world.is_last else "running",
+        )
+
+    def finish(self, wall_s: float) -> None:
         """Complete the outcome, which has all steps, and the operator's tables."""
+        outcome = self.outcome
         complete = len(outcome.step_records) == self.scenario.run.steps
-        outcome.traces |= self.traces
         outcome.events = self.world.environment.states()
         outcome.world = self.world.totals(complete) | {"wall_s": wall_s}
         outcome.operator = {"complete": complete, "digest": self.operator.digest_hex, **self.operator.totals}
         outcome.told_s = self.operator.told_s
-        if self.console is not None and self.scenario.has_console:
-            self.console.probes.close()
-            if self._tables is not None:
-                self._tables.close(self.console)
-            outcome.operator |= self.console.totals
-            outcome.shown_s, outcome.read_s = (outcome.operator.get(moment.column) for moment in (SHOWN, READ))
+        if self._operating is not None and self.scenario.has_console:
+            self._operating.finish(outcome)
 
 
 @contextmanager
@@ -279,23 +284,12 @@ def densest_places(scenario: Scenario) -> Callable[[float], tuple[float, float] 
 @rare_garbage_collections()
 def run_in_process(
     scenario: Scenario,
-    sink: Sink | None = None,
-    reporter: Reporter | None = None,
-    stopped: Callable[[], object] = lambda: None,
-    folder: Path | None = None,
-    on_failure: Callable[[PluginError], None] = ignore,
-    begun: Begun | None = None,
+    wanted: Wanted = NOTHING_MORE,
+    state: RunState | None = None,
     before: Callable[[InProcess, int], None] = lambda swarm, step: None,
-    *,
-    listens: bool = False,
 ) -> Outcome:
-    """Do a run, or the rest of one that has `begun`, until its end or until `stopped` returns something true.
-
-    Return its outcome. With a folder, the tables of a scripted or simulated operator are written there. `on_failure`
-    gets the error of each plug-in that fails; `before` gets the run before each step; `listens`: see `InProcess`.
-    """
-    reporter = reporter or Reporter()
-    outcome = Outcome(list(begun.step_records), [], list(begun.workloads)) if begun else Outcome()
+    """Do a run, or the rest of one from a state; an `Engine`. `before` gets the run before each step."""
+    outcome = Outcome()
 
     def note(error: BaseException, time_s: float) -> None:
         """Note the failure of a plug-in that ends the run; raise any other error again."""
@@ -304,51 +298,27 @@ def run_in_process(
         if str(plugin) not in outcome.causes.values():  # else its agent is named
             outcome.messages.append(str(plugin))
         outcome.traces[SWARM] = plugin.trace
-        if sink is not None:
-            sink.log(ERROR, SWARM, plugin.report, time_s)
-        on_failure(plugin)
+        if wanted.sink is not None:
+            wanted.sink.log(ERROR, SWARM, plugin.report, time_s)
+        wanted.on_failure(plugin)
 
     try:
-        swarm = InProcess(scenario, folder, on_failure, outcome.causes, begun, listens=listens)
+        swarm = InProcess(scenario, wanted, state, outcome.causes)
     except BaseException as error:
         note(error, 0.0)
         outcome.messages += _failures(outcome)
         return outcome
-    steps = scenario.run.steps
+    outcome = swarm.outcome
     began = time.monotonic()
-    for step in range(len(outcome.step_records), steps):
-        try:
-            before(swarm, step)
-            last = step == steps - 1 or bool(stopped())
-            record = swarm.step(step, last, sink)
-            last = swarm.world.is_last  # also if no agent is left
-            workload = swarm.close_step(Clock(step, record.time_s, last))
-        except BaseException as error:  # of a plug-in, or of an agent that is restarted
-            note(error, step * scenario.run.step_s)
-            break
-        outcome.step_records.append(record)
-        outcome.workloads.append(workload)
-        if sink is not None:
-            sink.step(swarm.world.truth(record), swarm.operator.reports_of_closed_step)
-            sink.workload(workload)
-        if last or step % STATUS_EVERY_STEPS == 0:
-            status = Status(
-                step,
-                steps,
-                record.time_s,
-                record.agents_alive,
-                record.agents_in_trees,
-                swarm.world.environment.mean_waiting_s(),
-                record.events_open,
-                record.events_completed,
-                "ended" if last else "running",
-            )
-            reporter.update(status, workload.rate_60s_hz)
-        if last:
-            break
+    try:
+        for record, workload in swarm.steps(before=before):
+            if swarm.world.is_last or record.step % STATUS_EVERY_STEPS == 0:
+                wanted.reporter.update(swarm.status, workload.rate_60s_hz)
+    except BaseException as error:  # of a plug-in, or of an agent that is restarted
+        note(error, len(outcome.step_records) * scenario.run.step_s)
     outcome.messages += _failures(outcome)
     try:
-        swarm.finish(outcome, time.monotonic() - began)
+        swarm.finish(time.monotonic() - began)
     except BaseException as error:  # of dynamics that are asked for their totals
         note(error, scenario.run.duration_s)
     return outcome

@@ -30,6 +30,7 @@ from deltaswarm_orchestrator.results.run_tables import score_answers, write_scor
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.by_processes import Ending, RunByProcesses, told
 from deltaswarm_orchestrator.run.debugger import Debugger
+from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import NOBODY_LEFT
@@ -269,21 +270,19 @@ class _Run:
             ).execute(recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
-        from deltaswarm_orchestrator.run import checkpoints
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
+        from deltaswarm_orchestrator.run.state import RunState
 
-        debugger, begun = Debugger(), None
-        if self.resumed:
-            begun = checkpoints.read(self.folder.path, self.resumed)
-        self.outcome = run_in_process(
-            self.scenario,
+        debugger = Debugger()
+        wanted = Wanted(
             sink,
+            self.folder.path,
             self.context.reporter,
             lambda: self.stop.by or debugger.was_left,
-            self.folder.path,
             debugger if self.options.debug else lambda error: None,
-            begun,
         )
+        state = RunState.read(self.folder.path, self.resumed) if self.resumed else None
+        self.outcome = run_in_process(self.scenario, wanted, state)
         self.ending.why += self.outcome.messages
         if not self.stop.by:
             self.ending.cause = next(iter(self.outcome.messages), None)

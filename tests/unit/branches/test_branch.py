@@ -9,11 +9,10 @@ import pytest
 
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.plan import DECIDED, KEPT, Difference
-from deltaswarm_branches.sides import go_on
 from deltaswarm_operator.core.budget import Structure
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.run_tables import read_outcome, read_rows
-from tests.support.branching import AIR, FAULTS, SCRIPT, branched, manifest_of, ran, summary_of, trunk_of
+from tests.support.branching import AIR, FAULTS, SCRIPT, branched, manifest_of, ran, repetition_of, summary_of
 from tests.support.complaints import Printed
 
 PARENTS = {
@@ -41,8 +40,8 @@ def test_without_a_difference_a_branch_is_its_parent(sets: tuple[str, ...], tmp_
     parent = read_parent(ran(tmp_path / "run", *sets, "operator.threshold_hz=1"))
     steps = Random(20).sample(range(1, parent.steps), 20)
     for later in ("", KEPT):
-        trunk, plans = trunk_of(parent, *steps, difference=Difference(later=later))
-        assert [go_on(parent, planned, trunk).digest for planned in plans] == [parent.digest] * 20
+        repetition, plans = repetition_of(parent, *steps, difference=Difference(later=later))
+        assert [repetition.go_on(planned).digest for planned in plans] == [parent.digest] * 20
         assert plans[0].changes_console == (bool(later) and parent.has_rule)
 
 
@@ -89,8 +88,8 @@ def test_a_dropped_order_of_a_rule_is_taken_for_given(tmp_path: Path) -> None:
     assert len(parent.orders) >= 2
     first = parent.orders[0]
     for later in (DECIDED, KEPT):
-        trunk, (planned,) = trunk_of(parent, first.step, difference=Difference(drop=(0,), later=later))
-        given = go_on(parent, planned, trunk).world["commands"]
+        repetition, (planned,) = repetition_of(parent, first.step, difference=Difference(drop=(0,), later=later))
+        given = repetition.go_on(planned).world["commands"]
         assert all(command["at_s"] > first.command.at_s for command in given)
         if later == KEPT:
             assert [command["at_s"] for command in given] == [order.step * 1.0 for order in parent.orders[1:]]
@@ -132,11 +131,11 @@ def test_orders_that_wait_can_be_dropped_too(tmp_path: Path) -> None:
     burst = ",".join(f'{{at_s=60, name="set delta", arguments={{delta={1 + n % 4}}}}}' for n in range(40))
     parent = read_parent(ran(tmp_path / "run", f"command=[{burst}]", "run.duration_s=100"))
     assert [order.step for order in parent.orders] == [60] * 16 + [61] * 16 + [62] * 8
-    trunk, (planned,) = trunk_of(parent, 62, difference=Difference(drop=(35,)))
-    given = go_on(parent, planned, trunk).world["commands"]
+    repetition, (planned,) = repetition_of(parent, 62, difference=Difference(drop=(35,)))
+    given = repetition.go_on(planned).world["commands"]
     assert [command["at_s"] for command in given] == [60.0] * 16 + [61.0] * 16 + [62.0] * 7
-    trunk, (planned,) = trunk_of(parent, 62, difference=Difference(later="dropped"))
-    assert len(go_on(parent, planned, trunk).world["commands"]) == 32
+    repetition, (planned,) = repetition_of(parent, 62, difference=Difference(later="dropped"))
+    assert len(repetition.go_on(planned).world["commands"]) == 32
 
 
 def test_an_added_order_and_another_mode_act(scripted: Path, tmp_path: Path) -> None:
@@ -167,16 +166,16 @@ def test_another_inbox_shows_what_was_held_back(tmp_path: Path) -> None:
     assert len(held) > 1
 
 
-def test_another_chance_is_common_to_both_sides(tmp_path: Path) -> None:
+def test_other_randomness_is_common_to_both_sides(tmp_path: Path) -> None:
     """A replicate repeats, and differs from the parent only after its step; both sides have the same events."""
     parent = read_parent(ran(tmp_path / "run", SCRIPT, *AIR, "events.rate_hz=0.3", "run.duration_s=200"))
-    trunk, (same,) = trunk_of(parent, 120)
-    _, (without,) = trunk_of(parent, 120, difference=Difference(drop=(2,)))
-    drawn = [go_on(parent, planned, trunk, seed) for planned in (same, without) for seed in (7, 7, 8)]
+    repetition, (same,) = repetition_of(parent, 120)
+    _, (without,) = repetition_of(parent, 120, difference=Difference(drop=(2,)))
+    drawn = [repetition.go_on(planned, seed) for planned in (same, without) for seed in (7, 7, 8)]
     digests = [outcome.digest for outcome in drawn]
     assert digests[0] == digests[1]
     assert len({digests[0], digests[2], parent.digest}) == 3
-    assert drawn[0].step_records[:120] == trunk.past.step_records[:120]
+    assert drawn[0].step_records[:120] == repetition.past.step_records[:120]
     arrivals = [[(event.arrived_s, event.x_m) for event in outcome.events] for outcome in drawn]
     assert arrivals[0] == arrivals[3] != arrivals[2]
     assert [a for a in arrivals[0] if a[0] < 119] == [a for a in arrivals[2] if a[0] < 119]

@@ -82,17 +82,17 @@ def test_what_has_no_meaning_is_refused(
 ) -> None:
     """Each with the key, what must hold and what was given."""
     with pytest.raises(SettingsError) as caught:
-        plan(scripted, at_step(scripted, at_s, difference), difference)
+        plan(scripted, at_step(scripted, at_s, difference.drop), difference)
     assert any(str(problem).startswith(says) for problem in caught.value.problems), str(caught.value)
 
 
 def test_without_a_time_a_branch_begins_with_the_first_dropped_order(scripted: Parent) -> None:
     """Which leaves in that step, whose turn is two steps earlier."""
     difference = Difference(drop=(2, 1))
-    planned = plan(scripted, at_step(scripted, None, difference), difference)
+    planned = plan(scripted, at_step(scripted, None, difference.drop), difference)
     assert (planned.at_step, planned.turn_step, planned.later) == (180, 178, KEPT)
     assert [scripted.is_dropped for scripted in planned.commands] == [True, True]
-    assert at_step(scripted, 50.2, Difference()) == 100
+    assert at_step(scripted, 50.2, ()) == 100
 
 
 def test_the_orders_of_a_rule_are_decided_anew_or_given_by_a_script(ruled: Parent) -> None:

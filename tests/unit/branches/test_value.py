@@ -25,7 +25,7 @@ def scripted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_value_of_orders_is_written_beside_the_run(scripted: Path, capsys: Printed) -> None:
-    """A row for each order and measure; an order for nobody is worth nothing, to the last bit, whatever the chance."""
+    """A row for each order and measure; an order for nobody is worth nothing, to the last bit, whatever is drawn."""
     capsys.readouterr()
     assert main(["value", str(scripted), "--replicates", "2", "--jobs", "2", "--json"]) == 0
     out, err = capsys.readouterr()
@@ -56,11 +56,11 @@ def test_the_value_of_orders_is_written_beside_the_run(scripted: Path, capsys: P
 
 
 def test_what_an_order_was_worth_is_the_run_minus_the_branch_without_it(scripted: Path, tmp_path: Path) -> None:
-    """Under the run's own chance; and a branch is compared with its parent in the same pairs."""
+    """With the run's own randomness; and a branch is compared with its parent in the same pairs."""
     rows, _, later = value_of_command(read_parent(scripted), [1], replicates=0)
     branch = branched(scripted, tmp_path / "branch", "--drop-command", "1", "--replicates", "1", "--jobs", "1")
     with_it, without = summary_of(scripted), summary_of(branch)
-    found = {row.worth.measure: row.worth.value for row in rows}
+    found = {row.effect.measure: row.effect.value for row in rows}
     assert found["messages"] == with_it["reports"]["arrived"] - without["reports"]["arrived"] != 0
     assert found["told"] == with_it["told_s"]["mean"] - without["told_s"]["mean"]
     assert later == "kept"
@@ -73,7 +73,7 @@ def test_orders_of_a_rule_are_compared_with_later_ones_decided_kept_or_dropped(t
     person = ("operator.person={policy='threshold', delta_limit=1, command_every_s=30}", "operator.threshold_hz=1")
     parent = read_parent(ran(tmp_path / "run", *person, *AIR, "run.duration_s=250"))
     values = {
-        later: [row.worth.value for row in value_of_command(parent, [0], replicates=0, later=later)[0]]
+        later: [row.effect.value for row in value_of_command(parent, [0], replicates=0, later=later)[0]]
         for later in ("", "kept", "dropped")
     }
     assert len({tuple(value) for value in values.values()}) >= 2

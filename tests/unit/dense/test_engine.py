@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from deltaswarm_dense.arithmetic import distance_m
 from deltaswarm_dense.coverage import _flat, not_covered, rule
 from deltaswarm_dense.engine import run_dense
 from deltaswarm_dense.measures import sum_as_numpy
+from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.run.engine import Wanted
+from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load, plain
@@ -74,6 +78,9 @@ scenarios = st.fixed_dictionaries(
             optional={"speed_mps": st.sampled_from([0.5, 3.0]), "sensing_range_m": st.sampled_from([2.0, 6.5])},
         ),
         "radio": st.fixed_dictionaries({"range_m": st.sampled_from([6.5, 9.0, 25.0])}),
+        "operator": st.sampled_from(
+            [{}, {"person": {"policy": "none"}}, {"person": {"policy": "none"}, "inbox": {"policy": "grouped"}}]
+        ),
     }
 )
 """Crowded and short, so that trees form, meet, lose members and dissolve within a few minutes."""
@@ -98,6 +105,26 @@ def test_both_engines_have_the_same_outcome(table: dict[str, Any]) -> None:
 def test_every_mode_has_the_same_outcome(mode: str) -> None:
     """Long enough for recruits to arrive, and for roots to meet."""
     assert differences(load_scenario("paper-25", [f"control.mode={mode}", "run.duration_s=1500.0", "seed=11"])) == []
+
+
+def test_a_person_who_only_reads_has_the_same_tables(tmp_path: Path) -> None:
+    """Whether the console takes in the reports during the run or after it."""
+    scenario = load_scenario("smoke", ["operator.person.policy=none", "operator.probes.isa_every_s=30.0"])
+    tables = []
+    for engine_, name in ((run_in_process, "python"), (run_dense, "dense")):
+        folder = tmp_path / name
+        folder.mkdir()
+        engine_(scenario, Wanted(folder=folder))
+        tables.append({file.name: without_wall_times(file) for file in folder.iterdir()})
+    assert tables[0] == tables[1]
+    assert len(tables[0]["inbox.csv"]) > 20
+    assert len(tables[0]["probes.csv"]) > 3
+
+
+def without_wall_times(file: Path) -> list[dict[str, str]]:
+    return [
+        {key: cell for key, cell in row.items() if not key.endswith(("utc", "monotonic_s"))} for row in read_rows(file)
+    ]
 
 
 def test_code_from_disk_does_the_same() -> None:

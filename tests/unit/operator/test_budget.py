@@ -10,7 +10,8 @@ from deltaswarm_operator.core.budget import Budget, Structure, structure_at
 from deltaswarm_operator.core.command_log import MAX_QUEUE
 from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.results.summary import summarise
-from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.operating import briefing_of
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_settings import BudgetSettings
 from deltaswarm_wire.checked import SettingsError
@@ -95,7 +96,7 @@ def test_a_structure_is_that_of_its_level(level: float) -> None:
 def console_with_budget() -> tuple[Console, Budget]:
     """With an aim of 4.5 messages per s, and a delta of 2."""
     keys = ["control.mode=adaptive", "control.delta=2", "operator.autonomy.sets_delta=budget"]
-    console = Console(InProcess(load_scenario("smoke", keys)).briefing)
+    console = Console(briefing_of(load_scenario("smoke", keys)))
     assert console.budget is not None
     return console, console.budget
 

@@ -39,10 +39,8 @@ def recorded() -> tuple[Any, list[RecordedStep]]:
     played = swarm("smoke", *SETS)
     assert played.console is not None
     steps = []
-    for step in range(STEPS):
-        record = played.step(step, step == STEPS - 1)
-        clock = Clock(step, record.time_s, step == STEPS - 1)
-        workload = played.close_step(clock)
+    for record, workload in played.steps(STEPS - 1):
+        clock = Clock(record.step, record.time_s, record.step == STEPS - 1)
         steps.append(RecordedStep(clock, workload, played.operator.reports_of_closed_step))
     assert sum(len(step.reports) for step in steps) > 100
     return played.console.briefing, steps

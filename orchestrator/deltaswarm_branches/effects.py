@@ -1,4 +1,4 @@
-"""What a difference is worth: paired differences with intervals, and when nothing can be said. Pure."""
+"""Effect of a change: paired differences with confidence intervals, and a verdict. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -11,19 +11,19 @@ from deltaswarm_studies.stats import DIFFERENCE, contrast, holm, pairs_needed
 MORE, LESS, NOTHING, UNDECIDED = "more", "less", "nothing", "undecided"
 
 
-class Worth(NamedTuple):
-    """One measure of one comparison: with something minus without it."""
+class Effect(NamedTuple):
+    """One measure of one comparison: with the change minus without it."""
 
     comparison: int
     measure: str
     unit: str
     with_it: float | None
-    """Under the run's own chance; None: nothing to measure."""
+    """With the run's own randomness; None: nothing to measure."""
     without: float | None
     value: float | None
     """Their difference."""
     estimate: float | None
-    """What the difference typically is over the replicates (Hodges and Lehmann)."""
+    """Hodges-Lehmann estimate of the difference over the replicates."""
     low: float | None
     """Lower end of its interval, with a confidence of 95 % over all rows (Holm); None: no end."""
     high: float | None
@@ -34,15 +34,15 @@ class Worth(NamedTuple):
     """more, less, undecided, or nothing: no difference in any pair, to the last bit."""
 
 
-class OrderWorth(NamedTuple):
-    """What an order was worth in one measure."""
+class OrderEffect(NamedTuple):
+    """The effect of an order on one measure."""
 
     order: Order
-    worth: Worth
+    effect: Effect
 
 
-def worths(pairs: Sequence[Pair]) -> list[Worth]:
-    """Return what is found for each comparison and measure; all tests are corrected together."""
+def effects(pairs: Sequence[Pair]) -> list[Effect]:
+    """Return the effect of each comparison on each measure; all tests are corrected together."""
     keys = [(place, name) for place in dict.fromkeys(pair.comparison for pair in pairs) for name in MEASURES]
     own = {pair.comparison: pair for pair in pairs if not pair.replicate}
     drawn = {place: [pair for pair in pairs if pair.comparison == place and pair.replicate] for place in own}
@@ -60,7 +60,7 @@ def worths(pairs: Sequence[Pair]) -> list[Worth]:
         low, high = found.interval(alpha)
         differences = [pair.with_it[name] != pair.without[name] for pair in (own[place], *drawn[place])]
         rows.append(
-            Worth(
+            Effect(
                 place,
                 name,
                 BY_KEY[MEASURES[name]].unit,

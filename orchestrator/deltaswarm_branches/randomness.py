@@ -1,8 +1,8 @@
-"""The chance of a run after a step: find every generator in its state, and draw anew from each, step by step.
+"""Reseed all random generators of a saved run, before every step.
 
-In a replicate each generator is set anew before each step, from the replicate's seed, the generator's place in the
-state, and the step. So two runs from one state have the same chance in a step, whatever they drew in the steps before:
-what a radio model draws for more frames does not shift its draws for the next step.
+In a replicate each generator is seeded before each step, from the replicate's seed, the generator's place in the state,
+and the step. So two runs from one state draw alike in a step, whatever they drew in the steps before: what a radio
+model draws for more frames does not shift its draws for the next step.
 """
 
 import io
@@ -14,8 +14,6 @@ import numpy as np
 
 from deltaswarm_wire.seeds import derived_key
 
-PLACE = "generator"
-
 
 class _Pickler(pickle.Pickler):
     """Leaves generators out, each by its place."""
@@ -24,15 +22,11 @@ class _Pickler(pickle.Pickler):
         super().__init__(stream)
         self.found: dict[int, Any] = {}
 
-    def persistent_id(self, found: Any) -> tuple[str, int] | None:
-        """Return the place of a generator; None for all else."""
+    def persistent_id(self, found: Any) -> int | None:
         if not isinstance(found, np.random.Generator | random.Random):
             return None
-        places = list(self.found)
-        if id(found) not in self.found:
-            self.found[id(found)] = found
-            return PLACE, len(places)
-        return PLACE, places.index(id(found))
+        self.found.setdefault(id(found), found)
+        return list(self.found).index(id(found))
 
 
 class _Unpickler(pickle.Unpickler):
@@ -41,12 +35,11 @@ class _Unpickler(pickle.Unpickler):
         self._generators = generators
 
     def persistent_load(self, place: Any) -> Any:
-        """Return the generator of a place."""
-        return self._generators[place[1]]
+        return self._generators[place]
 
 
-class Chance:
-    """The generators in a state of a run, which draw by another seed."""
+class Randomness:
+    """The generators in a state of a run, drawing from another seed."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -60,7 +53,7 @@ class Chance:
         return _Unpickler(io.BytesIO(stream.getvalue()), self.generators).load()
 
     def begin_step(self, step: int) -> None:
-        """Set all generators for a step."""
+        """Seed all generators for a step."""
         for place, found in enumerate(self.generators):
             key = (self.seed, place, step)
             if isinstance(found, np.random.Generator):
@@ -71,5 +64,5 @@ class Chance:
 
 
 def replicate_seed(seed: int, step: int, number: int) -> int:
-    """Return the seed of a replicate of what comes after a step: 63 bits, which nothing else draws by."""
+    """Return the seed of a replicate of what comes after a step: 63 bits, from which nothing else is drawn."""
     return int.from_bytes(derived_key(seed, f"branch at {step}, replicate {number}")[:8], "little") >> 1

@@ -1,50 +1,56 @@
-"""Repeat a run once, whole, and keep its state at the steps where branches leave it."""
+"""Repeat a run once, whole, keep its state at the steps where branches leave it, and go on from there."""
 
-import pickle
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from deltaswarm_branches.parent import Parent
+from deltaswarm_branches.plan import Plan
+from deltaswarm_branches.randomness import Randomness
 from deltaswarm_orchestrator.base import inputs
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError, Reporter
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.run import checkpoints
-from deltaswarm_orchestrator.run.in_process import Begun, InProcess, run_in_process
+from deltaswarm_orchestrator.run.engine import Wanted
+from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
+from deltaswarm_orchestrator.run.state import KeptState, RunState
 from deltaswarm_scenario.operator_links import FIRST_STEP
-from deltaswarm_wire.files import naming
 from deltaswarm_wire.plugin_errors import described, is_interrupt
 
 
 @dataclass(frozen=True)
-class State:
-    """The state of a run before a step."""
-
-    step: int
-    cores: bytes
-    tables: dict[str, bytes]
-    """What the console's tables hold."""
-
-    def begun(self, past: Outcome, load: Callable[[bytes], Any] = pickle.loads) -> Begun:
-        """Return the run that goes on from here; `past` has all steps of the repetition."""
-        sizes = {name: len(data) for name, data in self.tables.items()}
-        return Begun(load(self.cores), past.step_records[: self.step], past.workloads[: self.step], sizes)
-
-
-@dataclass(frozen=True)
-class Trunk:
+class Repetition:
     """A run that was repeated."""
 
+    parent: Parent
     past: Outcome
-    states: dict[int, State]
+    states: dict[int, KeptState]
     """By the step before which each was kept."""
     from_step: int
     """The step from which it was repeated: 0, or that after a checkpoint."""
 
+    def state_for(self, plan: Plan) -> RunState:
+        """Return the state from which a branch goes on."""
+        return self.states[plan.turn_step].load(self.past)
 
-def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_console: bool) -> Trunk:
+    def go_on(self, plan: Plan, seed: int | None = None) -> Outcome:
+        """Do the rest of a run from its branching point; with a seed, everything random from there on is drawn anew."""
+        if seed is None:
+            return run_in_process(self.parent.scenario, state=self.state_for(plan), before=plan.before)
+        randomness = Randomness(seed)
+
+        def before(swarm: InProcess, step: int) -> None:
+            plan.before(swarm, step, seed)
+            if step == plan.at_step:
+                swarm.world.redraw(seed)
+            if step >= plan.at_step:
+                randomness.begin_step(step)
+
+        state = self.states[plan.turn_step].load(self.past, randomness.load)
+        return run_in_process(self.parent.scenario, state=state, before=before)
+
+
+def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_console: bool) -> Repetition:
     """Repeat a run to its digest, from its checkpoint if it has one; keep its state before each of some steps.
 
     `needs_console`: whether a branch has other orders or settings, for which a console has listened from the beginning.
@@ -52,27 +58,20 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
     Raises:
         CommandError: it does not repeat to its digest, or its state cannot be kept.
     """
-    wanted, states = set(steps), dict[int, State]()
-    begun = _from_checkpoint(parent, min(wanted), needs_console)
+    wanted_steps, states = set(steps), dict[int, KeptState]()
+    state = _from_checkpoint(parent, min(wanted_steps), needs_console)
 
     def keep(swarm: InProcess, step: int) -> None:
-        if step in wanted:
-            states[step] = State(step, _pickled(swarm, parent, step), swarm.tables)
+        if step in wanted_steps:
+            states[step] = _kept(swarm, parent, step)
 
     with TemporaryFolder() as folder:
-        for name, size in begun.table_bytes.items() if begun else ():
-            with naming(table := folder / name):
-                table.write_bytes((parent.folder / name).read_bytes()[:size])
-        past = run_in_process(
-            parent.scenario,
-            None,
-            reporter,
+        wanted = Wanted(
             folder=folder if parent.scenario.has_console else None,
-            begun=begun,
-            before=keep,
-            listens=begun is None or begun.cores.console is not None,
+            reporter=reporter,
+            listens=state is None or state.cores.console is not None,
         )
-    first = len(begun.step_records) if begun else 0
+        past = run_in_process(parent.scenario, wanted, state, keep)
     for what, was, now in (
         ("digest", parent.digest, past.digest),
         ("events_digest", parent.manifest.get("events_digest"), past.events_digest),
@@ -80,15 +79,15 @@ def repeat(parent: Parent, steps: Iterable[int], reporter: Reporter, *, needs_co
         if was not in (None, now):
             because = "; ".join(past.messages) or inputs.why_other(parent.manifest, parent.scenario)
             raise CommandError(f"RUN must repeat to its {what} {was} (got {now}: {because})", FAILED)
-    return Trunk(past, states, first)
+    return Repetition(parent, past, states, len(state.step_records) if state else 0)
 
 
-def _from_checkpoint(parent: Parent, before_step: int, needs_console: bool) -> Begun | None:
+def _from_checkpoint(parent: Parent, before_step: int, needs_console: bool) -> RunState | None:
     """Return the run from its checkpoint, if that is early enough and has all that is needed."""
     if parent.checkpoint is not None and parent.checkpoint.step < before_step:
-        begun = checkpoints.read(parent.folder, parent.checkpoint)
-        if begun.cores.console is not None or not needs_console:
-            return begun
+        state = RunState.read(parent.folder, parent.checkpoint)
+        if state.cores.console is not None or not needs_console:
+            return state
     if parent.digest is None:
         first_s = (parent.checkpoint.step + 1 + FIRST_STEP) * parent.step_s if parent.checkpoint else 0.0
         go_on = command_line("run", "--resume", parent.folder)
@@ -99,9 +98,9 @@ def _from_checkpoint(parent: Parent, before_step: int, needs_console: bool) -> B
     return None
 
 
-def _pickled(swarm: InProcess, parent: Parent, step: int) -> bytes:
+def _kept(swarm: InProcess, parent: Parent, step: int) -> KeptState:
     try:
-        return pickle.dumps(swarm.cores)
+        return swarm.state.kept()
     except BaseException as error:  # of a plug-in
         if is_interrupt(error):
             raise

@@ -1,0 +1,43 @@
+"""What every engine takes and gives: a scenario, what is wanted of the run, and the state from which it begins."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from deltaswarm_orchestrator.base.exits import Reporter
+from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.plugin_errors import PluginError
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.run.state import RunState
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is wanted of a run besides its outcome."""
+
+    sink: Sink | None = None
+    """Gets frames, reports, truth and log lines."""
+    folder: Path | None = None
+    """Where the tables of a scripted or simulated operator are written."""
+    reporter: Reporter = field(default_factory=Reporter)
+    stopped: Callable[[], object] = lambda: None
+    """The step after this returns something true is the last."""
+    on_failure: Callable[[PluginError], object] = lambda error: None
+    """Gets the error of each plug-in that fails."""
+    listens: bool = False
+    """Whether there is a console though nobody is at it, so that a branch can have an operator."""
+
+
+NOTHING_MORE = Wanted()
+
+
+class Engine(Protocol):
+    """Does a run, or the rest of one from a state, and returns its outcome."""
+
+    def __call__(
+        self, scenario: Scenario, wanted: Wanted = NOTHING_MORE, state: "RunState | None" = None
+    ) -> Outcome: ...
