@@ -59,13 +59,6 @@ def test_the_first_page_leads_to_the_four_kinds_of_documentation(site: Path) -> 
         assert f'<span class="caption-text">{caption}</span>' in first
 
 
-def test_warnings_of_pages_are_warnings(site: Path) -> None:
-    """Not the marks by which a forge knows them."""
-    page = (site / "docs" / "studies" / "paper" / "page.html").read_text()
-    assert 'class="admonition warning"' in page
-    assert "[!WARNING]" not in page
-
-
 def test_every_command_is_a_heading_of_the_reference(site: Path) -> None:
     """Those of the core, of extensions, of the parts, and the developers' measurements."""
     text = (site / "docs" / "COMMANDS.html").read_text()
@@ -89,3 +82,10 @@ def test_the_files_to_read_first_exist() -> None:
     paths = re.findall(r"^\d+\. `(\S+\.py)`", section, re.MULTILINE)
     assert len(set(paths)) == len(paths) == 10
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_warnings_of_pages_are_warnings(site: Path) -> None:
+    """Not the marks by which a forge knows them."""
+    page = (site / "docs" / "studies" / "paper" / "page.html").read_text()
+    assert 'class="admonition warning"' in page
+    assert "[!WARNING]" not in page
