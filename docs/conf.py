@@ -53,15 +53,19 @@ templates_path = ["templates"]
 README = Path(__file__).parents[1] / "README.md"
 
 
-def begin_with_readme(app: Sphinx, name: str, source: list[str]) -> None:
-    """Begin the first page with the README, whose links are relative to the repository's root."""
+def for_the_site(app: Sphinx, name: str, source: list[str]) -> None:
+    """Begin the first page with the README, and show code that a page only links on a forge (`<!-- code: FILE -->`).
+
+    The README's links are relative to the root of the repository.
+    """
     if name == root_doc:
         app.env.note_dependency(str(README))
         readme = re.sub(r"\]\((?!https?:|#)", "](../", README.read_text(encoding="utf-8"))
         source[0] = f"{readme}\n{source[0]}"
+    source[0] = re.sub(r"<!-- code: (\S+) -->", r"```{literalinclude} \1\n:language: python\n```", source[0])
 
 
 def setup(app: Sphinx) -> None:
     """Show annotated bytes as they are; Pygments' own lexer for hexdumps knows another format."""
     app.add_lexer("hexdump", TextLexer)
-    app.connect("source-read", begin_with_readme)
+    app.connect("source-read", for_the_site)
