@@ -3,9 +3,13 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from deltaswarm_agent.controllers.paper.commands import SET_DELTA, SET_STRUCTURE
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_dense.layout import MAX_ORDERS
+from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import plain
+from deltaswarm_wire.commands import ALL
 
 MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
 
@@ -32,6 +36,13 @@ ANY = frozenset(
         "agents.speed_mps",
         "agents.sensing_range_m",
         "radio.range_m",
+        "downlink.base_m",
+        "downlink.range_m",
+        "downlink.loss",
+        "downlink.repeat_s",
+        "downlink.outages",
+        "uplink.base_m",
+        "command",
         "operator.threshold_hz",
         "operator.more_thresholds_hz",
         "metrics.horizon_s",
@@ -61,7 +72,7 @@ ANY = frozenset(
 
 ANY_BELOW = (
     *("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget."),
-    "operator.person.",
+    *("operator.person.", "operator.autonomy."),
 )
 """Tables whose keys may: arrivals are made by the Python code, and a console that gives no orders reads afterwards."""
 
@@ -70,13 +81,12 @@ DEFAULT = frozenset(
         "run.clock",
         "run.bound",
         "arena.obstacles",
-        "command",
         "fault",
     ]
 )
 """Keys that must have their defaults."""
 
-DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.autonomy.", "operator.task.")
+DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.task.")
 """Tables whose keys must, unless they are in `ANY`."""
 
 
@@ -87,11 +97,17 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"control.mode = {mode!r}"]
     defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
-    if scenario.operator.person.commands:
-        return [f"operator.person.policy = {scenario.operator.person.policy!r}"]
+    if orders := [command.name for command in scenario.command if not _is_covered(command)]:
+        return [f"command {orders[0]!r}"]
+    if len(scenario.command) > MAX_ORDERS // 2:
+        return [f"{len(scenario.command)} commands"]
     return [
         f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)
     ]
+
+
+def _is_covered(command: CommandSettings) -> bool:
+    return command.name in (SET_DELTA, SET_STRUCTURE) and command.target == ALL
 
 
 def rule(key: str) -> frozenset[str]:

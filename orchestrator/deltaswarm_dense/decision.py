@@ -8,6 +8,7 @@ from deltaswarm_agent.controllers.paper.frames import MEMBER as MEMBER_FRAME
 from deltaswarm_agent.controllers.paper.frames import RELOCATING as RELOCATING_FRAME
 from deltaswarm_dense.baseline import nearest_sensed
 from deltaswarm_dense.beliefs import active, departures, sightings, to_cm
+from deltaswarm_dense.commands import write_answers
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.delta import delta_of
 from deltaswarm_dense.finds import tell_averages
@@ -56,9 +57,10 @@ for _k, _role in enumerate(ROLES):
 
 REPORT_BEGINS = _text(b"\xa1v" + bytes([PROTOCOL_VERSION]) + b"\xa5agent")
 SEQUENCE, STEP, ROLE, X, Y = map(_text, (b"\xa8sequence", b"\xa4step", b"\xa4role", b"\xa3x_m", b"\xa3y_m"))
-FOLLOWERS, EVENTS, MEMBERS, DELTA = map(_text, (b"\xa9followers", b"\xa6events", b"\xa7members", b"\xa5delta"))
+FOLLOWERS, EVENTS, MEMBERS = map(_text, (b"\xa9followers", b"\xa6events", b"\xa7members"))
+ANSWERS, DELTA = map(_text, (b"\xa7answers", b"\xa5delta"))
 REPORT_ITEMS = 9
-"""Items of a report without members and delta."""
+"""Items of a report without members, answers and delta."""
 
 
 @inlined
@@ -95,7 +97,7 @@ def observe(settings, agent, events, observed, sensed):
 def compose(swarm, agent, now, score):
     """Write the agent's frame of this step, of kind NONE if it sends nothing."""
     frame = swarm.air.frames[now % 2, agent.id]
-    frame.kind = NONE
+    frame.kind, frame.items = NONE, 0
     if not agent.in_tree and agent.state != ATTENDING and agent.leave_frames_left == 0:
         return
     frame.x_cm, frame.y_cm = to_cm(agent.x_m), to_cm(agent.y_m)
@@ -154,9 +156,9 @@ def report(swarm, agent, now, time_s):
         return False
     followers = frame.rows if is_of_tree else 0
     members = min(followers, MAX_MEMBERS) if settings.report_members else 0
-    delta = max(delta_of(settings, agent), 0)
+    delta = max(delta_of(agent), 0)
     out, bits, begins = swarm.output.operator, swarm.output.bits, swarm.output.ends[1]
-    out[begins + HEAD_BYTES] = 0x80 | (REPORT_ITEMS + (members > 0) + (delta > 0))
+    out[begins + HEAD_BYTES] = 0x80 | (REPORT_ITEMS + (members > 0) + (agent.knows > 0) + (delta > 0))
     at = put_unsigned(out, put_text(out, begins + HEAD_BYTES + 1, REPORT_BEGINS), agent.id)
     at = put_unsigned(out, put_text(out, at, SEQUENCE), agent.sequence)
     at = put_unsigned(out, put_text(out, at, STEP), now)
@@ -181,6 +183,8 @@ def report(swarm, agent, now, time_s):
         for row in range(members):
             for field in range(4):
                 at = put_unsigned(out, at, swarm.air.tables[now % 2, agent.id, row, field])
+    if agent.knows:
+        at = write_answers(out, put_text(out, at, ANSWERS), swarm.commands, agent)
     if delta:
         at = put_unsigned(out, put_text(out, at, DELTA), delta)
     swarm.output.ends[1] = at
@@ -234,7 +238,7 @@ def act(swarm, agent, now, velocity_mps, until, observed):
     at = put_unsigned(out, at, level)
     at = put_agent(out, at, parent_of(agent) if level else NONE)
     at = put_agent(out, at, agent.path[0] if is_member or frame.kind == RELOCATING_FRAME else NONE)
-    agent.delta = max(delta_of(swarm.settings[0], agent), 0)
+    agent.delta = max(delta_of(agent), 0)
     at = put_unsigned(out, at, agent.delta)
     at = put_unsigned(out, at, min(until, now + MAX_POSES))
     output.ends[0] = at

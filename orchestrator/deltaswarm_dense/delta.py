@@ -10,10 +10,10 @@ DELTAS = np.array([delta for _, delta in CHOICES])
 
 
 @compiled
-def delta_of(settings, agent):
+def delta_of(agent):
     """Return the number of events sensed at once that makes an agent a root; NONE: never (`Agent.delta`)."""
-    if settings.adapts:
+    if agent.adapts:
         for k in range(DELTAS.size):
             if agent.busy >= LEAST_BUSY[k]:
                 return DELTAS[k]
-    return settings.founds_at
+    return agent.founds_at

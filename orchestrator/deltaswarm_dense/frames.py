@@ -1,13 +1,14 @@
 """Payloads of radio frames, written as `controllers/paper/frames.py` encodes them, and their envelopes."""
 
 from deltaswarm_agent.controllers.paper.frames import ATTENDING, MEMBER
+from deltaswarm_dense.commands import write_items
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.layout import NONE, ORDER_FIELDS, ROW_FIELDS
-from deltaswarm_dense.packing import HEAD_BYTES, put_array, put_head, put_unsigned
+from deltaswarm_dense.packing import HEAD_BYTES, put_array, put_bytes, put_head, put_unsigned
 from deltaswarm_wire.codec import PROTOCOL_VERSION
 from deltaswarm_wire.digest import RADIO
 
-NIL, FALSE, TRUE, BIN8, BIN16 = 0xC0, 0xC2, 0xC3, 0xC4, 0xC5
+NIL, FALSE, TRUE = 0xC0, 0xC2, 0xC3
 
 
 @compiled
@@ -67,24 +68,29 @@ def _write_known(out, at, rows, width, count, events):
 
 
 @inlined
-def send(settings, agent, frame, table, events, output, now):
-    """Write an agent's frame of this step with its envelope; return its length [bytes], 0 if there is none."""
-    if frame.kind == NONE:
+def send(agent, frame, length, commands, output, now):
+    """Write an agent's frame of this step with its envelope; return its length [bytes], 0 if there is none.
+
+    Its payload is in `output`, with `length` bytes.
+    """
+    frame.size_bytes = 0
+    if frame.kind == NONE and frame.items == 0:
         return 0
     out, begins = output.world, output.ends[0]
-    length = write_payload(output.payload, frame, table, events, settings.has_finds)
-    at = put_array(out, begins + HEAD_BYTES, 3)
+    at = put_array(out, begins + HEAD_BYTES, 3 + (frame.items > 0))
     at = put_unsigned(out, at, PROTOCOL_VERSION)
     at = put_unsigned(out, at, agent.counter)
-    if length < 256:
-        out[at], out[at + 1] = BIN8, length
-        at += 2
+    if frame.kind == NONE:
+        out[at] = NIL
+        at += 1
     else:
-        out[at], out[at + 1], out[at + 2] = BIN16, length >> 8, length & 255
-        at += 3
-    for k in range(length):
-        out[at + k] = output.payload[k]
-    output.ends[0] = at + length
+        at = put_bytes(out, at, length)
+        for k in range(length):
+            out[at + k] = output.payload[k]
+        at += length
+    if frame.items:
+        at = write_items(out, at, commands, frame)
+    output.ends[0] = at
     size = output.ends[0] - begins - HEAD_BYTES
     put_head(out, begins, now, agent.id, RADIO, size)
     frame.size_bytes = size

@@ -10,8 +10,12 @@ import numpy as np
 
 from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH, Averages
 from deltaswarm_agent.controllers.paper.returning import MAX_PLACES
+from deltaswarm_wire.envelope import MAX_COMMANDS
 
 WORDS = 624
+
+MAX_ORDERS = 4096
+"""Orders of the operator in a run."""
 
 NONE = -1
 """No event, no order, no step."""
@@ -47,17 +51,17 @@ SETTINGS = record(
     work_agent_s two half
     """,
     whole="""
-    founds_at recruit_every silence stall freshness previous_tree leaving orphan_strict orphan arrival_strict arrival
-    contested order memory gone trail find_memory
+    first_interval longest_interval answered recruit_every silence stall freshness previous_tree leaving orphan_strict
+    orphan arrival_strict arrival contested order memory gone trail find_memory
     """,
     flags="""
-    attends recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
-    report_finds ask_every_step has_finds returns adapts
+    recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
+    report_finds ask_every_step has_finds returns has_delta
     """,
 )
 """The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
 
-`founds_at` is NONE if agents never found a tree. `two` and `half` are exponents: a power with a constant exponent
+`two` and `half` are exponents: a power with a constant exponent
 would be compiled as a product or a root, which Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is
 that of an agent's own averages beside those of one that it hears (`Finds._kept`); `has_finds` says whether a rule needs
 averages, and `returns` whether places of finds.
@@ -66,14 +70,15 @@ averages, and `returns` whether places of finds.
 AGENT = record(
     floats="""
     x_m y_m vx_mps vy_mps target_x_m target_y_m leg_vx_mps leg_vy_mps gamma idle_s goal_x_m goal_y_m report_due_s
-    busy back_x_m back_y_m
+    busy back_x_m back_y_m rank
     """,
     whole="""
     id role state target leg_ends until counter sequence used path_length pulse pulse_step parent_heard parents_rows
     heirs children contested_steps followed_order since leave_frames_left previous_root previous_pulse
     previous_pulse_step freed updates places delta noted noted_step leg averaged_step averaged_leg back_step found
+    founds_at strategy_command knows
     """,
-    flags="in_tree sensed_before has_order has_carried works",
+    flags="in_tree sensed_before has_order has_carried works attends adapts",
     words=WORDS,
     float_arrays={"finds": 2, "walked_s": 2, "found_x_m": MAX_PLACES, "found_y_m": MAX_PLACES},
     found_step=MAX_PLACES,
@@ -85,7 +90,8 @@ AGENT = record(
 of which some are `used`. `target` is an event's number, or NONE. Of `Finds` it has the averages `finds`, `walked_s` and
 `busy`, up to `averaged_step`, since which it `works` and is on the kind of leg `averaged_leg` (NONE: it does not walk);
 of `FoundPlaces` the `found` first of its places, and the one to which its leg leads back (`back_step` NONE: to none).
-`noted` events were sensed in `noted_step`; these are in `News.noted`."""
+`noted` events were sensed in `noted_step`; these are in `News.noted`. `founds_at` (NONE: it never
+founds a tree), `attends` and `adapts` follow the newest order, `strategy_command`; it `knows` so many."""
 
 EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
 """One event, in the order of arrival; times are NaN until they come. It arrives in `step`."""
@@ -99,7 +105,7 @@ BRANCH = record(whole="child x_cm y_cm score heard rows")
 
 FRAME = record(
     whole="""
-    kind x_cm y_cm path_length pulse score rows sightings departures event event_x_cm event_y_cm size_bytes
+    kind x_cm y_cm path_length pulse score rows sightings departures event event_x_cm event_y_cm size_bytes items
     """,
     flags="orphan has_order",
     path=MAX_PATH,
@@ -107,8 +113,21 @@ FRAME = record(
     sighting=4 * MAX_EVENTS,
     departure=2 * MAX_GONE,
     averages=len(Averages._fields),
+    item=2 * MAX_COMMANDS,
 )
-"""A radio frame as its receivers decode it; `kind` is NONE if the agent sent none. Its table is in `frame_tables`."""
+"""A radio frame as its receivers decode it; `kind` is NONE if it has no payload. Its table is in `Air.tables`. An
+item is a command that it relays, with the remaining steps of its life."""
+
+COMMAND = record("fraction share", "delta life body_bytes", "sets_share")
+"""An order to all agents: the delta of agents whose rank is not below `fraction` (of the others one more), and the
+share of agents that work outside trees, if it `sets_share`. Its life is in steps."""
+
+RELAY = record(whole="standing ends latest_end send_at interval state")
+"""A command that an agent knows (`core.commands._Known`)."""
+
+UNKNOWN, KNOWN_COMMAND, FORGOTTEN = range(3)
+"""Standings of a command with an agent; only a known one is relayed and acknowledged."""
+
 
 COUNTS = record(
     "roots_from_densest_m",
@@ -227,6 +246,25 @@ class Measures(NamedTuple):
     """(columns, rows) scratch: the stamp of the step in which a cell was covered last."""
 
 
+class Commands(NamedTuple):
+    """The operator's orders: c numbers from 0."""
+
+    given: np.ndarray
+    """(c,) COMMAND"""
+    bodies: np.ndarray
+    """(c, bytes) uint8: as they are encoded."""
+    sent: np.ndarray
+    """(1,) how many have left the base."""
+    relays: np.ndarray
+    """(n, c) RELAY"""
+    base: np.ndarray
+    """(2 i + 1,) the items of the base's frame in this step, as in a FRAME; the last item is their number."""
+    reached: np.ndarray
+    """(n,) whether each agent hears that frame."""
+    new: np.ndarray
+    """(k + 1,) scratch: numbers of the commands that an agent has to carry out; the last item is their number."""
+
+
 class Output(NamedTuple):
     """The bytes that the digests are made of."""
 
@@ -258,6 +296,7 @@ class Swarm(NamedTuple):
     news: News
     recruits: Recruits
     measures: Measures
+    commands: Commands
     output: Output
     trouble: np.ndarray
     """(1,) why the run cannot go on here; see `TROUBLE`."""
@@ -272,3 +311,7 @@ TROUBLE = (
     "too many bytes",
 )
 CHILDREN, KNOWN, FRAME_SIZE, FRAME_ROOM, BUFFER = range(1, 6)
+
+
+class BeyondError(Exception):
+    """The run needs what the arrays have no room for; the Python engine must do it."""

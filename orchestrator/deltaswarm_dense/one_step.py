@@ -3,6 +3,7 @@
 from deltaswarm_agent.controllers.paper.frames import MEMBER as MEMBER_FRAME
 from deltaswarm_dense.baseline import seek_event
 from deltaswarm_dense.beliefs import forget, hear_tree, is_full, sense
+from deltaswarm_dense.commands import obey
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.dissolution import dissolve
 from deltaswarm_dense.growth import joins
@@ -23,13 +24,15 @@ def decide(swarm, agent, now, sensed, heard):
         note(agent, swarm.news, now, sensed)
     if swarm.settings[0].has_finds:
         learn(swarm, agent, now, heard)
+    if swarm.commands.new[swarm.commands.new.size - 1]:
+        obey(swarm, agent, now)
     if not agent.in_tree:
         hears_members = False
         for k in range(heard.size):
             hears_members = hears_members or swarm.air.frames[(now - 1) % 2, heard[k]].kind == MEMBER_FRAME
         if not founds(swarm, agent, now, sensed, hears_members):
             if not (hears_members and joins(swarm, agent, now, heard)):
-                if swarm.settings[0].attends:
+                if agent.attends:
                     seek_event(swarm, agent, now, sensed, heard)
                 return
     _step_in_tree(swarm, agent, now, sensed, heard)

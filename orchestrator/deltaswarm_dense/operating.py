@@ -1,31 +1,123 @@
-"""The console of a run in which it gives no orders: it takes in the reports after the run, step by step."""
+"""The operator of a run in arrays: the console takes in the reports of its steps, and its orders leave the base."""
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
+from deltaswarm_dense.layout import MAX_ORDERS, BeyondError, Swarm
+from deltaswarm_dense.results import workloads
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.operating import Operating
+from deltaswarm_scenario.operator_links import FIRST_STEP
+from deltaswarm_scenario.operator_settings import SYSTEM
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.operator_messages import Clock, Report, decode_report
+from deltaswarm_wire.commands import decode_command, decode_relayed
+from deltaswarm_wire.digest import COMMAND
+from deltaswarm_wire.envelope import decode_sample
+from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
+from deltaswarm_world.core.world import WorldCore
 
 HEAD = struct.Struct("<IHBI")
 """The head of a message in the digest: step, agent, kind, length [bytes]."""
 
 
-def messages_of(data: bytes) -> Iterator[bytes]:
+def messages_of(data: memoryview) -> Iterator[bytes]:
     """Yield the messages that a digest hashes, which come with their heads."""
     at = 0
     while at < len(data):
         *_, size = HEAD.unpack_from(data, at)
         at += HEAD.size + size
-        yield data[at - size : at]
+        yield bytes(data[at - size : at])
 
 
-def operate(scenario: Scenario, folder: Path | None, outcome: Outcome, messages: Iterable[Iterable[bytes]]) -> None:
-    """Let the console take in the messages of each step; complete the outcome. See `InProcess.close_step`."""
-    operating, last_step = Operating(scenario, folder), len(outcome.workloads) - 1
-    for workload, arrived in zip(outcome.workloads, messages, strict=True):
-        reports: list[Report] = list(map(decode_report, arrived))
-        operating.close_step(Clock(workload.step, workload.time_s, workload.step == last_step), workload, reports)
-    operating.finish(outcome)
+class Operator:
+    """Whoever is at the console of a run; `world` has the turns and the downlink of the Python engine."""
+
+    def __init__(self, scenario: Scenario, world: WorldCore, folder: Path | None) -> None:
+        self._scenario, self._world = scenario, world
+        self._operating = Operating(scenario, folder)
+        self.workloads: list[Workload] = []
+        self._numbers: dict[bytes, int] = {}
+        """The number of each command that has left the base, by its bytes."""
+
+    def steps_from(self, step: int, most: int) -> int:
+        """Return how many steps may be made from this one on before the console takes them in, or the base sends."""
+        if not self._scenario.has_commander:
+            return most
+        base = (self._world.turns.next_leaving_step, self._world.downlink.next_sending_step)
+        until = [self._next_act(step) + FIRST_STEP, *(max(due, step + 1) for due in base if due is not None)]
+        return min(most, min(until) - step)
+
+    def _next_act(self, step: int) -> int:
+        """Return the first step from this one on after which the console may give an order, or an earlier one."""
+        operator, console, step_s = self._scenario.operator, self._operating.console, self._scenario.run.step_s
+        if operator.person.commands or operator.autonomy.sets_delta == SYSTEM or not console.command_log.has_room:
+            return step
+        acts = [max(0, round(command.at_s / step_s) - FIRST_STEP) for command in self._scenario.command]
+        acts = [act for act in acts if act >= step]
+        if console.budget is not None:
+            acts.append(int((console.budget.ordered_s + operator.budget.every_s) / step_s) - 1)
+        return max(step, min(acts, default=self._scenario.run.steps))
+
+    def begin(self, swarm: Swarm, step: int) -> None:
+        """Before a step, let orders leave the base, and tell the arrays who hears them."""
+        if not self._scenario.has_commander:
+            return
+        world, step_s, commands = self._world, self._scenario.run.step_s, swarm.commands
+        leaving = world.turns.leaving(step, step_s)
+        for signed in leaving:
+            self._add(swarm, signed.body)
+        world.downlink.send(step, leaving)
+        delivered = world.downlink.carry(
+            step, step * step_s, self._positions_m(swarm, step), [True] * len(swarm.agents)
+        )
+        if not delivered:
+            return
+        commands.reached[[agent for agent, _ in delivered]] = True
+        data = delivered[0][1]
+        items = [decode_relayed(item) for item in decode_sample(data).commands]
+        for place, (left_steps, signed) in enumerate(items):
+            commands.base[2 * place : 2 * place + 2] = self._numbers[signed.body], left_steps
+        commands.base[-1] = len(items)
+        told = b"".join(HEAD.pack(step, agent, COMMAND, len(data)) + data for agent, _ in delivered)
+        swarm.output.world[: len(told)] = np.frombuffer(told, np.uint8)
+        swarm.output.ends[0] = len(told)
+
+    def _positions_m(self, swarm: Swarm, step: int) -> np.ndarray:
+        """Return where agents are in a step, before it is made (`step.move`)."""
+        agents, settings = swarm.agents, swarm.settings[0]
+        axes = (("x_m", "vx_mps", "width_m"), ("y_m", "vy_mps", "height_m"))
+        moved_s = settings["step_s"] if step else 0.0
+        places = [(agents[place] + agents[speed] * moved_s).clip(0.0, settings[size]) for place, speed, size in axes]
+        return np.stack(places, axis=1)
+
+    def _add(self, swarm: Swarm, body: bytes) -> None:
+        command = decode_command(body)
+        if command.number >= MAX_ORDERS:
+            raise BeyondError(f"more than {MAX_ORDERS} orders")
+        number = self._numbers[body] = command.number
+        least, fraction = divmod(float(command.arguments["delta"]), 1)
+        share = command.arguments.get("working")
+        row = swarm.commands.given[number]
+        row["delta"], row["fraction"], row["sets_share"] = least, fraction, share is not None
+        row["share"] = 1.0 if share is None else share
+        row["life"] = max(1, round(command.life_s / self._scenario.run.step_s))
+        row["body_bytes"] = len(body)
+        swarm.commands.bodies[number, : len(body)] = np.frombuffer(body, np.uint8)
+        swarm.commands.sent[0] = number + 1
+
+    def end(self, reports: np.ndarray, first: int, messages: list[memoryview]) -> None:
+        """Let the console take in the messages of the steps from `first` on; `reports` counts those of all steps."""
+        rows = workloads(self._scenario, reports, first)
+        last_step = self._scenario.run.steps - 1
+        for workload, arrived in zip(rows, messages, strict=True):
+            clock = Clock(workload.step, workload.time_s, workload.step == last_step)
+            turn = self._operating.close_step(clock, workload, list(map(decode_report, messages_of(arrived))))
+            self._world.turns.accept(turn)
+        self.workloads += rows
+
+    def finish(self, outcome: Outcome) -> None:
+        """Complete the operator's part of an outcome."""
+        self._operating.finish(outcome)

@@ -53,6 +53,28 @@ def put_array(out, at, count):
     return at + 3
 
 
+@inlined
+def put_bytes(out, at, size):
+    """Write the head of so many bytes."""
+    if size < 256:
+        out[at], out[at + 1] = 0xC4, size
+        return at + 2
+    out[at], out[at + 1], out[at + 2] = 0xC5, size >> 8, size & 255
+    return at + 3
+
+
+@inlined
+def size_of_bytes(size):
+    """Return how many bytes `put_bytes` and what follows take."""
+    return size + (2 if size < 256 else 3)
+
+
+@inlined
+def size_of_unsigned(value):
+    """Return how many bytes `put_unsigned` takes."""
+    return 1 if value < 128 else 2 if value < 256 else 3 if value < 65536 else 5
+
+
 @compiled
 def put_text(out, at, text):
     """Write encoded bytes as they are."""

@@ -53,13 +53,13 @@ def step_records(scenario: Scenario, counts: np.ndarray, reasons: Sequence[str])
     return records
 
 
-def workloads(scenario: Scenario, reports: np.ndarray) -> list[Workload]:
-    """Return the operator's record of each step (`WorkloadMeter.close_step`)."""
+def workloads(scenario: Scenario, reports: np.ndarray, first: int = 0) -> list[Workload]:
+    """Return the operator's record of each step from the first on (`WorkloadMeter.close_step`)."""
     step_s, steps = scenario.run.step_s, np.arange(len(reports))
     short_hz, long_hz = (_rate_hz(reports, window_s, step_s) for window_s in (SHORT_WINDOW_S, LONG_WINDOW_S))
     above_s = np.cumsum(long_hz > scenario.operator.threshold_hz) * step_s
     columns = (steps, steps * step_s, reports, reports, short_hz, long_hz, above_s)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
+    rows = zip(*(column[first:].tolist() for column in columns), strict=True)
     return [Workload._make((*row, 0, 0, 0)) for row in rows]
 
 

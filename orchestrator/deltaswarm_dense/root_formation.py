@@ -10,7 +10,7 @@ from deltaswarm_dense.states import THRESHOLD_REACHED
 @compiled
 def founds(swarm, agent, now, sensed, hears_members):
     """Make a free agent a root, if it senses enough events and hears no member of a tree."""
-    threshold = delta_of(swarm.settings[0], agent)
+    threshold = delta_of(agent)
     if threshold == NONE or sensed.size < threshold or hears_members:
         return False
     enter_tree(swarm, agent, now, NONE, THRESHOLD_REACHED)

@@ -14,11 +14,14 @@ from deltaswarm_agent.controllers.paper.recruitment import _cells_within
 from deltaswarm_agent.controllers.paper.settings import ALL, ANY, LEAVES
 from deltaswarm_agent.controllers.paper.timers import steps_of
 from deltaswarm_agent.controllers.paper.whereabouts import AT_EVENT_RADII, AT_PLACE_M, RANGE_MARGIN_M
+from deltaswarm_agent.core.commands import ANSWERED_S, FIRST_INTERVAL_S, LONGEST_INTERVAL_S
 from deltaswarm_dense import layout
-from deltaswarm_dense.layout import NONE, Air, Beliefs, Measures, News, Output, Recruits, Swarm, Trees, World
+from deltaswarm_dense.layout import NONE, Air, Beliefs, Commands, Measures, News, Output, Recruits, Swarm, Trees, World
 from deltaswarm_dense.step import BYTES_PER_AGENT
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
+from deltaswarm_wire.commands import MAX_COMMAND_BYTES
+from deltaswarm_wire.envelope import MAX_COMMANDS
 from deltaswarm_wire.messages import MAX_SENSED
 from deltaswarm_world.core.environment import COVERAGE_EVERY_S, Environment
 
@@ -26,8 +29,8 @@ BLOCK_BYTES = 4_000_000
 """Size of the buffers whose bytes are hashed at once."""
 
 
-def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs: int) -> Swarm:
-    """Make the arrays of a run before its first step, with room for so many children and known events per agent.
+def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs: int, orders: int) -> Swarm:
+    """Make the arrays of a run before its first step, with room for children, known events and orders.
 
     `environment` is that of a world in which nothing has happened; its arrivals are used up.
     """
@@ -44,6 +47,9 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
     agents["finds"], agents["walked_s"] = FIRST_FINDS, FIRST_S
     for row, agent in zip(agents, made, strict=True):
         *row["words"], row["used"] = agent.rng.getstate()[1]
+        row["rank"], row["attends"] = agent.rank, agent.strategy.attends
+        row["adapts"] = agent.finds is not None and agent.strategy.adapts
+        row["founds_at"] = NONE if agent.strategy.founds_at is None else agent.strategy.founds_at
     frames = np.zeros((2, n), layout.FRAME)
     frames["kind"] = NONE
     cells = int(scenario.arena.width_m) + 1, int(scenario.arena.height_m) + 1
@@ -90,6 +96,15 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
                 *(max(1, round(side_m)) for side_m in (scenario.arena.width_m, scenario.arena.height_m))
             ),
         ),
+        commands=Commands(
+            given=np.zeros(orders, layout.COMMAND),
+            bodies=np.zeros((orders, MAX_COMMAND_BYTES), np.uint8),
+            sent=numbers(1),
+            relays=np.zeros((n, orders), layout.RELAY),
+            base=numbers(2 * MAX_COMMANDS + 1),
+            reached=np.zeros(n, np.bool_),
+            new=numbers(MAX_COMMANDS * (n + 1) + 1),
+        ),
         output=Output(
             world=np.zeros(room, np.uint8),
             operator=np.zeros(room, np.uint8),
@@ -135,10 +150,11 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "work_agent_s": scenario.events.work_agent_s,
         "two": 2.0,
         "half": 0.5,
-        "founds_at": NONE if strategy.founds_at is None else strategy.founds_at,
+        "first_interval": max(1, round(FIRST_INTERVAL_S / shared.step_s)),
+        "longest_interval": max(1, round(LONGEST_INTERVAL_S / shared.step_s)),
+        "answered": max(1, round(ANSWERED_S / shared.step_s)),
         "find_memory": steps_of(control.find_memory_s, shared.step_s),
         "recruit_every": steps_of(control.recruitment_interval_s, shared.step_s),
-        "attends": strategy.attends,
         "recruitment": control.recruitment,
         "dissolution": control.dissolution,
         "any_place": control.recruitment_places == ANY,
@@ -149,7 +165,7 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "report_finds": control.report_finds,
         "has_finds": agent.finds is not None,
         "returns": agent.found is not None,
-        "adapts": agent.finds is not None and strategy.adapts,
+        "has_delta": strategy.has_delta,
         "ask_every_step": scenario.run.ask_every_step,
     }
     for name in layout.SETTINGS.names or ():

@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 
+from deltaswarm_agent.core.agent_core import ENVELOPE_BYTES
+from deltaswarm_dense.commands import hear_commands, relay_commands
 from deltaswarm_dense.compiled import compiled, entry, inlined
 from deltaswarm_dense.decision import act, compose, motion, observe, report, role_of
-from deltaswarm_dense.frames import send
+from deltaswarm_dense.frames import send, write_payload
 from deltaswarm_dense.layout import BUFFER, FRAME_ROOM, FRAME_SIZE, NONE
 from deltaswarm_dense.learning import begin
 from deltaswarm_dense.measures import measure
@@ -109,12 +111,18 @@ def step_agent(swarm, agent, now, time_s, sensed, heard):
     if settings.has_finds:
         begin(settings, agent, observed > 0, now)
     compose(swarm, agent, now, sensed.size)
-    frame = swarm.air.frames[now % 2, agent.id]
+    frame, length = swarm.air.frames[now % 2, agent.id], 0
     if frame.kind != NONE:
         until = now + 1
+        table = swarm.air.tables[now % 2, agent.id]
+        length = write_payload(swarm.output.payload, frame, table, world.events, settings.has_finds)
+    if agent.knows:
+        wake = relay_commands(swarm, agent, frame, now, MAX_RADIO_BYTES - ENVELOPE_BYTES - length)
+        if wake != NONE:
+            until = min(until, wake)
     agent.role = role_of(agent, frame)
     reports = report(swarm, agent, now, time_s)
-    size = send(settings, agent, frame, swarm.air.tables[now % 2, agent.id], world.events, swarm.output, now)
+    size = send(agent, frame, length, swarm.commands, swarm.output, now)
     act(swarm, agent, now, (vx_mps, vy_mps), until, observed)
     command(settings, agent, vx_mps, vy_mps)
     agent.until = min(until, now + MAX_POSES)
@@ -144,12 +152,23 @@ def has_room(sensed, heard, frames):
 
 
 @inlined
+def with_payload(frames, heard):
+    """Keep the senders whose frames do more than relay commands; return their number."""
+    count = 0
+    for k in range(heard.size):
+        if frames[heard[k]].kind != NONE:
+            heard[count] = heard[k]
+            count += 1
+    return count
+
+
+@inlined
 def note_senders(settings, agents, trail_m, air, now):
     """Note who sent a frame in this step, and where everybody was."""
     senders = 0
     for i in range(agents.size):
         trail_m[now % settings.trail, i, 0], trail_m[now % settings.trail, i, 1] = agents[i].x_m, agents[i].y_m
-        if air.frames[now % 2, i].kind != NONE:
+        if air.frames[now % 2, i].size_bytes > 0:
             air.senders[senders] = i
             senders += 1
     air.senders[agents.size] = senders
@@ -157,14 +176,13 @@ def note_senders(settings, agents, trail_m, air, now):
 
 @entry
 def advance(swarm, first, steps, all_steps, counts):
-    """Do `steps` steps from `first` on; leave their bytes in the buffers of both digests. Return those done.
+    """Do `steps` steps from `first` on; add their bytes to the buffers of both digests. Return those done.
 
     It ends early when a buffer is full, and with `swarm.trouble` when the run cannot go on here.
     """
     settings, agents, world = swarm.settings[0], swarm.agents, swarm.world
-    air, output = swarm.air, swarm.output
+    air, output, commands = swarm.air, swarm.output, swarm.commands
     room = agents.size * BYTES_PER_AGENT
-    output.ends[0] = output.ends[1] = 0
     for done in range(steps):
         if output.ends[0] + room > output.world.size or output.ends[1] + room > output.operator.size:
             if done == 0:
@@ -183,14 +201,17 @@ def advance(swarm, first, steps, all_steps, counts):
             sensed = world.sensed[: sense_events(settings, agent, world, time_s)]
             heard = air.heard[: hear(settings, agent, agents, air)]
             count.frames_received += heard.size
-            has_news = sensed.size > 0 or heard.size > 0 or agent.sensed_before
+            has_news = sensed.size > 0 or heard.size > 0 or agent.sensed_before or commands.reached[i]
             agent.sensed_before = sensed.size > 0
             if not (has_news or is_last or settings.ask_every_step or agent.until <= now):
-                air.frames[now % 2, i].kind = NONE
+                air.frames[now % 2, i].kind, air.frames[now % 2, i].size_bytes = NONE, 0
                 continue
             if not has_room(sensed, heard, air.frames[(now - 1) % 2]):
                 swarm.trouble[0] = FRAME_ROOM
                 return done
+            if commands.sent[0]:
+                hear_commands(swarm, agent, now, heard)
+                heard = heard[: with_payload(air.frames[(now - 1) % 2], heard)]
             count.asked += 1
             reports, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
             if size > MAX_RADIO_BYTES:
@@ -201,6 +222,7 @@ def advance(swarm, first, steps, all_steps, counts):
             count.refused_claims += refused
             count.frames_sent += size > 0
             count.bytes_sent += size
+        commands.reached[:] = False
         note_senders(settings, agents, swarm.trail_m, air, now)
         measure(settings, agents, swarm.measures, count, now)
         work(settings, world, time_s)

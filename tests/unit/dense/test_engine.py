@@ -35,6 +35,14 @@ FOUR_PLACES = {
     ],
 }
 
+OPERATORS: list[dict[str, Any]] = [
+    {"person": {"policy": "none"}},
+    {"person": {"policy": "none"}, "inbox": {"policy": "grouped"}},
+    {"person": {"policy": "threshold", "delta_limit": 1, "command_every_s": 20.0}, "threshold_hz": 0.5},
+    {"autonomy": {"sets_delta": "budget"}, "budget": {"every_s": 12.0}, "threshold_hz": 0.5},
+    {"autonomy": {"sets_delta": "system", "every_s": 15.0, "veto_s": 3.0, "delta_limit": 1}, "threshold_hz": 0.5},
+]
+
 scenarios = st.fixed_dictionaries(
     {
         "seed": st.integers(0, 2**31),
@@ -78,8 +86,20 @@ scenarios = st.fixed_dictionaries(
             optional={"speed_mps": st.sampled_from([0.5, 3.0]), "sensing_range_m": st.sampled_from([2.0, 6.5])},
         ),
         "radio": st.fixed_dictionaries({"range_m": st.sampled_from([6.5, 9.0, 25.0])}),
-        "operator": st.sampled_from(
-            [{}, {"person": {"policy": "none"}}, {"person": {"policy": "none"}, "inbox": {"policy": "grouped"}}]
+        "operator": st.sampled_from([{}, *OPERATORS]),
+        "downlink": st.sampled_from([{}, {"loss": 0.5, "range_m": 20.0, "base_m": (0.0, 0.0), "repeat_s": 2.0}]),
+        "command": st.lists(
+            st.fixed_dictionaries(
+                {
+                    "at_s": st.sampled_from([0.0, 10.0, 11.0, 30.0]),
+                    "name": st.just("set structure"),
+                    "arguments": st.fixed_dictionaries(
+                        {"delta": st.sampled_from([1, 2.5, 3.2]), "working": st.sampled_from([0.0, 0.4, 1.0])}
+                    ),
+                    "life_s": st.sampled_from([4.0, 120.0]),
+                }
+            ),
+            max_size=12,
         ),
     }
 )
@@ -176,8 +196,7 @@ def test_every_key_has_a_rule() -> None:
         "uplink.loss=0.1",
         "run.clock=realtime",
         "run.bound=density",
-        "operator.person.policy=threshold",
-        "operator.autonomy.sets_delta=budget",
+        "downlink.latency_s=2.0",
         "operator.task.target_share=0.5",
     ],
 )
@@ -186,6 +205,14 @@ def test_what_is_not_covered_is_named(key: str) -> None:
     (found, *more) = not_covered(load_scenario("paper-25", [key]))
     assert found.startswith(key.partition("=")[0])
     assert not more
+
+
+def test_other_orders_are_not_covered() -> None:
+    """Than those to all agents that set delta or the structure."""
+    hold = 'command=[{at_s=40, name="hold", arguments={for_s=40}}]'
+    circle = 'command=[{at_s=40, name="set delta", target="circle", numbers=[9, 9, 5], arguments={delta=2}}]'
+    assert not_covered(load_scenario("paper-25", [hold])) == ["command 'hold'"]
+    assert not_covered(load_scenario("paper-25", [circle])) == ["command 'set delta'"]
 
 
 def test_sums_are_numpy_s() -> None:

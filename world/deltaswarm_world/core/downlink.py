@@ -65,6 +65,13 @@ class Downlink(Saved):
             self._alive.append(_Alive(signed, step + max(1, round(life_s / self._step_s))))
             self._new = True
 
+    @property
+    def next_sending_step(self) -> int | None:
+        """The first step in which `carry` may have something to send; None if nothing is repeated."""
+        if not self._alive:
+            return None
+        return 0 if self._new else self._repeat_at
+
     def carry(
         self, step: int, time_s: float, positions_m: Floats, listening: Sequence[bool]
     ) -> list[tuple[int, bytes]]:

@@ -53,6 +53,11 @@ class Turns(Saved):
         """Whether a step may begin: an awaited operator's turn for the step before the last has come."""
         return self.mode != AWAITED or self.newest >= step - FIRST_STEP
 
+    @property
+    def next_leaving_step(self) -> int | None:
+        """The first step in which a command that waits may leave; None if none waits."""
+        return self._waiting[0][0] if self._waiting else None
+
     def leaving(self, step: int, step_s: float) -> list[Signed]:
         """Take and log the commands that leave the base in this step, in the order given.
 
