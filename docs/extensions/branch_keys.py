@@ -23,4 +23,6 @@ def with_keys(page: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(with_keys(PAGE.read_text()))
+    text = PAGE.read_text()
+    if (made := with_keys(text)) != text:
+        PAGE.write_text(made)

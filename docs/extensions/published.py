@@ -2,25 +2,27 @@
 
 A part begins with a comment and ends with `<!-- end -->`; what stands between them is made anew:
 
-- `<!-- findings: NAME -->` lists the findings of a study's page, which drops those that its results no longer support.
-- `<!-- verdicts: NAME -->` counts the verdicts of its claims; for the README, by its path.
-- `<!-- medians`, TOML, `-->` makes a table: `study`, `heading`, `[rows]` (name and variant), `[columns]` (metric and
-  title), and, if you like, `[says.METRIC]` (a row's name and what is put beside it).
-- `<!-- best`, TOML, `-->` puts each rule beside the best of the `fixed` variants whose median `rate` is within a
-  bound: `study`, `cells`, `[rules]` (name and bound), `fixed`, `rate`, `by`, `columns` (metric and title).
-- `<!-- shares: NAME -->` tables where the claims of a sensitivity study hold, and the keys that turn them.
+- `<!-- findings: STUDY -->` lists the findings of a study's page, which drops those that its results no longer support.
+- `<!-- verdicts: STUDY -->` counts the verdicts of its claims; for the README, by its path.
+- `<!-- medians: TABLE -->` makes the table that `docs/tables/TABLE.toml` describes: `study`, `heading`, `[rows]` (name
+  and variant), `[columns]` (metric and title), and, if you like, `[says.METRIC]` (what is put beside a row's number).
+- `<!-- best: TABLE -->` puts each rule beside the best of the `fixed` variants whose median `rate` is within a bound:
+  `study`, `cells`, `[rules]` (name and bound), `fixed`, `rate`, `by`, `columns` (metric and title).
+- `<!-- shares: STUDY -->` tables where the claims of a sensitivity study hold, and the keys that turn them.
 """
 
 import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 DOCS = Path(__file__).parents[1]
 PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md", DOCS / "READINGS.md")
 STUDIES = DOCS / "studies"
+TABLES = DOCS / "tables"
 
 OURS = "Our readings"
 """The source of claims that are about our readings of a paper."""
@@ -30,21 +32,21 @@ PLACE = "docs/studies"
 USUAL = " (What does not differ is equivalent within 1.1 times.)"
 """The usual margin of equivalence, which the page beyond the paper names once."""
 
-PART = re.compile(r"(<!-- (findings|medians|verdicts|best|shares)\b:?(.*?)-->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
+PART = re.compile(r"(<!-- (findings|medians|verdicts|best|shares): ([\w-]+) -->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
 
 
-def findings(given: str) -> Iterator[str]:
+def findings(study: str) -> Iterator[str]:
     """List a study's findings as its page has them: between its question and its design."""
-    page = (STUDIES / given.strip() / "page.md").read_text(encoding="utf-8")
+    page = (STUDIES / study / "page.md").read_text(encoding="utf-8")
     yield ""
     lines = page.partition("\n## Design\n")[0].splitlines()
     yield from (line.removesuffix(USUAL) for line in lines if line.startswith("- "))
     yield ""
 
 
-def medians(given: str) -> Iterator[str]:
+def medians(name: str) -> Iterator[str]:
     """Make a table of medians with their 95 % intervals."""
-    wanted = tomllib.loads(given)
+    wanted = described(name)
     table = pd.read_csv(STUDIES / wanted["study"] / "estimates.csv").set_index(["variant", "metric"])
     columns, says = wanted["columns"], wanted.get("says", {})
     yield from ("", f"| {' | '.join([wanted['heading'], *columns.values()])} |", "| --- |" + " ---: |" * len(columns))
@@ -54,15 +56,19 @@ def medians(given: str) -> Iterator[str]:
     yield ""
 
 
+def described(table: str) -> dict[str, Any]:
+    """Read what a table shows."""
+    return tomllib.loads((TABLES / f"{table}.toml").read_text(encoding="utf-8"))
+
+
 def _cell(row: "pd.Series[float]") -> str:
     low, high = (f"{row[end]:.3g}" if pd.notna(row[end]) else "" for end in ("low", "high"))
     return f"{row['median']:.3g} [{low}, {high}]" if low and high else f"{row['median']:.3g}"
 
 
-def verdicts(given: str) -> Iterator[str]:
+def verdicts(study: str) -> Iterator[str]:
     """Count the verdicts of a study's claims; apart those that were calibrated, and those about our readings."""
-    name = given.strip()
-    table = pd.read_csv(STUDIES / name / "claims.csv")
+    table = pd.read_csv(STUDIES / study / "claims.csv")
     is_ours, is_calibrated = table["source"] == OURS, table["calibrated"].notna()
     counts = (
         table[~is_ours & ~is_calibrated]["verdict"].replace({"differs": "refuted", "agrees": "holds"}).value_counts()
@@ -71,14 +77,14 @@ def verdicts(given: str) -> Iterator[str]:
     ours = f" {is_ours.sum()} are about these readings themselves." if is_ours.any() else ""
     yield ""
     yield f"Of {counts.sum()} claims of the paper {held} hold, {refuted} are refuted and {undecided} undecided"
-    yield f"([each claim]({PLACE}/{name}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
+    yield f"([each claim]({PLACE}/{study}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
     yield f"our settings were chosen, so agreement there is no evidence.{ours}"
     yield ""
 
 
-def best(given: str) -> Iterator[str]:
+def best(name: str) -> Iterator[str]:
     """Make a table of rules beside the fixed variant that would have been best within the same bound: medians."""
-    wanted = tomllib.loads(given)
+    wanted = described(name)
     table = pd.read_csv(STUDIES / wanted["study"] / "estimates.csv").pivot(index="variant", columns="metric")["median"]
     columns, titles = list(wanted["columns"]), " | ".join(wanted["columns"].values())
     numbers = " ---: |" * len(columns)
@@ -94,9 +100,9 @@ def best(given: str) -> Iterator[str]:
     yield ""
 
 
-def shares(given: str) -> Iterator[str]:
+def shares(study: str) -> Iterator[str]:
     """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
-    folder = STUDIES / given.strip()
+    folder = STUDIES / study
     keys = pd.read_csv(folder / "keys.csv").sort_values("rho_holds", key=abs, ascending=False).to_dict("records")
     yield from (
         "",
@@ -129,4 +135,6 @@ def with_published(text: str) -> str:
 
 if __name__ == "__main__":
     for page in PAGES:
-        page.write_text(with_published(page.read_text(encoding="utf-8")), encoding="utf-8")
+        text = page.read_text(encoding="utf-8")
+        if (made := with_published(text)) != text:  # a test of this command runs beside tests that read the pages
+            page.write_text(made, encoding="utf-8")

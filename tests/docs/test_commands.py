@@ -107,11 +107,29 @@ def test_the_commands_for_pages_made_from_the_code_write_them(tmp_path: Path) ->
     for name in ("RESULTS.md", "STATION.md"):
         shutil.copy(ROOT / "docs" / name, tmp_path)
     for command in commands(page("docs/EXTENDING.md")):
+        if not command.startswith("python docs/"):
+            continue
         done = shell(re.sub(r"docs/(\w+\.md)", rf"{tmp_path}/\1", command), ROOT)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "SCENARIO.md").read_text() == reference()
     for name in ("RESULTS.md", "STATION.md"):
         assert (tmp_path / name).read_text() == page(f"docs/{name}")
+
+
+def test_the_examples_of_extensions_work(tmp_path: Path) -> None:
+    """Those of EXTENDING.md, saved under their names, in valid runs; fog takes frames."""
+    text = page("docs/EXTENDING.md")
+    modules = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", text, re.DOTALL))
+    assert set(modules) == {"fog.py", "wind.py", "sluggish.py", "patient.py"}
+    for name, code in (modules | files(text)).items():
+        (tmp_path / name).write_text(code)
+    done = shell("\n".join(line for line in commands(text) if not line.startswith("python docs/")), tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    runs = {run.name: json.loads((run / "summary.json").read_text()) for run in (tmp_path / "runs").iterdir()}
+    assert {name: summary["valid"] for name, summary in runs.items()} == dict.fromkeys(
+        ("fog", "windy", "sluggish"), True
+    )
+    assert runs["fog"]["frames_dropped"]["fog"] > 0
 
 
 @pytest.mark.slow

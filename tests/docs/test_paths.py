@@ -19,7 +19,7 @@ PATH = re.compile(
 MODULE = re.compile(r"(deltaswarm_[a-z0-9_]+(?:\.[a-z0-9_]+)*)(?:\.[A-Z]\w*|:\w+)*")
 HISTORY = "CHANGELOG.md"
 """Names what there was at the time."""
-THE_READERS = {"fog.py", "wind.py", "patient.py"}
+THE_READERS = {"fog.py", "wind.py", "sluggish.py", "patient.py"}
 """Files that a page asks its reader to write."""
 
 

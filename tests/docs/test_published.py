@@ -52,30 +52,37 @@ quieter,Trees report less,1.0,0.99,1.0
 """
 
 
+BEST = """\
+study = "made-up"
+cells = ["few", "many"]
+fixed = ["slow", "soon", "loud"]
+rate = "rate_hz"
+by = "completion_s"
+rules = { rule = 2.0 }
+columns = { rate_hz = "rate [1/s]", completion_s = "completion [s]" }
+"""
+
+
 @pytest.fixture
 def studies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One study, `made-up`, whose tables are those above."""
+    """One study, `made-up`, whose tables are those above, and a table of the same name that a page shows."""
     tables = {"estimates": ESTIMATES, "claims": CLAIMS, "keys": KEYS, "shares": SHARES}
     (tmp_path / "made-up").mkdir()
     for name, table in tables.items():
         (tmp_path / "made-up" / f"{name}.csv").write_text(table)
+    (tmp_path / "made-up.toml").write_text(BEST)
     monkeypatch.setattr(published, "STUDIES", tmp_path)
+    monkeypatch.setattr(published, "TABLES", tmp_path)
 
 
 @pytest.mark.usefixtures("studies")
 def test_the_best_fixed_variant_is_the_soonest_within_the_bound() -> None:
     """A rate that equals the bound is within it, a sooner variant above it is out, and a cell may have none."""
-    asked = """
-    study = "made-up"
-    cells = ["few", "many"]
-    fixed = ["slow", "soon", "loud"]
-    rate = "rate_hz"
-    by = "completion_s"
-    rules = { rule = 2.0 }
-    columns = { rate_hz = "rate [1/s]", completion_s = "completion [s]" }
-    """
-    rows = [line for line in published.best(asked) if line.startswith(("| few", "| many"))]
-    assert rows == ["| few, rule | 2.04 | 150 | few, soon | 2 | 120 |", "| many, rule | 1.9 | 300 | none |  |  |"]
+    rows = [line for line in published.best("made-up") if line.startswith(("| few", "| many"))]
+    assert rows == [
+        "| few, rule | 2.04 | 150 | few, soon | 2 | 120 |",
+        "| many, rule | 1.9 | 300 | none |  |  |",
+    ]
 
 
 @pytest.mark.usefixtures("studies")

@@ -79,6 +79,14 @@ def test_the_links_lead_somewhere() -> None:
         assert target.startswith("http") or (ROOT / target).exists(), target
 
 
+def test_the_moving_pictures_load_quickly() -> None:
+    """Together they have at most 1.5 MB, and they move."""
+    pictures = [ROOT / target for target in re.findall(r"\]\((\S+\.webp)\)", README)]
+    assert len(pictures) == 2
+    assert sum(picture.stat().st_size for picture in pictures) <= 1.5e6
+    assert all(b"ANIM" in picture.read_bytes()[:64] for picture in pictures)
+
+
 def test_the_results_are_the_published_ones() -> None:
     """Verdicts and medians of the README are those of the study's tables."""
     page, folder = (ROOT / "README.md").read_text(), ROOT / "docs" / "studies" / "paper"

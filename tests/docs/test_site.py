@@ -50,10 +50,10 @@ def test_every_page_is_in_the_site(site: Path) -> None:
 
 
 def test_the_first_page_leads_to_the_four_kinds_of_documentation(site: Path) -> None:
-    """Tutorial, how-to guides, reference and explanation, and the published studies."""
+    """The newcomer's four pages, how-to guides, reference and explanation, and the published studies."""
     assert "docs/index.html" in (site / "index.html").read_text()
     first = (site / "docs" / "index.html").read_text()
-    for caption in ("Tutorial", "How-to guides", "Reference", "Explanation", "Published studies"):
+    for caption in ("Start here", "How-to guides", "Reference", "Explanation", "Published studies"):
         assert f'<span class="caption-text">{caption}</span>' in first
 
 
@@ -71,3 +71,10 @@ def test_the_files_to_read_first_exist() -> None:
     paths = re.findall(r"^\d+\. `(\S+\.py)`", section, re.MULTILINE)
     assert len(set(paths)) == len(paths) == 10
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_warnings_of_pages_are_warnings(site: Path) -> None:
+    """Not the marks by which a forge knows them."""
+    page = (site / "docs" / "studies" / "paper" / "page.html").read_text()
+    assert 'class="admonition warning"' in page
+    assert "[!WARNING]" not in page
