@@ -13,10 +13,9 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.frozen import HASH, Entry, Table, as_read, changed_keys
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario, content_of
+from deltaswarm_sessions import roster
 from deltaswarm_sessions.plan import plan
-from deltaswarm_sessions.roster import COMMITMENT, held
-from deltaswarm_sessions.roster import read as read_roster
-from deltaswarm_sessions.roster import write as write_roster
+from deltaswarm_sessions.roster import COMMITMENT
 from deltaswarm_sessions.settings import SessionSettings
 from deltaswarm_sessions.variables import MEASURES
 from deltaswarm_wire import checked
@@ -68,20 +67,20 @@ def freeze(settings: SessionSettings, beside: Path, sessions: Path) -> tuple[Pat
     }
     entry[HASH] = frozen.hash_of(entry, NAME)
     sessions.mkdir(parents=True, exist_ok=True)
-    with held(sessions):
+    with roster.held(sessions):
         if was := read(sessions):
             raise CommandError(
                 f"{sessions / COMMITMENT} must not be there yet: the plan was frozen on {was['date']} with the hash "
                 f"{was[HASH]}; to change it, use another --out"
             )
-        roster = read_roster(sessions)
+        noted = roster.read(sessions)
         begun = [folder.name for folder in sorted(sessions.glob("participant-*"))]
-        if begun := begun or [f"participant {number}" for number in sorted(roster.used)]:
+        if begun := begun or [f"participant {number}" for number in sorted(noted.used)]:
             raise CommandError(
                 f"the plan must be frozen before the first session (got {begun[0]} in {sessions}); use another --out"
             )
         file = frozen.write(sessions / COMMITMENT, entry, 0o600)
-        write_roster(sessions, roster)
+        roster.write(sessions, noted)
     return file, str(entry[HASH])
 
 

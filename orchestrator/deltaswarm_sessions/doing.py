@@ -103,7 +103,7 @@ def _tables(arguments: argparse.Namespace, settings: SessionSettings, out: Path,
     files = write_tables(out, arguments.table, settings.exclude, is_wide=arguments.wide)
     files += [export(kind, arguments.table, Path(arguments.session).stem) for kind in arguments.format]
     if not is_writable:
-        notice(f"{out} cannot be written, so --withdraw will not find the tables in {arguments.table}")
+        notice(f"{arguments.table} cannot be noted in {out}, so --withdraw will not find the tables there")
     return files
 
 

@@ -91,18 +91,20 @@ def write(sessions: Path, roster: Roster) -> None:
 def held(sessions: Path, *, only_reads: bool = False) -> Iterator[bool]:
     """Hold a folder of sessions, so that one command at a time changes it. Yield whether it can be written.
 
-    It cannot if there is no such folder or, with `only_reads`, if this process may not write to it.
+    It cannot if there is no such folder, or with `only_reads`: if this process may not write, or the roster is lost.
     """
     if not sessions.is_dir():
         yield False
         return
     lock = _lock(sessions, only_reads)
     try:
-        if problem := doubt(sessions):
-            if not only_reads and not (sessions / ROSTER).exists():
-                raise CommandError(f"{problem}; restore it")
+        problem = doubt(sessions)
+        is_lost = bool(problem) and not (sessions / ROSTER).exists()
+        if is_lost and not only_reads:
+            raise CommandError(f"{problem}; restore it")
+        if problem:
             notice(problem)
-        yield lock is not None
+        yield lock is not None and not is_lost  # a new roster would hide that the old one is lost
     finally:
         if lock is not None:
             lock.release()

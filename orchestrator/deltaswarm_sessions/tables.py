@@ -17,6 +17,7 @@ from deltaswarm_orchestrator.results.summary import value_at
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
 from deltaswarm_scenario.person_tables import TABLES
+from deltaswarm_sessions import roster
 from deltaswarm_sessions.exclusion import EXCLUDED, ExclusionSettings, exclusions
 from deltaswarm_sessions.folder import (
     RECORD,
@@ -32,7 +33,6 @@ from deltaswarm_sessions.folder import (
 from deltaswarm_sessions.observed import consent_of, of_run, questions_of, version_of
 from deltaswarm_sessions.plan import run_folder
 from deltaswarm_sessions.roster import Withdrawn, allocated
-from deltaswarm_sessions.roster import read as read_roster
 from deltaswarm_sessions.variables import KEYS, MEASURES, PARTICIPANT, QUESTION, RUN
 from deltaswarm_wire.plugins import as_recorded
 
@@ -58,8 +58,8 @@ def write_tables(
     if lacking := sorted(str(folder) for folder in begun if not (folder / RECORD).exists()):
         raise CommandError(f"{lacking[0]} has runs and no {RECORD}; restore it, or move the folder away")
     folders = sorted(file.parent for file in sessions.glob(f"participant-*/{RECORD}"))
-    roster = read_roster(sessions)
-    withdrawn = roster.withdrawn
+    noted = roster.read(sessions)
+    withdrawn = noted.withdrawn
     if not folders and not withdrawn:
         raise CommandError(f"--table needs at least one session in {sessions} (got none); --out says where to look")
     if back := [one for one in withdrawn if (sessions / folder_name(one.participant)).exists()]:
@@ -89,7 +89,7 @@ def write_tables(
         for file in files:
             (part / file.name).replace(file)
     unsealed = [f"{folder.name}/{name}" for folder, record in records.items() for name in unsealed_in(folder, record)]
-    if dropped := sorted({*roster.begun} - {record["participant"] for record in records.values()}):
+    if dropped := sorted({*noted.begun} - {record["participant"] for record in records.values()}):
         complain(f"{sessions}: sessions that were begun and are not there: {', '.join(map(str, dropped))}")
     if unsealed:
         notice(f"{sessions}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")

@@ -1,5 +1,6 @@
 """Who takes part: withdrawal, a pilot, wrong numbers, and the number that keeps the balance."""
 
+import errno
 import json
 from collections import Counter
 from pathlib import Path
@@ -66,6 +67,28 @@ def test_nothing_is_withdrawn_or_renumbered_while_a_session_is_under_way(command
     lock.release()
     assert (out / "participant-001" / "session.json").exists()
     assert not roster.read(out).withdrawn
+
+
+def test_tables_are_written_from_what_is_only_read(
+    command: list[str], tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder without write permission, or without its roster; no other command goes on, and both are told."""
+    assert main([*command, "--participant", "1"]) == 0
+    assert roster.read(tmp_path / "out").begun == (1,)
+    table = [*command, "--table", str(tmp_path / "data")]
+
+    def refuse(folder: Path) -> FolderLock:
+        raise PermissionError(errno.EACCES, "Permission denied", str(folder))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(roster, "FolderLock", refuse)
+        for options, code, said in ((table, 0, "--withdraw will not find"), ([*command, "--next"], 1, "Permission")):
+            assert main(options) == code
+            assert said in capsys.readouterr().err
+    (tmp_path / "out" / "roster.json").unlink()
+    for options, code in ((table, 0), ([*command, "--next"], 2)):
+        assert main(options) == code
+        assert "roster.json is missing" in capsys.readouterr().err
 
 
 def test_a_pilot_has_a_folder_and_a_column(command: list[str], tmp_path: Path) -> None:
