@@ -158,7 +158,6 @@ def _repeated_names(study: Study) -> Iterator[Problem]:
 
 
 def _results(study: Study) -> Iterator[Problem]:
-    """Report parts of contrasts and fits that findings name and that do not exist."""
     file = study.file
     rows: dict[str, dict[str, list[str]]] = {
         fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit
@@ -242,7 +241,6 @@ def _past_the_end(where: str, time_s: float, end_s: float) -> Problem:
 
 
 def _sensitivity(study: Study) -> Iterator[Problem]:
-    """Report a sensitivity study without claims, with claims that a point cannot decide, or without common windows."""
     file = study.file
     if study.ranges and not file.claim:
         yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
@@ -260,7 +258,6 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
 
 
 def _columns(study: Study) -> Iterator[Problem]:
-    """Report metrics that some variant's runs do not have; of a controller's own, those compared by it."""
     compared = {(name, variant) for _, name, variants in _compared(study) for variant in variants}
     for name in used_metrics(study):
         metric = study.metrics[name]
@@ -281,7 +278,6 @@ def _has_column(metric: StudyMetric, scenario: Scenario, swept: Sequence[str]) -
 
 
 def _incomparable(study: Study) -> Iterator[Problem]:
-    """Report comparisons of numbers that depend on the step between variants with different steps."""
     scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
     if len({scenario.run.step_s for scenario in scenarios.values()}) == 1:
         return

@@ -149,7 +149,6 @@ class _TestedClaim:
         }
 
     def _about(self) -> str:
-        """Say which side is over which, of what."""
         claim = self.settings
         if claim.of:
             return f"{claim.of} less the published" if claim.kind == "published" else claim.of
@@ -219,7 +218,6 @@ def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFra
 
 
 def _rows_of(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return the rows that a finding names."""
     rows = next(table for kind, table in results.items() if kind in result)
     for name, value in result.items():
         rows = rows[rows[name].isin(listed(value))] if name != "is" else rows

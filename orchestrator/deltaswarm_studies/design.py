@@ -65,7 +65,6 @@ def _mechanism(study: Study) -> Iterator[str]:
 
 
 def _replicates(study: Study) -> str:
-    """Tell the number of replicates, and of which variants there are more."""
     labels: dict[int, list[str]] = {}
     for label, repeats in study.sweep.repeats.items():
         labels.setdefault(repeats, []).append(label)

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from deltaswarm_studies.charts import whiskers
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.event_checks import MOMENTS, horizon_s
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.looks import of_groups
-from deltaswarm_studies.panels import OUTLINE, Frame, handle, handles, hues, panels
+from deltaswarm_studies.panels import Frame, handle, handles, hues, panels, points
 from deltaswarm_studies.rendering import MISSING, Table, decimals_for, number, p_value, table, with_interval
 from deltaswarm_studies.rings import ring_rows
 from deltaswarm_studies.settings import FigureSettings
@@ -52,17 +51,7 @@ def rings(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
 
     def draw(axes: Axes, rows: pd.DataFrame, look: Look, place: float) -> None:
         middle, low, high = (rows[name].to_numpy(np.float64) for name in ("time_s", "time_low_s", "time_high_s"))
-        axes.errorbar(
-            rows["mean_m"] + place * APART * np.ptp(rows["mean_m"]),
-            *(middle, whiskers(middle, low, high)),
-            color=look.colour,
-            linestyle=look.line,
-            marker=look.marker,
-            markersize=4.5,
-            capsize=2,
-            elinewidth=0.8,
-            **OUTLINE,
-        )
+        points(axes, rows["mean_m"] + place * APART * np.ptp(rows["mean_m"]), middle, low, high, look)
 
     labels = "distance from the densest place [m]", f"mean time until {MOMENTS[settings.metric].state} [s]"
     told = "Rings with the same number of events; medians of {n} runs' means with exact 95 % intervals, if any."

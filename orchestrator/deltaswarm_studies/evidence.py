@@ -107,11 +107,7 @@ class Evidence:
         invalid: Sequence[InvalidRun] = (),
         events: pd.DataFrame | None = None,
     ) -> "Evidence":
-        """Evaluate the tables of a sweep, its runs that are no replicates, and its events.
-
-        Raises:
-            ValueError: If the tables lack a column that the study needs.
-        """
+        """Evaluate the tables of a sweep, its runs that are no replicates, and its events."""
         windows = tables.windows_with_levels(study, series)
         runs, courses = tables.runs_of(study, table, series), tables.courses_of(study, windows)
         unjudged = tables.too_few(study, tables.invalid_of(runs, invalid))

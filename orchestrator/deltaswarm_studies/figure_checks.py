@@ -42,7 +42,6 @@ def _one_line_of_many(study: Study, figure: FigureSettings) -> Iterator[Problem]
 
 
 def _too_many(study: Study, figure: FigureSettings) -> Iterator[Problem]:
-    """Report more colours than a reader can tell apart."""
     hues = {study.levels[name][figure.hue] for name in _variants(study, figure)} if figure.hue else ()
     lines = len(_variants(study, figure)) if KINDS[figure.kind].is_of_events and not figure.hue else 0
     counts = {
@@ -110,7 +109,6 @@ def _of(study: Study, figure: FigureSettings, level: str) -> list[str]:
 
 
 def _numbers(scenario: Scenario) -> set[float]:
-    """Return every number in a scenario."""
     found: set[float] = set()
     waiting: list[Any] = [content_of(scenario)]
     while waiting:

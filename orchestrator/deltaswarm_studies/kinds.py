@@ -57,11 +57,7 @@ KINDS: Mapping[str, Kind] = {
         heeds=("variants", "lines", "path"),
     ),
     "frontier": Kind(
-        "medians of two metrics",
-        "planes:frontier",
-        metrics=("metric", "x"),
-        factors=("facet",),
-        needs=("x", "paths"),
+        "medians of two metrics", "planes:frontier", metrics=("metric", "x"), factors=("facet",), needs=("x", "paths")
     ),
     "survival": Kind(
         "the share of events that still wait, by Kaplan and Meier",
@@ -76,10 +72,6 @@ KINDS: Mapping[str, Kind] = {
         heeds=("variants", "horizon_s", "rings"),
     ),
     "swarm": Kind(
-        "agents and events at a moment",
-        "charts:swarms",
-        metrics=(),
-        factors=(),
-        heeds=("variants", "at_s", "seed"),
+        "agents and events at a moment", "charts:swarms", metrics=(), factors=(), heeds=("variants", "at_s", "seed")
     ),
 }

@@ -103,7 +103,6 @@ def _box(x: float, y: float, half_width: float, half_height: float) -> Bbox:
 
 
 def _shared(one: Bbox, other: Bbox) -> float:
-    """Return the area that two boxes share [pixels squared]."""
     width = min(one.x1, other.x1) - max(one.x0, other.x0)
     height = min(one.y1, other.y1) - max(one.y0, other.y0)
     return float(max(width, 0.0) * max(height, 0.0))

@@ -157,7 +157,6 @@ def bare_study(
 
 
 def _metric_of(column: str) -> MetricSettings:
-    """Make a metric of a column of the sweep's table, under its own title if it is one of a run's metrics."""
     known = next((metric for metric in METRICS if metric.key == column), None)
     title, unit = (known.title or known.label or column, known.unit) if known else (column, "")
     return MetricSettings(name=column, title=title, unit=unit, column=column)

@@ -112,11 +112,7 @@ BUILT_IN: Mapping[str, StudyMetric] = {
 
 
 def controllers_own(sweep: "Sweep") -> dict[str, StudyMetric]:
-    """Return the metrics that the controllers of a sweep declare.
-
-    Raises:
-        SettingsError: Two declare one name with different units.
-    """
+    """Return the metrics that the controllers of a sweep declare."""
     found: dict[str, StudyMetric] = {}
     for mode in dict.fromkeys(scenario.control.mode for scenario in sweep.scenarios):
         for metric in own_metrics(mode):
@@ -129,7 +125,6 @@ def controllers_own(sweep: "Sweep") -> dict[str, StudyMetric]:
 
 
 def _of_kind(kind: str) -> tuple[str, ...]:
-    """Return the metrics whose time series is of this kind."""
     return tuple(metric.study for metric in EVERY_KEY if metric.over and metric.over.kind == kind)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,6 +22,7 @@ from deltaswarm_studies.captions import heights
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.settings import FigureSettings
+from deltaswarm_studies.stats import Floats
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
 
@@ -108,7 +110,6 @@ def panels(
 
 
 def _tallest_in(figure: Figure) -> float:
-    """Return the height of the tallest label below an axis [in]."""
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     with style.drawing():
         ticks = [label for axes in figure.axes if axes.get_visible() for label in axes.get_xticklabels()]
@@ -119,11 +120,7 @@ def _tallest_in(figure: Figure) -> float:
 
 
 def chosen(settings: FigureSettings, study: Study, rows: pd.DataFrame, variants: Sequence[str] = ()) -> pd.DataFrame:
-    """Select the rows of the figure's variants, in their order.
-
-    Raises:
-        ValueError: there are no rows, or a metric has no values.
-    """
+    """Select the rows of the figure's variants, in their order."""
     order = {name: place for place, name in enumerate(variants or settings.variants or study.levels)}
     rows = rows[rows["variant"].isin(order)] if len(rows) else rows
     if rows.empty:
@@ -166,6 +163,18 @@ def hues(settings: FigureSettings, study: Study, rows: pd.DataFrame) -> dict[str
     of = looks.of_levels(study, settings.hue)
     drawn = set(rows[rows[settings.metric].notna()][settings.hue])
     return {hue: of[hue] for hue in levels_in(settings, study, settings.hue) if hue in drawn}
+
+
+def points(axes: Axes, x: Any, middle: Floats, low: Floats, high: Floats, look: Look) -> None:
+    """Draw estimates with their intervals, joined by a line."""
+    bars: dict[str, Any] = {"markersize": 4.5, "capsize": 2, "elinewidth": 0.8, **OUTLINE}
+    bars |= {"color": look.colour, "linestyle": look.line, "marker": look.marker}
+    axes.errorbar(x, middle, whiskers(middle, low, high), **bars)
+
+
+def whiskers(middle: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the lengths (2, n) of intervals below and above the medians; NaN, which draws none, for none."""
+    return np.stack([middle - low, high - middle])
 
 
 # Legends

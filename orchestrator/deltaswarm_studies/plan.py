@@ -77,7 +77,6 @@ def text(planned: dict[str, Any]) -> str:
 
 
 def _families(study: Study, effects: Mapping[tuple[int, str], str | None]) -> list[dict[str, Any]]:
-    """Describe each family of tests: those of a contrast in a metric, and the claims of a source."""
     families = [
         _family(study, f"contrast {contrast.id!r}, {metric}", tested) | {"shows": effects.get((number, metric))}
         for number, contrast in enumerate(study.file.contrast)
@@ -119,7 +118,6 @@ def _line(family: dict[str, Any]) -> str:
 
 
 def _sensitivity(study: Study) -> str:
-    """Say how well a share of the space will be known, and which rank correlation could be shown."""
     from deltaswarm_studies.sensitivity import features_in, share_interval, smallest_correlation  # needs pandas
 
     points = study.repeats

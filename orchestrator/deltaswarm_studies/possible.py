@@ -162,7 +162,6 @@ def _scenarios(study: Study, label: str) -> list[Scenario]:
 
 
 def _entry(study: Study, name: str) -> Metric | None:
-    """Return the metric of a run from which a study's metric is taken; None if it is a column of another kind."""
     metric = study.metrics[name]
     return next((one for one in EVERY_KEY if one.study == (metric.of or name) or one.key == metric.column), None)
 

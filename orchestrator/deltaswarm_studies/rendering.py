@@ -140,7 +140,6 @@ def p_value(p: float) -> str:
 
 
 def _with_code(text: str) -> Markup:
-    """Escape a text, and mark what is between backticks as code."""
     pieces = text.split("`")
     if len(pieces) % 2 == 0:  # an unpaired backtick is an ordinary character
         return escape(text)

@@ -140,7 +140,6 @@ def features_in(ranges: Sequence[RangeSettings]) -> int:
 
 
 def _has_order(value: Any) -> bool:
-    """Return whether a value has an order."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

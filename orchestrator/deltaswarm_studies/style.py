@@ -198,20 +198,12 @@ def rendered(figure: Figure, kind: str) -> bytes:
 
 
 def save(figure: Figure, path: Path) -> list[Path]:
-    """Write `<path>.png`, `<path>.svg` and `<path>.pdf`.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
+    """Write `<path>.png`, `<path>.svg` and `<path>.pdf`."""
     return save_as(partial(rendered, figure), path)
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return the files of a figure: `<path>.png`, `<path>.svg` and `<path>.pdf`.
-
-    Raises:
-        ValueError: the path has no last part.
-    """
+    """Return the files of a figure: `<path>.png`, `<path>.svg` and `<path>.pdf`."""
     return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
 
 

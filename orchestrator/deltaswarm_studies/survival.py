@@ -67,11 +67,7 @@ class Survival:
 
     @classmethod
     def of(cls, events: pd.DataFrame, variant: str, moment: Moment, horizon_s: float) -> "Survival":
-        """Take a variant's events from the table of events.
-
-        Raises:
-            ValueError: there are none.
-        """
+        """Take a variant's events from the table of events."""
         return cls(event_tables.until(event_tables.of_variant(events, variant), moment, horizon_s), horizon_s)
 
     @cached_property

@@ -123,9 +123,6 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
     Args:
         snapshots: snapshots by title; their names.
         width_in: width of the whole figure [in]; the height follows.
-
-    Raises:
-        ValueError: there are no snapshots.
     """
     if not snapshots:
         raise ValueError("there are no snapshots")
@@ -268,10 +265,6 @@ def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
 
     For a density that moves, this is the mean over the run. Its integral over the arena is 1, because an event outside
     the arena is drawn again. A grid is read from its file.
-
-    Raises:
-        OSError: the grid's file cannot be read.
-        ValueError: the grid's file holds no table of weights.
     """
     arena, density = scenario.arena, scenario.events.density
     shares = (np.arange(cells) + 0.5) / cells

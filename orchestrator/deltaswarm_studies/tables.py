@@ -37,11 +37,7 @@ ORIGIN = {
 
 
 def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per run: columns that identify it, levels of factors, drawn keys, every metric that the study uses.
-
-    Raises:
-        ValueError: If the tables lack a column that a metric needs.
-    """
+    """Make a row per run: columns that identify it, levels of factors, drawn keys, every metric that the study uses."""
     runs = with_levels(study, table[ID].assign(**{name: table.get(source) for name, source in ORIGIN.items()}))
     for one in study.ranges:
         runs[one.name] = table[one.name]
@@ -69,11 +65,7 @@ def metrics_by_run(study: Study) -> list[str]:
 
 
 def _values(metric: StudyMetric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
-    """Compute the metric for each row of the table.
-
-    Raises:
-        ValueError: If the table or the series lacks a column.
-    """
+    """Compute the metric for each row of the table."""
     if metric.kind == metrics.COLUMN:
         if metric.column not in table:
             raise ValueError(f"the sweep's table has no column {metric.column!r}")

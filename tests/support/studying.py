@@ -2,12 +2,14 @@
 
 import tomllib
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, make_sweep
-from deltaswarm_studies.load import make_study
+from deltaswarm_orchestrator.sweeps.plan import Sweep
+from deltaswarm_studies.load import load_study, make_study
 from deltaswarm_studies.settings import StudyFile
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
@@ -45,11 +47,21 @@ Value = Callable[[str, str, int], float]
 LEVELS, MODES = ("loss=0.0", "loss=0.5", "loss=0.9"), ("decentralised", "hybrid 3")
 
 
+built_in = cache(load_study)
+"""A built-in study by its name: to load one takes up to seconds, so each is loaded once."""
+
+
+@cache
+def _swept(text: str) -> Sweep:
+    return make_sweep(tomllib.loads(text))
+
+
+@cache
 def made(own: str = OWN, sweep: str = SWEEP) -> Study:
-    """The study of two TOML texts."""
+    """The study of two TOML texts, checked once for each."""
     table = tomllib.loads(own)
     assert set(table) <= set(STUDY_TABLES)
-    return make_study("made-up", checked.load(StudyFile, table), make_sweep(tomllib.loads(sweep)))
+    return make_study("made-up", checked.load(StudyFile, table), _swept(sweep))
 
 
 def spread(level: str, mode: str, replicate: int) -> float:

@@ -58,7 +58,6 @@ def test_every_number_of_a_claims_row() -> None:
     ],
 )
 def test_a_criterion_in_words(text: str, criterion: str) -> None:
-    """As the table of verdicts shows it."""
     study = made(OWN + TWO_CLAIMS.format("c", text))
     assert claims_of(study, runs_with(study, spread))["criterion"].tolist() == [criterion]
 
@@ -125,7 +124,6 @@ def test_a_claim_is_vacuous_from_ten_times_the_range_on(text: str, is_vacuous: b
 
 
 def test_predictors_are_compared_by_spearmans_correlation_of_each_replicate() -> None:
-    """As scipy computes it over the six variants."""
 
     def outcome(level: str, mode: str, replicate: int) -> float:
         return (1.0 + float(level[-1]) + (mode == "hybrid 3") * 0.3) * (10 + replicate)
@@ -152,7 +150,6 @@ def test_predictors_are_compared_by_spearmans_correlation_of_each_replicate() ->
 
 
 def test_why_a_finding_is_broken_in_words() -> None:
-    """The result and what it is, or that there is none."""
     finding = '[[finding]]\ntext = "f"\nbecause = [{ claim = "c", is = "refuted" }]\n'
     study = made(OWN + TWO_CLAIMS.format("c", f'less = "{SAME}"\nmore = "{SLOW}"') + finding)
     claims = claims_of(study, runs_with(study, noisy))
@@ -165,7 +162,6 @@ def test_why_a_finding_is_broken_in_words() -> None:
 
 
 def test_too_few_replicates_in_words() -> None:
-    """How many there are, of which metrics, and how many are needed."""
     study = made(OWN + ONE)
     runs = runs_with(study, noisy)
     found = contrasts_of(study, runs[runs["replicate"] < 6])
@@ -200,7 +196,6 @@ def test_a_fits_numbers_by_hand() -> None:
 
 
 def test_a_grids_numbers_by_hand() -> None:
-    """The lowest median of each heading's levels, its interval, and the level that has it."""
     grid = '[[grid]]\ntext = "g"\nmetric = "waiting_all"\nrows = "loss"\nfactor = "mode"\n'
     study = made(OWN + grid + 'columns = { best = ["hybrid 3", "decentralised"] }\n')
     runs = runs_with(study, lambda level, mode, r: 20.0 + r + (5 if (level, mode) == ("loss=0.0", "hybrid 3") else 0))
@@ -281,7 +276,6 @@ def test_evidence_from_saved_tables_is_that_from_the_runs(tmp_path: Path) -> Non
 
 
 def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Runs, their time, and of each family the smallest p and what it needs."""
     claims = "".join(
         TWO_CLAIMS.format(name, f'{source}less = "{SAME}"\nmore = "{SLOW}"')
         for name, source in (("a", 'source = "Kelly"\n'), ("b", 'source = "Kelly"\n'), ("c", ""))

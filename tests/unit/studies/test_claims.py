@@ -18,7 +18,6 @@ NONE = pd.DataFrame()
 
 
 def claim(text: str) -> pd.Series:
-    """The judgement of one claim."""
     study = made(OWN + f'[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\n{text}')
     return claims_of(study, runs_of(study, table(worse_at_90), NONE)).iloc[0]
 
@@ -94,7 +93,6 @@ def test_swapping_a_claims_sides_mirrors_its_verdict(
 def test_two_variants_are_alike_whichever_is_named_first(
     sides: list[tuple[str, str, float]], factors: list[float], noise: list[float]
 ) -> None:
-    """The same verdict with the same p."""
     if not sides:
         return
     alike = (
@@ -110,7 +108,6 @@ def test_two_variants_are_alike_whichever_is_named_first(
 def test_interval_p_and_verdict_never_contradict_each_other(
     factors: list[float], noise: list[float], margin: float, zero: bool
 ) -> None:
-    """Of contrasts and of claims of every kind, on random data."""
     text = LIMIT.replace("margin = 1.1", f"margin = {margin!r}")
     head = '[[claim]]\nid = "{}"\ntext = "c"\nmetric = "waiting_all"\n'
     text += "".join(
@@ -166,23 +163,6 @@ def test_a_value_is_compared_with_the_sources_own_error() -> None:
     assert claim(f'kind = "value"\nof = "{FAST}"\nabove = 50.0\n')["verdict"] == "refuted"
 
 
-@in_one_test(
-    ("text", "is_vacuous"),
-    [
-        (f'kind = "value"\nof = "{FAST}"\nwithin = [15.0, 40.0]', False),
-        (f'kind = "value"\nof = "{FAST}"\nabove = 1.0', False),
-        (f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 100.0', True),
-        (f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 1.5', False),
-        (f'less = "{FAST}"\nmore = "{SLOW}"\nat_least = 0.001', True),
-        (f'less = "{FAST}"\nmore = "{SLOW}"', False),
-    ],
-)
-def test_a_claim_that_nothing_could_contradict_is_named(text: str, is_vacuous: bool) -> None:
-    """Its tolerance is far wider than all runs of all variants differ."""
-    study = made(OWN + f'[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\n{text}')
-    assert bool(vacuous_claims(study, runs_of(study, table(worse_at_90), NONE))) == is_vacuous
-
-
 def test_a_claim_without_values_or_of_predictors_is_not_called_vacuous() -> None:
     """Nothing is known of it; ratios of values below 1 are ratios as well."""
     text = f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 5.0'
@@ -206,7 +186,6 @@ def test_an_interval_has_the_confidence_at_which_its_claim_is_tested() -> None:
 
 
 def test_holms_correction_is_over_the_claims_of_one_source() -> None:
-    """Claims of another source are another question."""
     one = '[[claim]]\nid = "{}"\ntext = "t"\nsource = "{}"\nmetric = "waiting_all"\n'
     one += f'less = "{FAST}"\nmore = "{SLOW}"\n'
     study = made(OWN + "".join(one.format(name, source) for name, source in (("a", "x"), ("b", "x"), ("c", "y"))))

@@ -27,7 +27,6 @@ def test_the_critical_values_are_those_of_wilcoxons_table(pairs: int, alpha: flo
 
 
 def test_five_pairs_can_reject_nothing() -> None:
-    """So their interval has no ends."""
     assert stats.rejected_walsh(5, 0.05) == 0
     assert stats.contrast([2, 3, 4, 5, 6], [1, 1, 1, 1, 1], "difference").interval(0.05) == (-math.inf, math.inf)
 
@@ -219,7 +218,6 @@ def test_waiting_that_ranks_in_opposite_order_is_told_only_if_one_is_significant
 
 
 def test_one_significant_ranking_is_enough_to_tell() -> None:
-    """By sensed events all ten are lower; by all events the estimate is higher, and unclear."""
     study = made(OWN + ONE)
     runs = runs_with(
         study,

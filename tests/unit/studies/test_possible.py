@@ -3,12 +3,12 @@
 import pytest
 
 from deltaswarm_orchestrator.sweeps.load import read_file
-from deltaswarm_studies.load import COLLECTIONS, load_study, make_study
+from deltaswarm_studies.load import COLLECTIONS, make_study
 from deltaswarm_studies.possible import bounds
 from deltaswarm_studies.settings import StudyFile
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError
-from tests.support.studying import FAST, OWN, SAME, SLOW, SWEEP, made
+from tests.support.studying import FAST, OWN, SAME, SLOW, SWEEP, built_in, made
 from tests.support.tiers import in_one_test
 
 CLAIM = '[[claim]]\nid = "c{}"\ntext = "c"\n{}\n'
@@ -75,7 +75,6 @@ def refused(own: str, sweep: str = SWEEP) -> list[str]:
     ],
 )  # fmt: skip
 def test_a_claim_must_be_possible_and_contestable(text: str, says: str) -> None:
-    """By where its metric can be, by what the published number leaves, and by the verdicts that can come out."""
     told = refused(OWN + SHARE + CONVERGED + WINDOW + CLAIM.format("", text))
     assert (len(told), says in "".join(told)) == (int(bool(says)), True), told
 
@@ -131,7 +130,7 @@ REFUSED = {
 def test_the_papers_waiting_times_cannot_be_claims(kind: str, possible: set[str]) -> None:
     """Neither as published numbers that agree within a tolerance, nor, but for one, as values with an error."""
     table, _ = read_file("paper", "study", COLLECTIONS)
-    sweep = load_study("paper").sweep
+    sweep = built_in("paper").sweep
     tables = {key: table[key] for key in ("study", "metric", "claim")}
     claims = [
         {

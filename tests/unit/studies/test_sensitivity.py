@@ -27,7 +27,6 @@ from tests.support.studying import made
 
 
 def verdicts(evidence: Evidence) -> dict[str, str]:
-    """What each key does to the first claim."""
     assert evidence.sensitivity
     return dict(zip(evidence.sensitivity.keys["title"], evidence.sensitivity.keys["verdict"], strict=True))
 
@@ -72,13 +71,11 @@ def test_a_key_that_only_changes_the_size_turns_nothing() -> None:
 
 
 def test_where_nothing_turns_a_claim_nothing_is_found() -> None:
-    """Chance alone decides at each point."""
     _, evidence = found(lambda values, number: noise(number))
     assert set(verdicts(evidence).values()) == {NEITHER}
 
 
 def runs(**values: list[float | None]) -> pd.DataFrame:
-    """Runs of some variants with these values of a metric, by point."""
     rows = [
         {"variant": name, "replicate": point, "messages": value}
         for name, column in values.items()
@@ -104,7 +101,6 @@ def test_an_order_is_judged_at_each_point() -> None:
 
 
 def test_without_a_ratio_an_order_is_a_difference() -> None:
-    """Some value is 0; what is at least twice as much is then what is left after twice the other."""
     claim = ClaimSettings("c", "less", metric="messages", less="a", more="b", at_least=2.0)
     judged = at_points(claim, runs(a=[0.0, 1.0, 2.0], b=[1.0, 2.5, 3.0]), 3)
     assert judged.effect.tolist() == [1.0, 0.5, -1.0]
@@ -171,7 +167,6 @@ def test_all_correlations_are_corrected_together() -> None:
 
 
 def test_a_p_value_at_the_level_is_shown() -> None:
-    """At exactly 5 % after the correction."""
     assert with_verdicts(pd.DataFrame({"p": [0.05], "p_holds": [math.nan]}))["verdict"].tolist() == [MOVES]
     assert with_verdicts(pd.DataFrame({"p": [math.nan], "p_holds": [0.05]}))["verdict"].tolist() == [TURNS]
 

@@ -33,25 +33,21 @@ MEDIANS = [65.2, 409.4]
     ],
 )
 def test_a_number_is_among_what_was_found(text: str, wrong: list[str]) -> None:
-    """As rounded in the words; conditions are no results."""
     assert list(unsupported(text, ESTIMATES, MEDIANS)) == wrong
 
 
 @given(st.floats(0.05, 20.0), st.integers(0, 3))
 def test_what_was_found_may_be_stated_with_any_precision(ratio: float, decimals: int) -> None:
-    """Either way round."""
     assert not list(unsupported(f"It takes {ratio:.{decimals}f} times as long.", [ratio], []))
     assert not list(unsupported(f"It takes {ratio:.{decimals}f} times as long.", [1 / ratio], []))
 
 
 def test_nothing_found_supports_no_number() -> None:
-    """Nor does an estimate of 0, which has no inverse."""
     assert list(unsupported("1.0 times", [], [])) == ["1.0 times"]
     assert list(unsupported("3 times", [0.0], [])) == ["3 times"]
 
 
 def test_a_finding_whose_number_is_not_found_is_left_out() -> None:
-    """Though its verdict supports it."""
     because = (
         'because = [{ contrast = "limit", metric = "waiting_all", level = "loss=0.9", within = "hybrid 3", '
         'is = "higher" }]\n'

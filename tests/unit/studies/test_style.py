@@ -18,9 +18,8 @@ from deltaswarm_studies import looks, style, swarm
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.kinds import MOST_LOOKS
-from deltaswarm_studies.load import load_study
 from deltaswarm_studies.swarm import KINDS, snapshot
-from tests.support.studying import OWN, SWEEP, made, series, table
+from tests.support.studying import OWN, SWEEP, built_in, made, series, table
 
 ROOT = Path(__file__).parents[3]
 
@@ -81,7 +80,6 @@ def lightness(colour: str) -> float:
 
 
 def test_lightness_is_that_of_the_cie() -> None:
-    """Known values: black, white, middle grey, and pure red."""
     assert lightness("#000000") == pytest.approx(0)
     assert lightness("#ffffff") == pytest.approx(100)
     assert lightness("#777777") == pytest.approx(50.0, abs=0.1)
@@ -89,14 +87,12 @@ def test_lightness_is_that_of_the_cie() -> None:
 
 
 def test_modes_differ_in_grey() -> None:
-    """Every pair of control modes, by at least the stated step."""
     for one, other in itertools.combinations(style.MODES.values(), 2):
         step = abs(lightness(one.colour) - lightness(other.colour))
         assert step >= MIN_LIGHTNESS_STEP
 
 
 def test_levels_grow_lighter_with_depth() -> None:
-    """Each by at least the stated step, from the blue of the roots."""
     steps = np.diff([lightness(colour) for colour in style.LEVELS])
     assert steps.min() >= MIN_LEVEL_LIGHTNESS_STEP
     red, green, blue = (int(style.LEVELS[0][i : i + 2], 16) for i in (1, 3, 5))
@@ -104,7 +100,6 @@ def test_levels_grow_lighter_with_depth() -> None:
 
 
 def test_other_looks_differ_from_the_next_in_grey() -> None:
-    """All colours in turn."""
     steps = np.abs(np.diff([lightness(colour) for colour in style.COLOURS]))
     assert steps.min() >= MIN_LIGHTNESS_STEP
 
@@ -140,7 +135,6 @@ def lab(colour: str, reader: str) -> np.ndarray:
 
 @pytest.mark.parametrize("reader", SEEN_BY)
 def test_colours_differ_for_colour_blind_readers(reader: str) -> None:
-    """Every pair of the modes' and the other colours."""
     colours = [*(look.colour for look in style.MODES.values()), *style.COLOURS]
     for one, other in itertools.combinations(colours, 2):
         assert np.linalg.norm(lab(one, reader) - lab(other, reader)) >= MIN_DIFFERENCE, (one, other)
@@ -201,8 +195,7 @@ def test_a_control_has_its_look_whatever_it_is_called() -> None:
 
 
 def test_a_path_through_one_mode_has_the_look_of_the_mode() -> None:
-    """Whichever its thresholds, and whatever it is called."""
-    study = load_study("paper")
+    study = built_in("paper")
     deltas = [f"hybrid {delta}" for delta in range(4, 8)]
     found = looks.of_groups(study, {"a": deltas, "b": ["rho 4", "rho 5"], "c": ["adaptive"]}, are_paths=True)
     assert [found["a"], found["b"]] == [style.MODES["hybrid"], style.MODES["hierarchical"]]
@@ -210,7 +203,6 @@ def test_a_path_through_one_mode_has_the_look_of_the_mode() -> None:
 
 
 def test_agents_of_different_kinds_differ_without_colour() -> None:
-    """By marker, or, for the levels, which share one, by lightness."""
     for one, other in itertools.combinations(KINDS, 2):
         apart = abs(lightness(one.markerfacecolor) - lightness(other.markerfacecolor))
         assert one.marker != other.marker or apart >= MIN_LEVEL_LIGHTNESS_STEP, (one.label, other.label)
@@ -242,14 +234,12 @@ def test_files_hold_no_date_and_enough_dots(tmp_path: Path) -> None:
 
 
 def test_matplotlib_is_left_as_it_was(tmp_path: Path) -> None:
-    """Its settings do not change."""
     before = dict(matplotlib.rcParams)
     style.save(drawn(), tmp_path / "figure")
     assert dict(matplotlib.rcParams) == before
 
 
 def draw_all(folder: Path) -> None:
-    """Save a figure of each kind."""
     study = made(OWN + FIGURES)
     evidence = Evidence.of_sweep(study, table(), series(lambda *_: 20.0))
     figures = [

@@ -67,7 +67,6 @@ def test_an_event_is_followed_until_its_moment_the_horizon_or_the_end() -> None:
 
 
 def test_each_moment_has_its_own_times() -> None:
-    """The column decides, not what else is known of the event."""
     rows = table([[(10.0, 5.0)]]).assign(completed_s=70.0)
     assert until(rows, COMPLETED, 100.0)["time_s"].tolist() == [60.0]
     assert until(rows, TOLD, 100.0)["time_s"].tolist() == [5.0]
@@ -127,7 +126,6 @@ def test_it_is_the_product_limit(times: list[tuple[int, bool]]) -> None:
 
 
 def test_quantiles_are_reached_at_their_share_and_within_the_horizon() -> None:
-    """At exactly half left the median is reached, also if rounding left a little more."""
     times_s, shares = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.5 + 1e-12, 0.1])
     assert quantile_s(times_s, shares, 0.5, 10.0) == 2.0
     assert quantile_s(times_s, shares, 0.9, 3.0) == 3.0
@@ -188,7 +186,6 @@ def test_the_interval_of_a_median_is_where_the_band_meets_one_half() -> None:
 
 @given(RUNS)
 def test_an_interval_holds_its_estimate(runs: list[list[int]]) -> None:
-    """Also of times far shorter than the steps in which a figure draws the curve."""
     row = survival(*(early(*(time_s / 500 for time_s in run)) for run in runs)).row()
     for name in ("mean", "median", "p95"):
         assert row[f"{name}_low_s"] <= row[f"{name}_s"] <= row[f"{name}_high_s"], name
