@@ -41,6 +41,18 @@ metrics = ["waiting_all", "messages"]
 window_s = 100.0
 """
 
+FIGURES = (
+    '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
+    '[[figure]]\nname = "levels"\nkind = "levels"\nx = "loss"\nhue = "mode"\ncaption = "Levels."\n'
+    '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
+    'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
+    '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\n'
+    'path = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3"]\ncaption = "Plane."\n'
+    '[[figure]]\nname = "frontier"\nkind = "frontier"\nx = "waiting"\nmetric = "messages"\ncaption = "Frontier."\n'
+    'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.9, hybrid 3"] }\n'
+)
+"""A figure of each kind that runs alone can fill."""
+
 Value = Callable[[str, str, int], float]
 """Of a level of loss, a mode and a replicate."""
 

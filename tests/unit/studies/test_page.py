@@ -18,7 +18,7 @@ from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import CODE, QUESTIONS, RUNS
 from deltaswarm_studies.page import pages, write, write_index
 from deltaswarm_studies.rendering import render, table
-from tests.support.studying import OWN, SWEEP, made, series
+from tests.support.studying import FIGURES, OWN, SWEEP, made, series
 from tests.support.studying import table as runs_table
 
 ASKED = OWN + (
@@ -33,15 +33,7 @@ ASKED = OWN + (
     'columns = { own = ["hybrid 3"], best = ["hybrid 3", "decentralised"] }\n'
     '[[finding]]\ntext = "It is open."\nbecause = [{ claim = "c", is = "undecided" }]\n'
 )  # fmt: skip
-DRAWN = ASKED + (
-    '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
-    '[[figure]]\nname = "levels"\nkind = "levels"\nx = "loss"\nhue = "mode"\ncaption = "Levels."\n'
-    '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
-    'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
-    '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\ncaption = "Plane."\n'
-    '[[figure]]\nname = "frontier"\nkind = "frontier"\nx = "waiting"\nmetric = "messages"\ncaption = "Frontier."\n'
-    'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.9, hybrid 3"] }\n'
-)
+DRAWN = ASKED + FIGURES
 PROVENANCE = pd.DataFrame({"what": ["runs"], "value": ["60"]})
 
 

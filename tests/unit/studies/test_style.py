@@ -19,38 +19,9 @@ from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.kinds import MOST_LOOKS
 from deltaswarm_studies.swarm import KINDS, snapshot
-from tests.support.studying import OWN, SWEEP, built_in, made, series, table
+from tests.support.studying import FIGURES, OWN, SWEEP, built_in, made, series, table
 
 ROOT = Path(__file__).parents[3]
-
-FIGURES = """
-[[figure]]
-name = "boxes"
-x = "mode"
-hue = "loss"
-
-[[figure]]
-name = "levels"
-kind = "levels"
-x = "loss"
-hue = "mode"
-
-[[figure]]
-name = "time"
-kind = "time"
-metric = "waiting_all"
-hue = "mode"
-facet = "loss"
-spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]
-
-[[figure]]
-name = "plane"
-kind = "plane"
-x = "waiting"
-metric = "messages"
-hue = "mode"
-path = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3"]
-"""
 
 
 def drawn() -> Figure:
@@ -65,18 +36,42 @@ def drawn() -> Figure:
     return figure
 
 
+SEEN_BY = {
+    "anyone": np.eye(3),
+    "protanopes": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopes": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "tritanopes": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+"""Linear RGB as readers see it (Machado, Oliveira and Fernandes 2009, severity 1)."""
+
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+WHITE = TO_XYZ.sum(axis=1)
+
+
+def lab(colour: str, reader: str) -> np.ndarray:
+    """CIE L*a*b* of a colour as a reader sees it."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    seen = TO_XYZ @ np.clip(SEEN_BY[reader] @ linear, 0, 1) / WHITE
+    f = np.where(seen > 216 / 24389, np.cbrt(seen), (24389 / 27 * seen + 16) / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def lightness(colour: str) -> float:
+    """CIE lightness L* of a colour, 0 (black) to 100 (white): what is left of it on a grey printer."""
+    return float(lab(colour, "anyone")[0])
+
+
 MIN_LIGHTNESS_STEP = 20.0
 """Least difference in lightness L* (0 black to 100 white) between two control modes, or two looks in a row."""
 
 MIN_LEVEL_LIGHTNESS_STEP = 10.0
 """The same between a level of a tree and the next: order helps, so less will do."""
-
-
-def lightness(colour: str) -> float:
-    """CIE lightness L* of a colour, 0 (black) to 100 (white): what is left of it on a grey printer."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
-    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-    return 116 * luminance ** (1 / 3) - 16 if luminance > 216 / 24389 else luminance * 24389 / 27
 
 
 def test_lightness_is_that_of_the_cie() -> None:
@@ -106,31 +101,6 @@ def test_other_looks_differ_from_the_next_in_grey() -> None:
 
 MIN_DIFFERENCE = 15.0
 """Least difference (CIE76) between two colours as a colour-blind reader sees them; about 2 is just noticeable."""
-
-SEEN_BY = {
-    "anyone": np.eye(3),
-    "protanopes": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
-    ),
-    "deuteranopes": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
-    ),
-    "tritanopes": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
-    ),
-}
-"""Linear RGB as readers see it (Machado, Oliveira and Fernandes 2009, severity 1)."""
-
-TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-WHITE = TO_XYZ.sum(axis=1)
-
-
-def lab(colour: str, reader: str) -> np.ndarray:
-    """CIE L*a*b* of a colour as a reader sees it."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
-    seen = TO_XYZ @ np.clip(SEEN_BY[reader] @ linear, 0, 1) / WHITE
-    f = np.where(seen > 216 / 24389, np.cbrt(seen), (24389 / 27 * seen + 16) / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
 @pytest.mark.parametrize("reader", SEEN_BY)
@@ -273,6 +243,6 @@ def test_all_figures_repeat_in_another_process_without_pyplot(tmp_path: Path) ->
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     files = sorted(file.name for file in folders[0].iterdir())
-    assert len(files) == 18
+    assert len(files) == 21
     for name in files:
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
