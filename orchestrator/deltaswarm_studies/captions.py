@@ -1,4 +1,4 @@
-"""What the caption of a figure must say besides what its author does: of how many runs, and what is not as it looks."""
+"""Generated caption text: sample sizes, missing values, values at the ceiling."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Check what a study's tables say of each other and of its sweep: names, times, and what can be compared."""
+"""Check a study's tables against each other and its sweep: names, times, and what can be compared."""
 
 import itertools
 import math

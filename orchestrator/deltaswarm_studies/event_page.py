@@ -1,4 +1,4 @@
-"""What a study's page shows of single events: curves by Kaplan and Meier, rings around the densest place, tables."""
+"""Single events on a study's page: Kaplan-Meier curves, rings around the densest place, tables."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -146,7 +146,7 @@ def ring_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
 
 
 def _within(row: Any, name: str, horizon_s: float) -> str:
-    """Format a time with its interval; what is not reached within the horizon is longer than that."""
+    """Format a time with its interval; times beyond the horizon are shown as longer than the horizon."""
     ends = [_known(row[f"{name}{side}_s"]) for side in ("", "_low", "_high")]
     decimals = decimals_for(ends)
     value, low, high = (f"> {horizon_s:g}" if end and end >= horizon_s else number(end, decimals) for end in ends)

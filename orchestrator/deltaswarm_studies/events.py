@@ -1,4 +1,4 @@
-"""The table of a study's events, a row for each: which are kept, and what it lacks of what the study asks."""
+"""The table of a study's events: one row per event, which events are kept, and which are missing."""
 
 import numpy as np
 import pandas as pd

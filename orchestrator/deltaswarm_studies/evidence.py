@@ -1,4 +1,4 @@
-"""All that a study's runs show, a table for each kind of result: besides contrasts and claims, fits and recovery."""
+"""All results of a study's runs, one table per kind: contrasts and claims, and here fits, grids and recovery."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Check what the figures of a study ask for: what a reader could not tell apart, and what would not be so."""
+"""Check the figures of a study for lines that a reader could not tell apart, and for statements that would be false."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -63,7 +63,7 @@ _INSTEAD = {
 
 
 def _not_drawn(study: Study, figure: FigureSettings) -> Iterator[Problem]:
-    """Report what a figure is told to show of variants that it does not show, or shows where it does not belong."""
+    """Report paths and published numbers of variants that the figure does not show, or that would be in every panel."""
     variants = _variants(study, figure)
     for name in figure.path:
         if name not in variants:

@@ -1,4 +1,4 @@
-"""The kinds of figures that a study file may ask for: what each needs and heeds, and the function that draws it.
+"""The kinds of figures that a study file may ask for: the keys that each needs and allows, and its drawing function.
 
 A new kind is an entry of `KINDS`, and a function in a file of its own. Nothing here imports Matplotlib, so that a study
 can be checked and planned without it.
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Kind:
-    """What a figure of one kind is asked for by; the names are those of keys of `[[figure]]`."""
+    """The keys of `[[figure]]` that a figure of one kind has."""
 
     about: str
     drawn_by: str

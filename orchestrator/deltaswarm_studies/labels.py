@@ -1,4 +1,4 @@
-"""Place the labels of points so that none lies on another or on a point."""
+"""Place the labels of points so that none overlaps another label or a point."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Make studies, from TOML files, from built-in ones, or for a sweep without a study file, each checked as a whole."""
+"""Load studies from TOML files or built-in ones, make one for a bare sweep, and check each as a whole."""
 
 import itertools
 import re

@@ -112,7 +112,11 @@ BUILT_IN: Mapping[str, StudyMetric] = {
 
 
 def controllers_own(sweep: "Sweep") -> dict[str, StudyMetric]:
-    """Return the metrics that the controllers of a sweep declare."""
+    """Return the metrics that the controllers of a sweep declare.
+
+    Raises:
+        SettingsError: two declare one name with different units.
+    """
     found: dict[str, StudyMetric] = {}
     for mode in dict.fromkeys(scenario.control.mode for scenario in sweep.scenarios):
         for metric in own_metrics(mode):

@@ -1,4 +1,4 @@
-"""What figures of several kinds share: their rows, panels, legends, lines, and what their captions must say.
+"""Shared by figures of several kinds: selection of rows, panels, lines and legends.
 
 A factor is shown by position (the axis), by colour (the hue) or by panel (the facet).
 """

@@ -1,4 +1,4 @@
-"""Check before its runs that each claim of a study can hold and can be contradicted, and what it was chosen by."""
+"""Check before the runs that each claim of a study can both hold and be contradicted."""
 
 import math
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def unknown_readings(study: Study) -> Iterator[Problem]:
 
 
 def _reasons(study: Study, claim: ClaimSettings, alpha: float) -> Iterator[tuple[str, str, str]]:
-    """Yield the key, what it has, and why it cannot be, for everything that is impossible about a claim."""
+    """Yield the key, its value and the reason for each thing that is impossible about a claim."""
     if claim.expect not in (*claim.verdicts, "holds", "refuted"):
         yield "expect", repr(claim.expect), f"must be one of {', '.join(claim.verdicts)}: no other verdict can come out"
     if claim.kind == "predicts":

@@ -1,4 +1,4 @@
-"""Numbers that a finding states, and whether the results that it rests on have them."""
+"""Check that the numbers in a finding's text occur among the results that it rests on."""
 
 import math
 import re
@@ -11,7 +11,7 @@ MEDIANS = re.compile(rf"({NUMBER})(?: s)? instead of ({NUMBER})")
 
 
 def unsupported(text: str, estimates: Iterable[float], medians: Iterable[float]) -> Iterator[str]:
-    """Yield each number of a finding's words that is none of the numbers found, as it is written there.
+    """Yield each number in a finding's text that is not among the results, as written there.
 
     `0.5 to 0.7 times` must be ratios among the `estimates`, whichever side is above, `12 % more` the change that one of
     them is, and `65 instead of 409` two of the `medians`, all rounded as the words have them.

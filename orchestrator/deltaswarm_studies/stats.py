@@ -187,6 +187,9 @@ def contrast(a: Values, b: Values, scale: Scale | None = None) -> Contrast:
         a: One value per replicate; a pair in which either value is None or NaN is left out.
         b: The values to compare with, in the same order.
         scale: By default that of `scale_of`.
+
+    Raises:
+        ValueError: If the samples differ in length, a value is infinite, or a ratio of values that have none is asked.
     """
     first, second = _array(a), _array(b)
     if len(first) != len(second):

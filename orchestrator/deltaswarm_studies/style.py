@@ -86,7 +86,7 @@ _DELTA_LINES: tuple[Any, ...] = ((0, (3, 1)), (0, (4, 1, 1, 1)), (0, (2, 2)), "-
 
 
 def others() -> Iterator[Look]:
-    """Yield the looks of what is no control mode, in order of appearance."""
+    """Yield the looks for everything but the control modes, in order of appearance."""
     return map(Look, *map(itertools.cycle, (COLOURS, MARKERS, HATCHES, LINES)))
 
 

@@ -224,7 +224,7 @@ def _panel(axes: Axes, shot: DrawnSwarm, densest: float) -> None:
 
 
 def _legend(kinds: Sequence[_Kind], shots: Sequence[DrawnSwarm]) -> list[Artist]:
-    """Make a handle for everything that is drawn in at least one panel, and for nothing else."""
+    """Make a handle for each kind of thing that at least one panel shows."""
     event: dict[str, Any] = {
         "linestyle": "none",
         "marker": "o",

@@ -1,4 +1,4 @@
-"""The tables of a study's runs: a row per run, per window of time, per estimate; and what is missing in them."""
+"""The tables of a study's runs: one row per run, window of time or estimate; and reports of missing values."""
 
 import math
 from collections.abc import Callable, Sequence
