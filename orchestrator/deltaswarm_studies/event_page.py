@@ -55,7 +55,7 @@ def rings(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
 
     labels = "distance from the densest place [m]", f"mean time until {MOMENTS[settings.metric].state} [s]"
     told = "Rings with the same number of events; medians of {n} runs' means with exact 95 % intervals, if any."
-    return _lines(settings, study, evidence, course, draw, labels, told, marker=True)
+    return _lines(settings, study, evidence, course, draw, labels, told)
 
 
 def _lines(
@@ -66,13 +66,12 @@ def _lines(
     draw: Callable[[Axes, pd.DataFrame, Look, float], None],
     labels: tuple[str, str],
     told: str,
-    *,
-    marker: bool = False,
 ) -> Drawing:
     """Draw a line for each level of the hue; without a hue, for each variant. `draw` gets its place beside others."""
     variants = settings.variants or list(study.levels)
     rows = pd.concat([course(name).assign(variant=name) for name in variants], ignore_index=True)
     rows = with_levels(study, rows.assign(**{settings.metric: 0.0}))  # the vertical axis begins at 0
+    marker = settings.kind == "rings"
     if settings.hue:
         looks = hues(settings, study, rows)
         legend = handles(study, settings.hue, looks, marker=marker)

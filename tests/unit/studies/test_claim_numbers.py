@@ -260,16 +260,12 @@ def test_evidence_from_saved_tables_is_that_from_the_runs(tmp_path: Path) -> Non
         pd.testing.assert_frame_equal(was, now, check_dtype=False)
     assert again.recovery["level"].tolist() == ["true"] * 3
     assert again.runs["mode"].unique().tolist() == ["007", "true"]
-    assert again.runs["digest"].isna().all()
     assert again.arrivals == found.arrivals
     assert again.arrivals[0] == "number and times of arrivals are the same in 36 of 36 pairs of runs that are compared"
     assert again.surprises == []
     assert again.incomplete == [line for line in again.warnings if "missing" in line] != []
     assert again.doubts == ["the claim 'vacuous' is vacuous: no run of any variant could contradict it"]
     assert [line.rpartition(": ")[2] for line in again.unsupported] == ["lost"]
-    (tmp_path / "runs.csv").write_text("variant,replicate,seed\nother,0,1\n")
-    with pytest.raises(ValueError, match=r"must have runs of the study's variants, such as 'loss=0\.0, 007'"):
-        Evidence.of_folder(study, tmp_path)
 
 
 # Plans

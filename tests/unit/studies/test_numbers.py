@@ -108,11 +108,6 @@ def test_the_smallest_effect_by_hand() -> None:
     assert stats.smallest_effect(2.0, 6, 1) < math.inf == stats.smallest_effect(2.0, 5, 1)
 
 
-def test_the_standard_error_of_a_published_median() -> None:
-    """1.2533 standard deviations over the root of n, where an interquartile range has 1.349 of them."""
-    assert pytest.approx(1.2533) == stats.MEDIAN_ERROR * 1.349
-
-
 def test_six_values_give_a_median_an_interval() -> None:
     """From the smallest to the largest (97 %); five give none (94 %)."""
     found = stats.describe([5, 1, 2, 3, 9, 4])

@@ -22,7 +22,7 @@ from deltaswarm_studies.sensitivity import (
     with_verdicts,
 )
 from deltaswarm_studies.settings import ClaimSettings
-from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
+from tests.support.drawn_studies import found, noise, rate
 from tests.support.studying import made
 
 
@@ -178,15 +178,8 @@ def test_a_third_of_the_points_is_low_and_a_third_high() -> None:
     assert (row["share_low"], row["share_high"]) == (0.5, 1.0)
 
 
-def test_points_without_runs_and_older_tables_are_told_apart() -> None:
-    """Three points lack a run; a table of an earlier drawing lacks a key, and a sweep without points has no shares."""
-    study = made(CLAIMED, DRAWN)
-    rows = table(study, lambda values, number: 2.0)
-    lost = (rows["variant"] == "trees") & rows["replicate"].isin([3, 4, 50])
-    evidence = Evidence.of_sweep(study, rows[~lost].reset_index(drop=True), pd.DataFrame())
-    assert evidence.sensitivity
-    [share] = evidence.sensitivity.shares.to_dict("records")
-    assert (share["n"], share["missing"], share["holds"], share["share"]) == (57, 3, 57, 1.0)
+def test_tables_of_an_earlier_drawing_and_sweeps_without_points_have_no_shares() -> None:
+    study, evidence = found(lambda values, number: 2.0)
     assert sensitivity_of(study, evidence.runs.drop(columns="radio.range_m")) is None
     assert sensitivity_of(made(), evidence.runs) is None
 

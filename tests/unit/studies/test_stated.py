@@ -4,9 +4,8 @@ import pandas as pd
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_studies.claims import findings_of
+from deltaswarm_studies.claims import findings_of, unsupported
 from deltaswarm_studies.contrasts import contrasts_of
-from deltaswarm_studies.stated import unsupported
 from deltaswarm_studies.tables import estimates_of, runs_of
 from tests.support.studying import LIMIT, OWN, made, table, worse_at_90
 from tests.support.tiers import in_one_test
