@@ -79,7 +79,6 @@ def heights(settings: FigureSettings, study: Study, evidence: Evidence, rows: pd
 
 
 def averaged(settings: FigureSettings, study: Study) -> tuple[str, ...]:
-    """Say over which factors each replicate is averaged."""
     over = left_out(settings, study)
     return (f"Each value is the mean over {' and '.join(over)} within a replicate.",) if over else ()
 

@@ -70,7 +70,6 @@ class AtCeiling(NamedTuple):
 
     @property
     def is_most(self) -> bool:
-        """Whether more than half of the values are."""
         return 2 * self.reached > self.n
 
 

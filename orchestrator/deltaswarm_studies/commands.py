@@ -131,7 +131,6 @@ def do_studies(arguments: argparse.Namespace) -> int:
 
 
 def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict[str, Path]) -> int:
-    """Freeze the protocol of each study, or amend it."""
     from deltaswarm_studies.freezing import amend, freeze
     from deltaswarm_studies.protocol import ProtocolError
 

@@ -28,7 +28,6 @@ WORLD = {
 
 
 def design(study: Study) -> list[tuple[str, list[str]]]:
-    """Return the five headings with their lines."""
     parts = {
         "Aims": _aims(study),
         "Data-generating mechanism": _mechanism(study),

@@ -25,6 +25,5 @@ Draw = Callable[[FigureSettings, Study, Evidence], Drawing]
 
 
 def draw(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
-    """Draw a figure by the function of its kind."""
     module, _, name = KINDS[settings.kind].drawn_by.partition(":")
     return cast(Draw, getattr(import_module(f"{__package__}.{module}"), name))(settings, study, evidence)

@@ -28,12 +28,10 @@ class Asked(NamedTuple):
     settings: SurvivalSettings | RingsSettings | FigureSettings
 
     def variants(self, study: Study) -> Sequence[str]:
-        """Return the variants that it shows, in order."""
         return self.settings.variants or list(study.levels)
 
     @property
     def references(self) -> list[str]:
-        """The variant with which it compares the others, if there is one."""
         reference = getattr(self.settings, "reference", "")
         return [reference] if reference else []
 

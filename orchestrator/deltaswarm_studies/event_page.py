@@ -91,7 +91,6 @@ def _lines(
 
 
 def survival_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
-    """Make a table for each `[[survival]]`."""
     for settings in study.file.survival:
         own = rows[(rows["survival"] == settings.text) & (rows["metric"] == settings.metric)]
         if own.empty:

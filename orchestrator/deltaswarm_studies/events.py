@@ -72,7 +72,6 @@ def until(events: pd.DataFrame, moment: Moment, horizon_s: float) -> pd.DataFram
 
 
 def of_variant(events: pd.DataFrame, variant: str) -> pd.DataFrame:
-    """Select the events of a variant."""
     if events.empty:
         raise ValueError(NO_EVENTS)
     rows = events[events["variant"] == variant]

@@ -30,7 +30,6 @@ class Kind:
 
     @property
     def keys(self) -> set[str]:
-        """All keys that a figure of this kind may have."""
         return {"name", "kind", "caption", *self.metrics, *self.factors, *self.needs, *self.heeds}
 
 

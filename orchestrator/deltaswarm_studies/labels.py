@@ -29,8 +29,6 @@ LONGEST = 24
 
 
 class Label(NamedTuple):
-    """A label of a point, at its place in the data."""
-
     axes: Axes
     text: str
     x: float

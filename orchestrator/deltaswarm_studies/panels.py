@@ -181,12 +181,10 @@ def whiskers(middle: Floats, low: Floats, high: Floats) -> Floats:
 
 
 def handles(study: Study, factor: str, looks: Mapping[str, Look], **parts: bool) -> list[Line2D]:
-    """Make the legend's handles for the levels of a factor."""
     return [handle(look, study.level_name(factor, level), **parts) for level, look in looks.items() if factor]
 
 
 def handle(look: Look, name: str, *, marker: bool = True, line: bool = True) -> Line2D:
-    """Make the legend's handle of one look."""
     return Line2D(
         *([], []),
         color=look.colour,

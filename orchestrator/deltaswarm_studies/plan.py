@@ -62,7 +62,6 @@ def too_few(study: Study) -> list[str]:
 
 
 def text(planned: dict[str, Any]) -> str:
-    """Format the result of `plan` as text."""
     wall = timedelta(seconds=round(planned["wall_s"]))
     return "\n".join(
         [

@@ -140,7 +140,6 @@ def bounds(study: Study, name: str, variant: str) -> Interval:
 
 
 def _most(metric: Metric, scenario: Scenario) -> float:
-    """Return the largest value that a metric can have in a run of a scenario."""
     width_m, height_m, count = scenario.arena.width_m, scenario.arena.height_m, scenario.agents.count
     if metric.study in OF_TREES and scenario.control.mode == "decentralised":
         return 0.0

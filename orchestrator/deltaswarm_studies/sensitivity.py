@@ -135,7 +135,6 @@ def features_of(one: RangeSettings, values: pd.Series) -> list[Feature]:
 
 
 def features_in(ranges: Sequence[RangeSettings]) -> int:
-    """Return how many features some ranges have."""
     return sum(len(features_of(one, pd.Series(dtype=float))) for one in ranges)
 
 

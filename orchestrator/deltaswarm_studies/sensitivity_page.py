@@ -40,7 +40,6 @@ TURNING = """
 
 
 def section(study: Study, result: Sensitivity) -> dict[str, Any]:
-    """Return the section of the page."""
     return {
         "heading": "Sensitivity",
         "tables": list(_tables(study, result)),
@@ -49,7 +48,6 @@ def section(study: Study, result: Sensitivity) -> dict[str, Any]:
 
 
 def facts(study: Study, result: Sensitivity) -> dict[str, Any]:
-    """Return what the section's text says."""
     return {
         "method": result.settings.design,
         "points": result.settings.points,

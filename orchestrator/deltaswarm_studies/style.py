@@ -203,7 +203,6 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return the files of a figure: `<path>.png`, `<path>.svg` and `<path>.pdf`."""
     return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
 
 

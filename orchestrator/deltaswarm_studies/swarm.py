@@ -60,7 +60,6 @@ class _Kind(NamedTuple):
 
     @property
     def look(self) -> dict[str, Any]:
-        """The look as arguments of matplotlib's artists, for panels and the legend."""
         edge = {"linestyle": "none", "markeredgecolor": style.BLACK, "markeredgewidth": 0.5}
         return self._asdict() | edge
 
@@ -224,7 +223,6 @@ def _panel(axes: Axes, shot: DrawnSwarm, densest: float) -> None:
 
 
 def _legend(kinds: Sequence[_Kind], shots: Sequence[DrawnSwarm]) -> list[Artist]:
-    """Make a handle for each kind of thing that at least one panel shows."""
     event: dict[str, Any] = {
         "linestyle": "none",
         "marker": "o",

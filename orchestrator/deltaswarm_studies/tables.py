@@ -65,7 +65,6 @@ def metrics_by_run(study: Study) -> list[str]:
 
 
 def _values(metric: StudyMetric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
-    """Compute the metric for each row of the table."""
     if metric.kind == metrics.COLUMN:
         if metric.column not in table:
             raise ValueError(f"the sweep's table has no column {metric.column!r}")

@@ -52,7 +52,6 @@ class Welch:
         return self.ours.value - self.theirs.value
 
     def interval(self, alpha: float) -> Interval:
-        """Return the interval of the difference with confidence 1 - alpha."""
         if math.isnan(self.error):
             return NOWHERE
         half = float(stats.t.isf(alpha / 2, self.freedom) * self.error)
