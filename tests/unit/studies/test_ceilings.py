@@ -175,7 +175,6 @@ def test_messages_have_no_ceiling() -> None:
 
 
 def test_a_metric_of_ones_own_has_its_columns_ceiling() -> None:
-    """A column of the sweep's table by another name."""
     own = (
         OWN.replace('"waiting_all", ', '"mine", ')
         + '[[metric]]\nname = "mine"\ncolumn = "waiting_time_s.restricted_mean"\n'
@@ -227,7 +226,6 @@ def about(metric: str, kind: str = "claim") -> str:
     ],
 )  # fmt: skip
 def test_what_the_horizon_decides_is_refused_before_the_runs(own: str, sweep: str, complaint: str) -> None:
-    """Work or a delay that takes the whole horizon; a horizon as long as the run."""
     with pytest.raises(SettingsError) as caught:
         made(own, sweep)
     assert complaint in "\n".join(map(str, caught.value.problems))

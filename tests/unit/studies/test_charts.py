@@ -29,7 +29,6 @@ def drawn(figure: str, runs: pd.DataFrame | None = None) -> Figure:
 
 
 def drawing(figure: str, runs: pd.DataFrame | None = None, study: Study | None = None) -> Drawing:
-    """The figure of a `[[figure]]` table, with what its caption must say."""
     study = study or made(f'{OWN}[[figure]]\nname = "f"\n{figure}')
     settings = study.file.figure[0]
     windows = windows_with_levels(study, series(lambda level, mode, replicate, time_s: time_s + replicate))
@@ -127,7 +126,6 @@ def test_the_band_of_the_last_window_with_values_is_drawn() -> None:
 
 
 def test_the_plane_joins_the_medians_in_the_order_that_is_asked_for() -> None:
-    """A point for each replicate, an ellipse for each level, a line labelled along the way."""
     path = 'path = ["loss=0.9, hybrid 3", "loss=0.0, hybrid 3"]\n'
     figure = drawn(f'kind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\n{path}')
     [axes] = figure.axes
@@ -185,7 +183,6 @@ def runs_with(**waiting: Any) -> pd.DataFrame:
 
 @pytest.mark.parametrize("figure", [ALL, ALONG, f'{ALONG}facet = "mode"\n'.replace('hue = "mode"\n', "")])
 def test_a_caption_says_of_how_many_replicates_a_value_is(figure: str) -> None:
-    """And which values are of fewer, or of none; their places stay."""
     assert "n = 10" in drawing(figure).notes[0]
     runs = runs_with()
     lost = (runs["mode"] == "hybrid 3") & (runs["loss"] == "loss=0.5")
@@ -321,7 +318,6 @@ def test_a_span_says_what_it_is_where_it_is_so(levels: str, marked: list[bool]) 
 
 
 def test_axes_that_do_not_begin_at_zero_are_named() -> None:
-    """Of planes and frontiers; others begin there."""
     runs = runs_with(waiting=lambda level, mode, replicate: 500.0 + replicate, messages=lambda *_: 4.0)
     figure = 'kind = "plane"\nx = "waiting_all"\nmetric = "messages"\nhue = "mode"\n'
     assert "The horizontal and the vertical axis do not begin at 0." in drawing(figure, runs).notes

@@ -43,7 +43,6 @@ def claim(text: str) -> pd.Series:
     ],
 )
 def test_verdicts_are_symmetric(text: str, verdict: str) -> None:
-    """A claim is refuted only where the opposite is shown; where neither is, it is undecided."""
     assert claim(text)["verdict"] == verdict
 
 
@@ -58,7 +57,6 @@ SIDES = st.lists(st.tuples(st.sampled_from(VARIANTS), st.sampled_from(VARIANTS),
 
 
 def judged(text: str, factors: list[float], noise: list[float], zero: bool = False) -> pd.DataFrame:
-    """The claims of a text, for runs with these factors; with `zero` some values are 0."""
 
     def value(level: str, mode: str, replicate: int) -> float:
         index = LEVELS.index(level) * len(MODES) + MODES.index(mode)

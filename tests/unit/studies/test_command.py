@@ -151,7 +151,6 @@ def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Print
 
 
 def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys: Printed) -> None:
-    """Exit code 3; expected to be refuted, it does not."""
     text = "It waits for ever"
     value = 'kind = "value"\nmetric = "waiting_all"\nof = "loss=0.0, decentralised"\nwithin = [49.9, 50.0]\n'
     for expect, code in (("holds", 3), ("refuted", 0)):
@@ -233,7 +232,6 @@ def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: P
 def test_an_edited_table_of_a_study_is_not_published(
     done: Path, name: str, what: str, tmp_path: Path, capsys: Printed
 ) -> None:
-    """Though it is well-formed. Without the seal, the page says that nothing vouches for it."""
     folder = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
     data = (folder / name).read_bytes()
     place = max(data.rfind(digit) for digit in (b"1", b"2", b"4"))

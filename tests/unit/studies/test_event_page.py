@@ -126,7 +126,6 @@ def test_a_page_is_the_same_from_its_tables(tmp_path: Path) -> None:
 
 
 def test_runs_without_events_leave_a_reason_in_place_of_figures(tmp_path: Path) -> None:
-    """As runs of earlier versions have none: the page says so, at its top and for each figure."""
     evidence = evidence_of(rows=pd.DataFrame())
     _, markdown, pictures = pages(made(OWN + ASKED), evidence, PROVENANCE)
     assert pictures == []
@@ -143,7 +142,6 @@ def test_runs_without_events_leave_a_reason_in_place_of_figures(tmp_path: Path) 
 
 
 def test_a_study_that_asks_nothing_about_events_keeps_them(tmp_path: Path) -> None:
-    """For whoever asks later; its page has no part about them."""
     study = made(OWN)
     write(study, evidence_of(""), PROVENANCE, tmp_path)
     assert len(read_table(tmp_path / "events.csv")) == 2 * REPLICATES * 4

@@ -123,7 +123,6 @@ def test_distances_are_from_the_place_that_was_densest_at_the_arrival() -> None:
 
 
 def in_rings(waits_s: Sequence[Sequence[float | None]], variant: str = FAST) -> pd.DataFrame:
-    """Events of runs at distances of 1 m, 2 m and so on, all at the start."""
     return pd.DataFrame(
         [
             {"variant": variant, "replicate": replicate, "from_densest_m": place + 1.0, "arrived_s": 0.0,
@@ -171,7 +170,6 @@ def test_rings_divide_all_events_evenly(waits_s: list[int], count: int) -> None:
 
 
 def test_a_table_of_rings_has_the_variants_that_have_events() -> None:
-    """And says of a density that is the same everywhere that no place is the densest."""
     study = made(OWN + ASKED)
     events = in_rings([[10.0, 20.0]])
     assert rings_of(study, events)["variant"].tolist() == [FAST, FAST]

@@ -211,7 +211,6 @@ CLAIMED = (
 
 @pytest.mark.parametrize(("invalid", "is_judged"), [(0, True), (1, True), (2, True), (3, False), (10, False)])
 def test_a_variant_with_more_than_a_fifth_invalid_runs_is_not_judged(invalid: int, is_judged: bool) -> None:
-    """By no contrast and no claim, and the first lines say so; what is left of it is shown."""
     text = OWN + LIMIT + CLAIMED
     runs = table()
     slow = SLOW

@@ -113,7 +113,6 @@ def test_a_swarm_that_says_too_little_is_not_back(loads: list[float], back_s: fl
 
 @in_one_test(("fault", "reference", "back_s"), [(0, 0, 100.0), (0, 4, math.inf), (4, 0, math.inf), (1, 1, 100.0)])
 def test_nothing_is_like_nothing_and_unlike_something(fault: float, reference: float, back_s: float) -> None:
-    """Messages per step of the swarms with a fault and without it."""
     study = made(
         OWN + '[[recovery]]\nmetric = "messages"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
         "after_s = 400.0\nwindows = 3\n"

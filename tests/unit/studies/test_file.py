@@ -269,7 +269,6 @@ def test_a_long_choice_is_listed_at_most_once() -> None:
 
 
 def test_times_end_with_the_shortest_run() -> None:
-    """Of all variants; a metric over windows begins early enough for its events."""
     sweep = SWEEP.replace("radio.loss = [0.0, 0.5, 0.9]", "run.duration_s = [1000.0, 2000.0]")
     sweep = sweep.replace("run.duration_s = 1000.0\n", "")
     with pytest.raises(SettingsError, match=r"figure\[0\]\.at_s must be before the end of the runs, 1000 s"):

@@ -38,7 +38,6 @@ def test_the_pairs_that_a_family_needs(family: int, pairs: int) -> None:
 
 
 def test_smallest_p_of_few_pairs() -> None:
-    """Half of all signs for two pairs; a single pair says nothing."""
     assert [stats.smallest_p(pairs) for pairs in (1, 2, 3, 6)] == [1.0, 0.5, 0.25, 0.03125]
 
 

@@ -53,7 +53,6 @@ def test_the_html_page_needs_nothing_else(evidence: Evidence) -> None:
 
 
 def test_the_markdown_page_has_the_same_tables(evidence: Evidence) -> None:
-    """As many, each as wide as its heading, whatever stands in a cell."""
     html, markdown, pictures = pages(made(DRAWN), evidence, PROVENANCE)
     rendered = MarkdownIt("commonmark").enable("table").render(markdown)
     assert rendered.count("<table>") == html.count("<table>") >= 5

@@ -28,7 +28,6 @@ VALUES = (18.0, 19.0, 20.5, 21.0, 22.0, 22.5, 23.0, 24.5, 26.0, 27.5)
 
 
 def row_of(text: str, values: tuple[float, ...] = VALUES) -> pd.Series:
-    """The judgement of a published number, against these ten values."""
     study = made(OWN + PUBLISHED + text)
     return claims_of(study, runs_with(study, lambda _level, _mode, replicate: values[replicate])).iloc[0]
 

@@ -52,7 +52,6 @@ def test_the_key_that_turns_a_claim_is_found() -> None:
 
 
 def test_a_choice_that_turns_a_claim_is_found() -> None:
-    """Trees report less only with recruitment."""
     _, evidence = found(lambda values, number: (1.5 if values["control.recruitment"] == "on" else 0.6) * noise(number))
     assert verdicts(evidence)["Recruitment: off"] == TURNS
     assert evidence.sensitivity

@@ -82,7 +82,6 @@ def test_a_page_on_which_nothing_turns_a_claim_says_so() -> None:
 
 
 def test_figures_name_titles_with_units_and_no_keys() -> None:
-    """Along axes and in legends; where it holds is told by colour and marker, with the count."""
     study, evidence = found(
         lambda values, number: (1.5 if values["control.recruitment"] == "on" else 0.6) * noise(number)
     )
@@ -122,7 +121,6 @@ def test_a_study_that_could_answer_nothing_is_refused(own: str, sweep: str, word
 
 
 def of_lengths(low_s: float, high_s: float) -> str:
-    """The sweep with runs of different lengths instead of radio ranges, and a series."""
     drawn = DRAWN.replace("run.duration_s = 60.0\n", "").replace('"radio.range_m"', '"run.duration_s"')
     drawn = drawn.replace("high = 15.0", f"high = {high_s}").replace("low = 7.0", f"low = {low_s}\ninteger = true")
     return drawn.replace("series_every_s = 0.0", "series_every_s = 20.0")

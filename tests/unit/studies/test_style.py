@@ -55,7 +55,6 @@ WHITE = TO_XYZ.sum(axis=1)
 
 
 def lab(colour: str, reader: str) -> np.ndarray:
-    """CIE L*a*b* of a colour as a reader sees it."""
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
     seen = TO_XYZ @ np.clip(SEEN_BY[reader] @ linear, 0, 1) / WHITE
     f = np.where(seen > 216 / 24389, np.cbrt(seen), (24389 / 27 * seen + 16) / 116)
@@ -111,13 +110,11 @@ def test_colours_differ_for_colour_blind_readers(reader: str) -> None:
 
 
 def test_tints_leave_black_readable() -> None:
-    """The median is drawn in black on the tint."""
     looks = [*style.MODES.values(), *itertools.islice(style.others(), len(style.COLOURS))]
     assert min(lightness(look.tint) for look in looks) >= 50
 
 
 def test_modes_differ_in_marker_hatch_and_line() -> None:
-    """Where colour and lightness fail, each of these alone tells them apart."""
     for part in ("marker", "hatch", "line"):
         values = [getattr(look, part) for look in style.MODES.values()]
         assert len(set(values)) == len(values), part

@@ -242,7 +242,6 @@ def test_the_table_compares_each_variant_with_the_reference() -> None:
 
 
 def test_unjudged_variants_are_described_and_not_compared() -> None:
-    """Nor is anything compared with one; variants without events have no row."""
     events = pd.concat([table(lives_of(float(place)), name) for place, name in enumerate(LEVELS[:2])])
     study = made(OWN + SURVIVAL)
     assert survival_of(study, events)["variant"].tolist() == list(LEVELS[:2])
@@ -254,7 +253,6 @@ def test_unjudged_variants_are_described_and_not_compared() -> None:
 
 
 def test_a_table_without_variants_has_all_and_one_with_variants_has_its_reference_too() -> None:
-    """Of those that have events, in the study's order."""
     events = pd.concat([table(lives_of(float(place)), name) for place, name in enumerate(LEVELS)])
     study = made(f'{OWN}[[survival]]\nreference = "{LEVELS[0]}"\n')
     assert survival_of(study, events)["variant"].tolist() == list(LEVELS)
@@ -266,7 +264,6 @@ def test_a_table_without_variants_has_all_and_one_with_variants_has_its_referenc
 
 
 def test_a_table_may_state_another_horizon() -> None:
-    """Shorter than the scenario's, for the means and the tests alike."""
     events = pd.concat([table(lives_of(0.0), name) for name in LEVELS])
     rows = survival_of(made(OWN + SURVIVAL + "horizon_s = 12.0\n"), events)
     expected_s = np.mean([(min(10.0 + replicate, 12.0) + 12.0 + 12.0) / 3 for replicate in range(8)])

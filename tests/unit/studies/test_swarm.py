@@ -88,7 +88,6 @@ def test_lines_go_from_children_to_parents() -> None:
 
 
 def test_every_event_is_drawn() -> None:
-    """As a black circle; none at all is no mistake."""
     axes = swarm({"hybrid 3": shot()}).axes[0]
     assert places(axes, "events").tolist() == [[event.x_m, event.y_m] for event in EVENTS]
     (line,) = [line for line in axes.lines if line.get_label() == "events"]

@@ -120,7 +120,6 @@ def test_a_finding_that_nothing_could_support_is_refused(own: str, because: str)
 
 
 def test_a_finding_is_shown_with_the_margin_of_its_equivalence() -> None:
-    """Of the contrast and of the claim that it rests on; an order has none."""
     text = FINDING.format("Both wait as long.", f"{BY_ALIKE}, {BY_CONTRAST.format('alike')}")
     study = made(OWN + LIMIT + ALIKE + ORDER + text + FINDING.format("It waits less.", BY_ORDER))
     evidence = Evidence(study, runs_with(study, worse_at_90), pd.DataFrame(), pd.DataFrame())
@@ -134,7 +133,6 @@ CALIBRATED = FAIR + 'within = [20.0, 30.0]\ncalibrated = ["radio.range_m", "wait
 
 
 def test_a_calibrated_number_is_counted_and_shown_apart() -> None:
-    """With the readings that were chosen by it, and that its agreement is no evidence."""
     study = made(OWN + ORDER + CALIBRATED)
     claims = claims_of(study, runs_with(study, worse_at_90))
     assert counts(claims, is_calibrated=False) == {"holds": 1}
@@ -166,7 +164,6 @@ RESULTS = re.compile(r"\b(wait|complet|messages|waiting|hears|told)", re.IGNOREC
 
 @pytest.mark.parametrize("page", ["README.md", "docs/beyond-the-paper.md", "docs/READINGS.md", "docs/studies/index.md"])
 def test_what_the_pages_call_no_difference_has_its_margin(page: str) -> None:
-    """In the same sentence: within how much."""
     made = r"<!-- findings.*?<!-- end -->"  # a study's page has their margins
     text = re.sub(rf"```.*?```|!\[.*?\]\(.*?\)|{made}", "", (DOCS / page).read_text(), flags=re.DOTALL)
     said = [one for part in re.split(r"\n\n|\n\|", text) for one in says_no_difference(part)]
