@@ -170,8 +170,8 @@ targets = [
 """
 
 
-def test_a_fit_ranks_combinations_by_their_distances() -> None:
-    """In published interquartile ranges; the sum is of squares, and resamples say how sure the first place is."""
+def test_a_finding_may_rest_on_the_closest_combination() -> None:
+    """Resamples say how sure the first place is."""
     finding = '[[finding]]\ntext = "{0}"\nbecause = [{{ fit = "Which loss fits", within = "{0}", is = "closest" }}]\n'
     study = made(OWN + FIT + finding.format("loss=0.9") + finding.format("loss=0.5"))
     runs = runs_of(study, table(worse_at_90), NONE)
@@ -179,14 +179,8 @@ def test_a_fit_ranks_combinations_by_their_distances() -> None:
     broken = findings_of(study, {"fit": found}).set_index("text")["broken"]
     assert broken["loss=0.9"] == ""
     assert "farther" in broken["loss=0.5"]
-    medians = runs.groupby("variant")[["waiting_all", "messages"]].median()
-    assert found["within"].tolist()[:2] == ["loss=0.9"] * 2
-    first = found.iloc[0]
-    assert first["distance"] == pytest.approx((medians.loc["loss=0.9, hybrid 3", "waiting_all"] - 60) / 10)
-    assert first["sum"] == pytest.approx((found["distance"].iloc[:2] ** 2).sum())
     assert found.groupby("within")["closest"].first().sum() == pytest.approx(1.0)
-    assert first["closest"] > 0.5
-    assert found["sum"].is_monotonic_increasing
+    assert 0.5 < found["closest"].iloc[0] < 1.0
 
 
 def test_a_fit_without_runs_is_infinitely_far() -> None:

@@ -147,18 +147,6 @@ def test_too_few_replicates_are_told(evidence: Evidence) -> None:
     assert all(line in pages(study, found, PROVENANCE)[1] for line in found.doubts)
 
 
-def test_what_is_missing_stands_at_the_top(evidence: Evidence) -> None:
-    """Runs by variant and replicate, and metrics that the tables do not have; the rest of the page is there."""
-    part = evidence.runs[evidence.runs["replicate"] < 7].drop(columns="messages")
-    found = Evidence(made(ASKED), part, evidence.courses, evidence.recovery)
-    _, markdown, _ = pages(made(ASKED), found, PROVENANCE)
-    top, _, rest = markdown.partition("## ")
-    assert "18 of 60 runs are missing" in top
-    assert "replicates 7 to 9" in top
-    assert "messages" in top
-    assert "no data" in rest
-
-
 def test_a_page_says_which_code_made_it_and_whether_the_study_changed(evidence: Evidence) -> None:
     """What it runs and what it asks are told apart; a provenance of before says nothing of it."""
     study = made(ASKED)
