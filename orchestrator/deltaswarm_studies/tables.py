@@ -143,17 +143,11 @@ def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
 def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     """Make a row per variant and metric: median with interval and standard error, and quartiles."""
-    rows: list[Row] = [
-        {
-            **group.iloc[0][["variant", *study.factors]],
-            "metric": name,
-            **asdict(describe(values)),
-            "mcse": montecarlo.of_median(values),
-        }
-        for _, group in runs.groupby("variant", sort=False)
-        for name in metrics_by_run(study)
-        for values in [column(group, name)]
-    ]
+    rows: list[Row] = []
+    for _, group in runs.groupby("variant", sort=False):
+        for name in metrics_by_run(study):
+            values, head = column(group, name), group.iloc[0][["variant", *study.factors]]
+            rows.append({**head, "metric": name, **asdict(describe(values)), "mcse": montecarlo.of_median(values)})
     return pd.DataFrame(rows)
 
 
