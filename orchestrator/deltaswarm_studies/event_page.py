@@ -19,6 +19,7 @@ from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
 from deltaswarm_studies.survival import Survival
 from deltaswarm_studies.tables import with_levels
+from deltaswarm_studies.verdicts import known
 
 APART = 0.012
 """Distance between lines with intervals, as a share of the horizontal axis."""
@@ -145,24 +146,20 @@ def ring_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
 
 def _within(row: Any, name: str, horizon_s: float) -> str:
     """Format a time with its interval; times beyond the horizon are shown as longer than the horizon."""
-    ends = [_known(row[f"{name}{side}_s"]) for side in ("", "_low", "_high")]
+    ends = [known(row[f"{name}{side}_s"]) for side in ("", "_low", "_high")]
     decimals = decimals_for(ends)
     value, low, high = (f"> {horizon_s:g}" if end and end >= horizon_s else number(end, decimals) for end in ends)
-    if error := _known(row.get(f"{name}_mcse_s")):
+    if error := known(row.get(f"{name}_mcse_s")):
         value += f" ({number(error, max(decimals, decimals_for([error]) - 1))})"
     return value if MISSING in (low, high) or value == low == high else f"{value} [{low}, {high}]"
 
 
 def _difference(row: Any) -> str:
-    return with_interval(*(_known(row[f"difference{side}"]) for side in ("", "_low", "_high")))
+    return with_interval(*(known(row[f"difference{side}"]) for side in ("", "_low", "_high")))
 
 
 def _p(value: Any) -> str:
     return MISSING if pd.isna(value) else p_value(float(value))
-
-
-def _known(value: Any) -> float | None:
-    return None if pd.isna(value) else float(value)
 
 
 def _capital(words: str) -> str:
