@@ -1,4 +1,4 @@
-"""What the caption of a figure must say besides what its author does: of how many runs, and what is not as it looks."""
+"""Generated caption text: sample sizes, missing values, values at the ceiling."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -79,7 +79,6 @@ def heights(settings: FigureSettings, study: Study, evidence: Evidence, rows: pd
 
 
 def averaged(settings: FigureSettings, study: Study) -> tuple[str, ...]:
-    """Say over which factors each replicate is averaged."""
     over = left_out(settings, study)
     return (f"Each value is the mean over {' and '.join(over)} within a replicate.",) if over else ()
 

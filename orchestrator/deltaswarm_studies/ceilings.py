@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deltaswarm_studies.event_checks import horizons_s, too_short
 from deltaswarm_studies.metrics import StudyMetric, source_of
-from deltaswarm_studies.settings import ClaimSettings
+from deltaswarm_studies.settings import ClaimSettings, ContrastSettings
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.checked import Problem
 
@@ -70,7 +70,6 @@ class AtCeiling(NamedTuple):
 
     @property
     def is_most(self) -> bool:
-        """Whether more than half of the values are."""
         return 2 * self.reached > self.n
 
 
@@ -86,6 +85,39 @@ def at_ceiling(study: Study, runs: "pd.DataFrame") -> dict[tuple[str, str], AtCe
     return {place: each for place, each in found.items() if each.is_most}
 
 
+class _Judged(NamedTuple):
+    """A row of the table of contrasts or of claims."""
+
+    table: "pd.DataFrame"
+    own: Mapping[str, Any]
+    """The values by which the row is found."""
+    what: str
+    metric: str
+    variants: Sequence[str]
+    of: ContrastSettings | ClaimSettings
+
+    @property
+    def is_row(self) -> "pd.Series":
+        """Which rows of the table have these values and a verdict."""
+        is_row = self.table["verdict"] != "no data"
+        for column, value in self.own.items():
+            is_row &= self.table[column] == value if column in self.table else True
+        return is_row
+
+
+def _rows(study: Study, contrasts: "pd.DataFrame", claims: "pd.DataFrame") -> Iterator[_Judged]:
+    for settings in study.file.contrast if len(contrasts) else ():
+        for row in study.comparisons(settings):
+            level, other = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
+            what = f"the contrast {settings.text or settings.id!r} ({level} against {other})"
+            for name in study.metrics_of(settings):
+                own = {"contrast": settings.id, "metric": name, **row._asdict()}
+                yield _Judged(contrasts, own, what, name, [*itertools.chain(*row.sides)], settings)
+    for claim in study.file.claim:
+        variants = claim.variants or list(study.levels)
+        yield _Judged(claims, {"claim": claim.id}, f"the claim {claim.id!r}", claim.metric, variants, claim)
+
+
 def undecided(
     study: Study, runs: "pd.DataFrame", contrasts: "pd.DataFrame", claims: "pd.DataFrame"
 ) -> tuple["pd.DataFrame", "pd.DataFrame", list[str]]:
@@ -94,58 +126,55 @@ def undecided(
     A verdict that stays is of an estimate that is only a bound.
     """
     found = at_ceiling(study, runs)
-    lines: dict[str, None] = {}
     contrasts, claims = contrasts.copy(), claims.copy()
-    for settings in study.file.contrast:
-        for row in study.comparisons(settings):
-            for name in study.metrics_of(settings):
-                high, low = ([side[i] for side in row.sides if (name, side[i]) in found] for i in (0, 1))
-                kept = _contrast_kept(bool(high), bool(low)) if len(row.sides) == 1 else ()
-                own = {"contrast": settings.id, "metric": name, **row._asdict()}
-                if high or low:
-                    level, other = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
-                    what = f"the contrast {settings.text or settings.id!r} ({level} against {other})"
-                    lines |= _undecide(study, contrasts, own, kept, "unclear", what, name, found, [*high, *low])
-    for claim in study.file.claim:
-        name = claim.metric
-        of = [variant for variant in claim.variants or study.levels if (name, variant) in found]
-        if of and (claim.variants or 2 * len(of) > len(study.levels)):
-            what = f"the claim {claim.id!r}"
-            kept = _claim_kept(claim, of, found[name, of[0]].horizon_s)
-            lines |= _undecide(study, claims, {"claim": claim.id}, kept, "undecided", what, name, found, of)
-    lines |= dict.fromkeys(_without_room(study, runs, contrasts, claims))
-    return contrasts, claims, list(lines)
+    rows = [row for row in _rows(study, contrasts, claims) if row.is_row.any()]
+    lines = list(itertools.chain.from_iterable(_undecide(study, row, found) for row in rows))
+    lines += itertools.chain.from_iterable(_take_back_equivalence(study, runs, row) for row in rows)
+    return contrasts, claims, list(dict.fromkeys(lines))
 
 
-def _without_room(
-    study: Study, runs: "pd.DataFrame", contrasts: "pd.DataFrame", claims: "pd.DataFrame"
-) -> Iterator[str]:
-    """Take back equivalences that the ceiling alone brings about, since no value could exceed the margin.
+def _undecide(study: Study, row: _Judged, found: Mapping[tuple[str, str], AtCeiling]) -> Iterator[str]:
+    """Replace the verdict of a row at its ceiling, unless it stays; yield the line that says what happened."""
+    at = [variant for variant in row.variants if (row.metric, variant) in found]
+    if not at:
+        return
+    if isinstance(row.of, ClaimSettings):
+        if not row.of.variants and 2 * len(at) <= len(row.variants):
+            return
+        kept, verdict = _claim_kept(row.of, at, found[row.metric, at[0]].horizon_s), "undecided"
+    else:
+        at.sort(key=lambda variant: row.variants.index(variant) % 2)  # the sides with the level come first
+        is_level, is_reference = (bool({*row.variants[side::2]} & {*at}) for side in (0, 1))
+        kept, verdict = _contrast_kept(is_level, is_reference) if len(row.variants) == 2 else (), "unclear"
+    is_row = row.is_row
+    is_kept = row.table.loc[is_row, "verdict"].iloc[0] in kept
+    if not is_kept:
+        row.table.loc[is_row, "verdict"] = verdict
+    each = found[row.metric, at[0]]
+    share = (
+        f"{each.reached} of {each.n} values of {study.metrics[row.metric].title!r} in {study.variant_title(at[0])!r}"
+    )
+    told = "Only a bound: the estimate of" if is_kept else "Not decided:"
+    yield f"{told} {row.what}, since {share} are at their ceiling, the horizon of {each.horizon_s:g} s."
 
-    Yield a line for each. Values of 147 s below a ceiling of 150 s are within 1.1 times of whatever is compared.
+
+def _take_back_equivalence(study: Study, runs: "pd.DataFrame", row: _Judged) -> Iterator[str]:
+    """Take back an equivalence that the ceiling alone brings about, since no value could exceed the margin.
+
+    Yield a line if so. Values of 147 s below a ceiling of 150 s are within 1.1 times of whatever is compared.
     """
-    for settings in study.file.contrast if len(contrasts) else ():
-        for row in study.comparisons(settings):
-            for name in study.metrics_of(settings):
-                is_row = _rows(contrasts, {"contrast": settings.id, "metric": name, **row._asdict()})
-                is_row &= contrasts["verdict"].isin(NOT_WITHIN)
-                why = _no_room(study, runs, name, [*itertools.chain(*row.sides)], settings.margin)
-                if why and is_row.any():
-                    contrasts.loc[is_row, "verdict"] = contrasts.loc[is_row, "verdict"].map(NOT_WITHIN)
-                    level, other = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
-                    what = f"the contrast {settings.text or settings.id!r} ({level} against {other})"
-                    yield f"Not shown to be alike: {what}, since {why}."
-    for claim in study.file.claim:
-        if claim.kind == "alike":
-            is_row = _rows(claims, {"claim": claim.id}) & (claims["verdict"] == "holds")
-            why = _no_room(study, runs, claim.metric, claim.variants, claim.margin)
-            if why and is_row.any():
-                claims.loc[is_row, "verdict"] = "undecided"
-                yield f"Not decided: the claim {claim.id!r}, since {why}."
+    is_claim = isinstance(row.of, ClaimSettings)
+    without, told = ({"holds": "undecided"}, "Not decided") if is_claim else (NOT_WITHIN, "Not shown to be alike")
+    is_row = row.is_row & row.table["verdict"].isin([*without])
+    if (isinstance(row.of, ClaimSettings) and row.of.kind != "alike") or not is_row.any():
+        return
+    if why := _no_room(study, runs, row.metric, row.variants, row.of.margin):
+        row.table.loc[is_row, "verdict"] = row.table.loc[is_row, "verdict"].map(without)
+        yield f"{told}: {row.what}, since {why}."
 
 
 def _no_room(study: Study, runs: "pd.DataFrame", name: str, variants: Sequence[str], margin: float) -> str:
-    """Say of which variant no other value could be `margin` times the median, because of the ceiling; "" if of none."""
+    """Return why the ceiling makes an equivalence trivial; "" if it does not."""
     for variant in variants:
         horizon_s = ceiling_s(study.metrics[name], study, variant)
         if horizon_s is not None and name in runs:
@@ -157,14 +186,6 @@ def _no_room(study: Study, runs: "pd.DataFrame", name: str, variants: Sequence[s
                     f"{shown!r}, {median:.3g} s"
                 )
     return ""
-
-
-def _rows(table: "pd.DataFrame", own: Mapping[str, Any]) -> "pd.Series":
-    """Return which rows have these values."""
-    is_row = table["verdict"] != "no data"
-    for column, value in own.items():
-        is_row &= table[column] == value if column in table else True
-    return is_row
 
 
 def _contrast_kept(is_level: bool, is_reference: bool) -> tuple[str, ...]:
@@ -184,31 +205,6 @@ def _claim_kept(claim: ClaimSettings, of: Sequence[str], horizon_s: float) -> tu
     if claim.kind == "published":
         return ("differs",) if (claim.published or 0.0) < horizon_s else ()
     return ("refuted",)
-
-
-def _undecide(
-    study: Study,
-    table: "pd.DataFrame",
-    own: Mapping[str, Any],
-    kept: Sequence[str],
-    verdict: str,
-    what: str,
-    metric: str,
-    found: Mapping[tuple[str, str], AtCeiling],
-    variants: Sequence[str],
-) -> dict[str, None]:
-    """Replace the verdict of the row with these values, unless it stays; return the line that says what happened."""
-    is_row = _rows(table, own)
-    if not is_row.any():
-        return {}
-    is_kept = table.loc[is_row, "verdict"].iloc[0] in kept
-    if not is_kept:
-        table.loc[is_row, "verdict"] = verdict
-    each = found[metric, variants[0]]
-    title, variant = study.metrics[metric].title, study.variant_title(variants[0])
-    share = f"{each.reached} of {each.n} values of {title!r} in {variant!r}"
-    found_of = "Only a bound: the estimate of" if is_kept else "Not decided:"
-    return {f"{found_of} {what}, since {share} are at their ceiling, the horizon of {each.horizon_s:g} s.": None}
 
 
 def shown(text: str, value: float | None, metric: StudyMetric, study: Study, variant: str) -> str:

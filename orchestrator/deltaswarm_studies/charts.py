@@ -16,7 +16,7 @@ from deltaswarm_studies import looks, style
 from deltaswarm_studies.captions import averaged, n_of, notes, sizes_of
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.evidence import Evidence
-from deltaswarm_studies.panels import MANY, OUTLINE, Frame, chosen, handles, hues, levels_in, panels, per_replicate
+from deltaswarm_studies.panels import MANY, Frame, chosen, handles, hues, levels_in, panels, per_replicate, points
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats, describe
 from deltaswarm_studies.study import Study
@@ -100,16 +100,7 @@ def levels(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawin
             middle, low, high = medians(group[group[settings.x] == name][settings.metric] for name in ordered)
             has_interval.extend(~np.isnan(low[~np.isnan(middle)]))
             x = np.array([at[name] for name in ordered]) + apart * (index - (len(look_of) - 1) / 2)
-            axes.errorbar(
-                *(x, middle, whiskers(middle, low, high)),
-                color=look.colour,
-                linestyle=look.line,
-                marker=look.marker,
-                markersize=4.5,
-                capsize=2,
-                elinewidth=0.8,
-                **OUTLINE,
-            )
+            points(axes, x, middle, low, high, look)
         if not places:
             _categories(axes, [study.level_name(settings.x, name) for name in names])
 
@@ -180,11 +171,6 @@ def medians(samples: Iterable[pd.Series]) -> Floats:
     return np.array(described, dtype=np.float64).T
 
 
-def whiskers(middle: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the lengths (2, n) of intervals below and above the medians; NaN, which draws none, for none."""
-    return np.stack([middle - low, high - middle])
-
-
 def intervals(has_interval: Sequence[bool]) -> str:
     """Say what the whiskers of medians are."""
     if not any(has_interval):
@@ -215,7 +201,7 @@ def _box(axes: Axes, values: Floats, place: float, width: float, look: Look) -> 
             axes.plot([place, place], [near, far], color=style.GREY, linewidth=0.8)
         axes.plot([place - half, place + half], [box["med"]] * 2, color=style.BLACK, linewidth=1.6, zorder=2.5)
     spread = (np.arange(1, len(values) + 1) * (5**0.5 - 1) / 2) % 1.0 - 0.5  # golden ratio: even and repeatable
-    points: dict[str, Any] = {
+    dots: dict[str, Any] = {
         "s": 9,
         "marker": look.marker,
         "facecolors": "white" if len(values) >= BOX_FROM else look.colour,  # else nothing has the level's colour
@@ -223,8 +209,8 @@ def _box(axes: Axes, values: Floats, place: float, width: float, look: Look) -> 
         "linewidths": 0.5,
     }
     if len(values) > MANY:
-        points |= {"s": 2, "marker": "o", "facecolors": style.BLACK, "linewidths": 0, "alpha": 0.4}
-    axes.scatter(place + spread * width * 0.6, values, zorder=3, **points)
+        dots |= {"s": 2, "marker": "o", "facecolors": style.BLACK, "linewidths": 0, "alpha": 0.4}
+    axes.scatter(place + spread * width * 0.6, values, zorder=3, **dots)
 
 
 def _categories(axes: Axes, names: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""Check what a study's tables say of each other and of its sweep: names, times, and what can be compared."""
+"""Check a study's tables against each other and its sweep: names, times, and what can be compared."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from deltaswarm_studies.ceilings import ceiling_problems
 from deltaswarm_studies.event_checks import MOMENTS, asked, event_problems
 from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
-from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, StudyMetric, controllers_own, source_of
+from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, controllers_own, source_of
 from deltaswarm_studies.possible import impossible_claims, unknown_readings
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
@@ -29,7 +29,6 @@ TIMES = ("run.step_s", "run.duration_s")
 
 REPORT_EVERY = "report_every_s"
 """The option by which a controller reports at times that do not depend on the step, if it has one."""
-
 
 SHORT_LIST = 12
 """Most names that a message lists each time."""
@@ -158,7 +157,6 @@ def _repeated_names(study: Study) -> Iterator[Problem]:
 
 
 def _results(study: Study) -> Iterator[Problem]:
-    """Report parts of contrasts and fits that findings name and that do not exist."""
     file = study.file
     rows: dict[str, dict[str, list[str]]] = {
         fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit
@@ -242,7 +240,6 @@ def _past_the_end(where: str, time_s: float, end_s: float) -> Problem:
 
 
 def _sensitivity(study: Study) -> Iterator[Problem]:
-    """Report a sensitivity study without claims, with claims that a point cannot decide, or without common windows."""
     file = study.file
     if study.ranges and not file.claim:
         yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
@@ -260,28 +257,26 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
 
 
 def _columns(study: Study) -> Iterator[Problem]:
-    """Report metrics that some variant's runs do not have; of a controller's own, those compared by it."""
     compared = {(name, variant) for _, name, variants in _compared(study) for variant in variants}
+    columns = {
+        variant.label: {*dict(flattened(summarise(Outcome(), variant.scenario))), *study.sweep.swept}
+        for variant in study.sweep.variants
+    }
     for name in used_metrics(study):
         metric = study.metrics[name]
         for variant in study.sweep.variants:
             is_optional = name in controllers_own(study.sweep) and (name, variant.label) not in compared
             if is_optional or metric.kind != COLUMN:
                 continue
-            if not _has_column(metric, variant.scenario, study.sweep.swept):
+            is_of_person = metric.column.startswith(("person.", "inbox.", "shown_s.", "read_s."))
+            is_on = variant.scenario.operator.person.is_on
+            if not (is_on if is_of_person else metric.column in columns[variant.label]):
                 allowed = f"must be a column of the sweep's table; {variant.label!r} has none"
                 yield Problem(f"metric {name!r}", repr(metric.column), allowed)
                 break
 
 
-def _has_column(metric: StudyMetric, scenario: Scenario, swept: Sequence[str]) -> bool:
-    if metric.column.startswith(("person.", "inbox.", "shown_s.", "read_s.")):
-        return scenario.operator.person.is_on
-    return metric.column in swept or metric.column in dict(flattened(summarise(Outcome(), scenario)))
-
-
 def _incomparable(study: Study) -> Iterator[Problem]:
-    """Report comparisons of numbers that depend on the step between variants with different steps."""
     scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
     if len({scenario.run.step_s for scenario in scenarios.values()}) == 1:
         return

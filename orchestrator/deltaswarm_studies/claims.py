@@ -1,18 +1,25 @@
 """Claims about the runs with their verdicts, and the findings that rest on claims and contrasts."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from deltaswarm_studies import montecarlo, stated, stats
+from deltaswarm_studies import montecarlo, stats
 from deltaswarm_studies.settings import ClaimSettings, ClaimVerdict, listed
 from deltaswarm_studies.stats import DIFFERENCE, RATIO, Contrast, Interval
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import Row, Samples, column, end, samples_of
 from deltaswarm_studies.welch import Spread, Welch
+
+NUMBER = r"\d+(?:\.\d+)?"
+RATIOS = re.compile(rf"({NUMBER})(?:(?: to | or )({NUMBER}))? times")
+SHARES = re.compile(rf"({NUMBER})(?: to ({NUMBER}))? % (?:more|fewer|less|longer|sooner|later)")
+MEDIANS = re.compile(rf"({NUMBER})(?: s)? instead of ({NUMBER})")
+"""Numbers in the text of a finding."""
 
 
 def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.DataFrame:
@@ -149,7 +156,6 @@ class _TestedClaim:
         }
 
     def _about(self) -> str:
-        """Say which side is over which, of what."""
         claim = self.settings
         if claim.of:
             return f"{claim.of} less the published" if claim.kind == "published" else claim.of
@@ -212,14 +218,13 @@ def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFra
         rested = [_rows_of(result, results) for result in finding.because]
         reasons = [reason for reason in map(_broken, finding.because, rested) if reason]
         estimates = [number for table in rested if "estimate" in table for number in table["estimate"].dropna()]
-        wrong = list(stated.unsupported(finding.text, estimates, medians))
+        wrong = list(unsupported(finding.text, estimates, medians))
         reasons += [f"no result that it rests on is {', '.join(map(repr, wrong))}"] if wrong and not reasons else []
         rows.append({"text": finding.text, "broken": "; ".join(reasons)})
     return pd.DataFrame(rows, columns=["text", "broken"])
 
 
 def _rows_of(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return the rows that a finding names."""
     rows = next(table for kind, table in results.items() if kind in result)
     for name, value in result.items():
         rows = rows[rows[name].isin(listed(value))] if name != "is" else rows
@@ -234,3 +239,25 @@ def _broken(result: Mapping[str, Any], rows: pd.DataFrame) -> str:
         return f"there is no result with {what}"
     wrong = rows[~rows["verdict"].isin(listed(result["is"]))]
     return f"{what} is {wrong['verdict'].iloc[0]}, not {result['is']}" if len(wrong) else ""
+
+
+def unsupported(text: str, estimates: Iterable[float], medians: Iterable[float]) -> Iterator[str]:
+    """Yield each number in a finding's text that is not among the results, as written there.
+
+    `0.5 to 0.7 times` must be ratios among the `estimates`, whichever side is above, `12 % more` the change that one of
+    them is, and `65 instead of 409` two of the `medians`, all rounded as the words have them.
+    """
+    ratios = [side for ratio in estimates if ratio > 0 for side in (ratio, 1 / ratio)]
+    shares = [abs(ratio - 1) * 100 for ratio in ratios]
+    words = " ".join(text.split())
+    for pattern, found in ((RATIOS, ratios), (SHARES, shares), (MEDIANS, list(medians))):
+        for match in pattern.finditer(words):
+            if not all(_is_among(stated, found) for stated in match.groups() if stated):
+                yield match.group()
+
+
+def _is_among(stated: str, found: Iterable[float]) -> bool:
+    """Return whether a number, rounded to as many decimals as are stated, is the stated one."""
+    decimals = len(stated.partition(".")[2])
+    half = 0.5 * 10.0**-decimals
+    return any(math.isclose(number, float(stated), rel_tol=0, abs_tol=half * (1 + 1e-9)) for number in found)

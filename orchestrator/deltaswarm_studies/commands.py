@@ -131,11 +131,6 @@ def do_studies(arguments: argparse.Namespace) -> int:
 
 
 def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict[str, Path]) -> int:
-    """Freeze the protocol of each study, or amend it.
-
-    Raises:
-        CommandError: a study cannot be frozen or amended; the others are.
-    """
     from deltaswarm_studies.freezing import amend, freeze
     from deltaswarm_studies.protocol import ProtocolError
 
@@ -159,11 +154,7 @@ def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict
 
 
 def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
-    """Do one study; return its exit code, and its page and verdicts.
-
-    Raises:
-        CommandError: a run failed, or the page could not be made.
-    """
+    """Do one study; return its exit code, and its page and verdicts."""
     from deltaswarm_studies.conducting import beforehand, concluded
 
     def conduct(sweep: "Sweep", runs: Path) -> "SweepResult":
@@ -195,11 +186,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
 
 
 def _repeated(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
-    """Repeat one run of a study; return its name, and where it is not as the study's tables say.
-
-    Raises:
-        CommandError: there are no tables, or the run failed.
-    """
+    """Repeat one run of a study; return its name, and where it is not as the study's tables say."""
     from deltaswarm_orchestrator.sweeps.job import RunError
     from deltaswarm_studies.origin import repeat
 
@@ -217,7 +204,6 @@ def _compared(repeated: dict[str, Any]) -> str:
 
 
 def _why(arguments: argparse.Namespace, study: "Study", error: Exception) -> str:
-    """Say why tables cannot be used."""
     if isinstance(error, FileNotFoundError):
         make = as_given(arguments, without=("--render", "--check"))
         return f"{study.name}: {error.filename} is not there; to make it: {make}"

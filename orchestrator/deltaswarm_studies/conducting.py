@@ -190,11 +190,7 @@ def concluded(study: Study, folder: Path, conduct: Conduct | None, *, reuse: boo
 
 
 def _conducted(study: Study, folder: Path, conduct: Conduct, reuse: bool) -> tuple[Evidence, pd.DataFrame]:
-    """Do a study's runs; return the evidence and the runs' provenance.
-
-    Raises:
-        CommandError: the sweep could not start, or a run failed.
-    """
+    """Do a study's runs; return the evidence and the runs' provenance."""
     runs = folder / "sweep"
     if reuse:
         others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]

@@ -80,7 +80,6 @@ def _family(
 
 
 def _scale_of(comparisons: Sequence[Comparison], samples: Samples) -> Scale:
-    """Return the scale that all comparisons of a family share."""
     return scale_of(*(samples(variant) for row in comparisons for side in row.sides for variant in side))
 
 

@@ -28,7 +28,6 @@ WORLD = {
 
 
 def design(study: Study) -> list[tuple[str, list[str]]]:
-    """Return the five headings with their lines."""
     parts = {
         "Aims": _aims(study),
         "Data-generating mechanism": _mechanism(study),
@@ -65,7 +64,6 @@ def _mechanism(study: Study) -> Iterator[str]:
 
 
 def _replicates(study: Study) -> str:
-    """Tell the number of replicates, and of which variants there are more."""
     labels: dict[int, list[str]] = {}
     for label, repeats in study.sweep.repeats.items():
         labels.setdefault(repeats, []).append(label)

@@ -1,7 +1,8 @@
 """Draw a figure of a study, whatever its kind."""
 
+from collections.abc import Callable
 from importlib import import_module
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple, cast
 
 from matplotlib.figure import Figure
 
@@ -19,24 +20,10 @@ class Drawing(NamedTuple):
     """Sentences that its caption must have, such as how many values a median is of."""
 
 
-class Draw(Protocol):
-    """A function that draws figures of one kind."""
-
-    def __call__(self, settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
-        """Return the figure, and what its caption must say.
-
-        Raises:
-            ValueError: there is nothing to draw; the page and the command say so.
-        """
-        ...
+Draw = Callable[[FigureSettings, Study, Evidence], Drawing]
+"""Draws figures of one kind; raises ValueError, which the page and the command show, if there is nothing to draw."""
 
 
 def draw(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
-    """Draw a figure by the function of its kind.
-
-    Raises:
-        ValueError: there is nothing to draw.
-    """
     module, _, name = KINDS[settings.kind].drawn_by.partition(":")
-    function = cast(Draw, getattr(import_module(f"{__package__}.{module}"), name))
-    return function(settings, study, evidence)
+    return cast(Draw, getattr(import_module(f"{__package__}.{module}"), name))(settings, study, evidence)

@@ -1,4 +1,4 @@
-"""What a study asks about single events, and what must hold so that its runs can answer."""
+"""The questions of a study about single events, and checks that its runs can answer them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -28,12 +28,10 @@ class Asked(NamedTuple):
     settings: SurvivalSettings | RingsSettings | FigureSettings
 
     def variants(self, study: Study) -> Sequence[str]:
-        """Return the variants that it shows, in order."""
         return self.settings.variants or list(study.levels)
 
     @property
     def references(self) -> list[str]:
-        """The variant with which it compares the others, if there is one."""
         reference = getattr(self.settings, "reference", "")
         return [reference] if reference else []
 
@@ -87,7 +85,7 @@ def least_s(moment: Moment, scenario: Scenario) -> tuple[float, str]:
 
 
 def too_short(moment: Moment, study: Study, variants: Sequence[str], followed_s: float | None = None) -> str:
-    """Say in which variant no event can reach a moment within the horizon, and why; empty if there is none."""
+    """Return why no event of some variant can reach a moment within the horizon; "" if it can in all."""
     for name, scenario in scenarios_of(study, variants):
         least, why = least_s(moment, scenario)
         horizon = scenario.metrics.horizon_s if followed_s is None else followed_s
@@ -100,7 +98,7 @@ def too_short(moment: Moment, study: Study, variants: Sequence[str], followed_s:
 
 
 def event_problems(study: Study) -> Iterator[Problem]:
-    """Yield what makes it impossible to answer what is asked about single events."""
+    """Yield the reasons why the runs could not answer a question about single events."""
     file = study.file
     for table, all_of in (("survival", file.survival), ("rings", file.rings)):
         called = [(settings.text, settings.metric) for settings in all_of]

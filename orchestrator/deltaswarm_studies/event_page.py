@@ -1,4 +1,4 @@
-"""What a study's page shows of single events: curves by Kaplan and Meier, rings around the densest place, tables."""
+"""Single events on a study's page: Kaplan-Meier curves, rings around the densest place, tables."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from deltaswarm_studies.charts import whiskers
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.event_checks import MOMENTS, horizon_s
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.looks import of_groups
-from deltaswarm_studies.panels import OUTLINE, Frame, handle, handles, hues, panels
+from deltaswarm_studies.panels import Frame, handle, handles, hues, panels, points
 from deltaswarm_studies.rendering import MISSING, Table, decimals_for, number, p_value, table, with_interval
 from deltaswarm_studies.rings import ring_rows
 from deltaswarm_studies.settings import FigureSettings
@@ -20,6 +19,7 @@ from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
 from deltaswarm_studies.survival import Survival
 from deltaswarm_studies.tables import with_levels
+from deltaswarm_studies.verdicts import known
 
 APART = 0.012
 """Distance between lines with intervals, as a share of the horizontal axis."""
@@ -52,21 +52,11 @@ def rings(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
 
     def draw(axes: Axes, rows: pd.DataFrame, look: Look, place: float) -> None:
         middle, low, high = (rows[name].to_numpy(np.float64) for name in ("time_s", "time_low_s", "time_high_s"))
-        axes.errorbar(
-            rows["mean_m"] + place * APART * np.ptp(rows["mean_m"]),
-            *(middle, whiskers(middle, low, high)),
-            color=look.colour,
-            linestyle=look.line,
-            marker=look.marker,
-            markersize=4.5,
-            capsize=2,
-            elinewidth=0.8,
-            **OUTLINE,
-        )
+        points(axes, rows["mean_m"] + place * APART * np.ptp(rows["mean_m"]), middle, low, high, look)
 
     labels = "distance from the densest place [m]", f"mean time until {MOMENTS[settings.metric].state} [s]"
     told = "Rings with the same number of events; medians of {n} runs' means with exact 95 % intervals, if any."
-    return _lines(settings, study, evidence, course, draw, labels, told, marker=True)
+    return _lines(settings, study, evidence, course, draw, labels, told)
 
 
 def _lines(
@@ -77,13 +67,12 @@ def _lines(
     draw: Callable[[Axes, pd.DataFrame, Look, float], None],
     labels: tuple[str, str],
     told: str,
-    *,
-    marker: bool = False,
 ) -> Drawing:
     """Draw a line for each level of the hue; without a hue, for each variant. `draw` gets its place beside others."""
     variants = settings.variants or list(study.levels)
     rows = pd.concat([course(name).assign(variant=name) for name in variants], ignore_index=True)
     rows = with_levels(study, rows.assign(**{settings.metric: 0.0}))  # the vertical axis begins at 0
+    marker = settings.kind == "rings"
     if settings.hue:
         looks = hues(settings, study, rows)
         legend = handles(study, settings.hue, looks, marker=marker)
@@ -103,7 +92,6 @@ def _lines(
 
 
 def survival_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
-    """Make a table for each `[[survival]]`."""
     for settings in study.file.survival:
         own = rows[(rows["survival"] == settings.text) & (rows["metric"] == settings.metric)]
         if own.empty:
@@ -157,25 +145,21 @@ def ring_tables(study: Study, rows: pd.DataFrame) -> Iterator[Table]:
 
 
 def _within(row: Any, name: str, horizon_s: float) -> str:
-    """Format a time with its interval; what is not reached within the horizon is longer than that."""
-    ends = [_known(row[f"{name}{side}_s"]) for side in ("", "_low", "_high")]
+    """Format a time with its interval; times beyond the horizon are shown as longer than the horizon."""
+    ends = [known(row[f"{name}{side}_s"]) for side in ("", "_low", "_high")]
     decimals = decimals_for(ends)
     value, low, high = (f"> {horizon_s:g}" if end and end >= horizon_s else number(end, decimals) for end in ends)
-    if error := _known(row.get(f"{name}_mcse_s")):
+    if error := known(row.get(f"{name}_mcse_s")):
         value += f" ({number(error, max(decimals, decimals_for([error]) - 1))})"
     return value if MISSING in (low, high) or value == low == high else f"{value} [{low}, {high}]"
 
 
 def _difference(row: Any) -> str:
-    return with_interval(*(_known(row[f"difference{side}"]) for side in ("", "_low", "_high")))
+    return with_interval(*(known(row[f"difference{side}"]) for side in ("", "_low", "_high")))
 
 
 def _p(value: Any) -> str:
     return MISSING if pd.isna(value) else p_value(float(value))
-
-
-def _known(value: Any) -> float | None:
-    return None if pd.isna(value) else float(value)
 
 
 def _capital(words: str) -> str:

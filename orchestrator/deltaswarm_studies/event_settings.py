@@ -1,4 +1,4 @@
-"""The tables of a study file about single events: when a moment comes (survival), and where it comes late (rings)."""
+"""The tables of a study file about single events: times until a moment (survival), and times by distance (rings)."""
 
 from dataclasses import dataclass
 

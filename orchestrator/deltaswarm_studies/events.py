@@ -1,4 +1,4 @@
-"""The table of a study's events, a row for each: which are kept, and what it lacks of what the study asks."""
+"""The table of a study's events: one row per event, which events are kept, and which are missing."""
 
 import numpy as np
 import pandas as pd
@@ -72,11 +72,6 @@ def until(events: pd.DataFrame, moment: Moment, horizon_s: float) -> pd.DataFram
 
 
 def of_variant(events: pd.DataFrame, variant: str) -> pd.DataFrame:
-    """Select the events of a variant.
-
-    Raises:
-        ValueError: there are none.
-    """
     if events.empty:
         raise ValueError(NO_EVENTS)
     rows = events[events["variant"] == variant]

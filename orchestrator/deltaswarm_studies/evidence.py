@@ -1,4 +1,4 @@
-"""All that a study's runs show, a table for each kind of result: besides contrasts and claims, fits and recovery."""
+"""All results of a study's runs, one table per kind: contrasts and claims, and here fits, grids and recovery."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -107,11 +107,7 @@ class Evidence:
         invalid: Sequence[InvalidRun] = (),
         events: pd.DataFrame | None = None,
     ) -> "Evidence":
-        """Evaluate the tables of a sweep, its runs that are no replicates, and its events.
-
-        Raises:
-            ValueError: If the tables lack a column that the study needs.
-        """
+        """Evaluate the tables of a sweep, its runs that are no replicates, and its events."""
         windows = tables.windows_with_levels(study, series)
         runs, courses = tables.runs_of(study, table, series), tables.courses_of(study, windows)
         unjudged = tables.too_few(study, tables.invalid_of(runs, invalid))

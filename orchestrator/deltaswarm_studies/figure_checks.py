@@ -1,4 +1,4 @@
-"""Check what the figures of a study ask for: what a reader could not tell apart, and what would not be so."""
+"""Check the figures of a study for lines that a reader could not tell apart, and for statements that would be false."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -42,7 +42,6 @@ def _one_line_of_many(study: Study, figure: FigureSettings) -> Iterator[Problem]
 
 
 def _too_many(study: Study, figure: FigureSettings) -> Iterator[Problem]:
-    """Report more colours than a reader can tell apart."""
     hues = {study.levels[name][figure.hue] for name in _variants(study, figure)} if figure.hue else ()
     lines = len(_variants(study, figure)) if KINDS[figure.kind].is_of_events and not figure.hue else 0
     counts = {
@@ -64,7 +63,7 @@ _INSTEAD = {
 
 
 def _not_drawn(study: Study, figure: FigureSettings) -> Iterator[Problem]:
-    """Report what a figure is told to show of variants that it does not show, or shows where it does not belong."""
+    """Report paths and published numbers of variants that the figure does not show, or that would be in every panel."""
     variants = _variants(study, figure)
     for name in figure.path:
         if name not in variants:
@@ -110,7 +109,6 @@ def _of(study: Study, figure: FigureSettings, level: str) -> list[str]:
 
 
 def _numbers(scenario: Scenario) -> set[float]:
-    """Return every number in a scenario."""
     found: set[float] = set()
     waiting: list[Any] = [content_of(scenario)]
     while waiting:

@@ -1,4 +1,4 @@
-"""Write titles and labels of axes in as many lines as they need to be whole and apart."""
+"""Wrap titles and axis labels so that none is cut off or overlaps another."""
 
 import textwrap
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""The kinds of figures that a study file may ask for: what each needs and heeds, and the function that draws it.
+"""The kinds of figures that a study file may ask for: the keys that each needs and allows, and its drawing function.
 
 A new kind is an entry of `KINDS`, and a function in a file of its own. Nothing here imports Matplotlib, so that a study
 can be checked and planned without it.
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Kind:
-    """What a figure of one kind is asked for by; the names are those of keys of `[[figure]]`."""
+    """The keys of `[[figure]]` that a figure of one kind has."""
 
     about: str
     drawn_by: str
@@ -30,7 +30,6 @@ class Kind:
 
     @property
     def keys(self) -> set[str]:
-        """All keys that a figure of this kind may have."""
         return {"name", "kind", "caption", *self.metrics, *self.factors, *self.needs, *self.heeds}
 
 
@@ -57,11 +56,7 @@ KINDS: Mapping[str, Kind] = {
         heeds=("variants", "lines", "path"),
     ),
     "frontier": Kind(
-        "medians of two metrics",
-        "planes:frontier",
-        metrics=("metric", "x"),
-        factors=("facet",),
-        needs=("x", "paths"),
+        "medians of two metrics", "planes:frontier", metrics=("metric", "x"), factors=("facet",), needs=("x", "paths")
     ),
     "survival": Kind(
         "the share of events that still wait, by Kaplan and Meier",
@@ -76,10 +71,6 @@ KINDS: Mapping[str, Kind] = {
         heeds=("variants", "horizon_s", "rings"),
     ),
     "swarm": Kind(
-        "agents and events at a moment",
-        "charts:swarms",
-        metrics=(),
-        factors=(),
-        heeds=("variants", "at_s", "seed"),
+        "agents and events at a moment", "charts:swarms", metrics=(), factors=(), heeds=("variants", "at_s", "seed")
     ),
 }

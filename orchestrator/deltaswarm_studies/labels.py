@@ -1,4 +1,4 @@
-"""Place the labels of points so that none lies on another or on a point."""
+"""Place the labels of points so that none overlaps another label or a point."""
 
 import math
 from collections.abc import Sequence
@@ -29,8 +29,6 @@ LONGEST = 24
 
 
 class Label(NamedTuple):
-    """A label of a point, at its place in the data."""
-
     axes: Axes
     text: str
     x: float
@@ -103,7 +101,6 @@ def _box(x: float, y: float, half_width: float, half_height: float) -> Bbox:
 
 
 def _shared(one: Bbox, other: Bbox) -> float:
-    """Return the area that two boxes share [pixels squared]."""
     width = min(one.x1, other.x1) - max(one.x0, other.x0)
     height = min(one.y1, other.y1) - max(one.y0, other.y0)
     return float(max(width, 0.0) * max(height, 0.0))

@@ -1,4 +1,4 @@
-"""Make studies, from TOML files, from built-in ones, or for a sweep without a study file, each checked as a whole."""
+"""Load studies from TOML files or built-in ones, make one for a bare sweep, and check each as a whole."""
 
 import itertools
 import re
@@ -157,7 +157,6 @@ def bare_study(
 
 
 def _metric_of(column: str) -> MetricSettings:
-    """Make a metric of a column of the sweep's table, under its own title if it is one of a run's metrics."""
     known = next((metric for metric in METRICS if metric.key == column), None)
     title, unit = (known.title or known.label or column, known.unit) if known else (column, "")
     return MetricSettings(name=column, title=title, unit=unit, column=column)

@@ -115,7 +115,7 @@ def controllers_own(sweep: "Sweep") -> dict[str, StudyMetric]:
     """Return the metrics that the controllers of a sweep declare.
 
     Raises:
-        SettingsError: Two declare one name with different units.
+        SettingsError: two declare one name with different units.
     """
     found: dict[str, StudyMetric] = {}
     for mode in dict.fromkeys(scenario.control.mode for scenario in sweep.scenarios):
@@ -129,7 +129,6 @@ def controllers_own(sweep: "Sweep") -> dict[str, StudyMetric]:
 
 
 def _of_kind(kind: str) -> tuple[str, ...]:
-    """Return the metrics whose time series is of this kind."""
     return tuple(metric.study for metric in EVERY_KEY if metric.over and metric.over.kind == kind)
 
 

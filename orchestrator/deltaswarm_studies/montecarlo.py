@@ -1,4 +1,4 @@
-"""Monte Carlo standard errors: by how much an estimate would vary if all replicates were drawn anew."""
+"""Monte Carlo standard errors: how much an estimate would vary with new replicates."""
 
 import math
 from collections.abc import Callable

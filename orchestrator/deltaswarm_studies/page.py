@@ -28,11 +28,7 @@ DISTANCES, SUMS = ["distance", "mcse"], ["sum", "sum_mcse"]
 
 
 def pages(
-    study: Study,
-    evidence: Evidence,
-    provenance: pd.DataFrame,
-    sealed: str = "",
-    protocol: Protocol | None = None,
+    study: Study, evidence: Evidence, provenance: pd.DataFrame, sealed: str = "", protocol: Protocol | None = None
 ) -> tuple[str, str, list[CaptionedFigure]]:
     """Make the page as HTML and as Markdown, and its pictures.
 

@@ -1,4 +1,4 @@
-"""What figures of several kinds share: their rows, panels, legends, lines, and what their captions must say.
+"""Shared by figures of several kinds: selection of rows, panels, lines and legends.
 
 A factor is shown by position (the axis), by colour (the hue) or by panel (the facet).
 """
@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,6 +22,7 @@ from deltaswarm_studies.captions import heights
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.settings import FigureSettings
+from deltaswarm_studies.stats import Floats
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
 
@@ -108,7 +110,6 @@ def panels(
 
 
 def _tallest_in(figure: Figure) -> float:
-    """Return the height of the tallest label below an axis [in]."""
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     with style.drawing():
         ticks = [label for axes in figure.axes if axes.get_visible() for label in axes.get_xticklabels()]
@@ -119,11 +120,7 @@ def _tallest_in(figure: Figure) -> float:
 
 
 def chosen(settings: FigureSettings, study: Study, rows: pd.DataFrame, variants: Sequence[str] = ()) -> pd.DataFrame:
-    """Select the rows of the figure's variants, in their order.
-
-    Raises:
-        ValueError: there are no rows, or a metric has no values.
-    """
+    """Select the rows of the figure's variants, in their order."""
     order = {name: place for place, name in enumerate(variants or settings.variants or study.levels)}
     rows = rows[rows["variant"].isin(order)] if len(rows) else rows
     if rows.empty:
@@ -168,16 +165,26 @@ def hues(settings: FigureSettings, study: Study, rows: pd.DataFrame) -> dict[str
     return {hue: of[hue] for hue in levels_in(settings, study, settings.hue) if hue in drawn}
 
 
+def points(axes: Axes, x: Any, middle: Floats, low: Floats, high: Floats, look: Look) -> None:
+    """Draw estimates with their intervals, joined by a line."""
+    bars: dict[str, Any] = {"markersize": 4.5, "capsize": 2, "elinewidth": 0.8, **OUTLINE}
+    bars |= {"color": look.colour, "linestyle": look.line, "marker": look.marker}
+    axes.errorbar(x, middle, whiskers(middle, low, high), **bars)
+
+
+def whiskers(middle: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the lengths (2, n) of intervals below and above the medians; NaN, which draws none, for none."""
+    return np.stack([middle - low, high - middle])
+
+
 # Legends
 
 
 def handles(study: Study, factor: str, looks: Mapping[str, Look], **parts: bool) -> list[Line2D]:
-    """Make the legend's handles for the levels of a factor."""
     return [handle(look, study.level_name(factor, level), **parts) for level, look in looks.items() if factor]
 
 
 def handle(look: Look, name: str, *, marker: bool = True, line: bool = True) -> Line2D:
-    """Make the legend's handle of one look."""
     return Line2D(
         *([], []),
         color=look.colour,

@@ -61,7 +61,6 @@ def too_few(study: Study) -> list[str]:
 
 
 def text(planned: dict[str, Any]) -> str:
-    """Format the result of `plan` as text."""
     wall = timedelta(seconds=round(planned["wall_s"]))
     return "\n".join(
         [
@@ -76,18 +75,16 @@ def text(planned: dict[str, Any]) -> str:
 
 
 def _families(study: Study, effects: Mapping[tuple[int, str], str | None]) -> list[dict[str, Any]]:
-    """Describe each family of tests: those of a contrast in a metric, and the claims of a source."""
-    families = [
-        _family(study, f"contrast {contrast.id!r}, {metric}", tested) | {"shows": effects.get((number, metric))}
-        for number, contrast in enumerate(study.file.contrast)
-        for tested in [[list(itertools.chain(*row.sides)) for row in study.comparisons(contrast)]]
-        for metric in study.metrics_of(contrast)
-    ]
-    return families + [
-        _family(study, _claims(source), tested)
-        for source in dict.fromkeys(claim.source for claim in study.file.claim)
-        for tested in [[claim.variants for claim in study.file.claim if claim.source == source]]
-    ]
+    families = []
+    for number, contrast in enumerate(study.file.contrast):
+        tested = [[*itertools.chain(*row.sides)] for row in study.comparisons(contrast)]
+        for metric in study.metrics_of(contrast):
+            family = _family(study, f"contrast {contrast.id!r}, {metric}", tested)
+            families.append(family | {"shows": effects.get((number, metric))})
+    for source in dict.fromkeys(claim.source for claim in study.file.claim):
+        tested = [claim.variants for claim in study.file.claim if claim.source == source]
+        families.append(_family(study, _claims(source), tested))
+    return families
 
 
 def _claims(source: str) -> str:
@@ -118,7 +115,6 @@ def _line(family: dict[str, Any]) -> str:
 
 
 def _sensitivity(study: Study) -> str:
-    """Say how well a share of the space will be known, and which rank correlation could be shown."""
     from deltaswarm_studies.sensitivity import features_in, share_interval, smallest_correlation  # needs pandas
 
     points = study.repeats

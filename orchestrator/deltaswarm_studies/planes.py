@@ -14,11 +14,22 @@ from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import content_of
 from deltaswarm_studies import looks, style
 from deltaswarm_studies.captions import averaged, n_of, notes, sizes_of
-from deltaswarm_studies.charts import BOX_FROM, intervals, medians, whiskers
+from deltaswarm_studies.charts import BOX_FROM, intervals, medians
 from deltaswarm_studies.drawing import Drawing
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.labels import Label, place
-from deltaswarm_studies.panels import MANY, OUTLINE, Frame, chosen, handle, handles, hues, panels, per_replicate
+from deltaswarm_studies.panels import (
+    MANY,
+    OUTLINE,
+    Frame,
+    chosen,
+    handle,
+    handles,
+    hues,
+    panels,
+    per_replicate,
+    whiskers,
+)
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.stats import Floats
 from deltaswarm_studies.study import Study, title_of

@@ -1,4 +1,4 @@
-"""Check before its runs that each claim of a study can hold and can be contradicted, and what it was chosen by."""
+"""Check before the runs that each claim of a study can both hold and be contradicted."""
 
 import math
 from collections.abc import Iterator
@@ -7,6 +7,7 @@ from deltaswarm_orchestrator.results.metric import Metric
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.event_checks import scenarios_of
 from deltaswarm_studies.metrics import CONVERGENCE, COUNTS
 from deltaswarm_studies.settings import ClaimSettings
 from deltaswarm_studies.stats import ALPHA, Interval
@@ -46,7 +47,7 @@ def unknown_readings(study: Study) -> Iterator[Problem]:
 
 
 def _reasons(study: Study, claim: ClaimSettings, alpha: float) -> Iterator[tuple[str, str, str]]:
-    """Yield the key, what it has, and why it cannot be, for everything that is impossible about a claim."""
+    """Yield the key, its value and the reason for each thing that is impossible about a claim."""
     if claim.expect not in (*claim.verdicts, "holds", "refuted"):
         yield "expect", repr(claim.expect), f"must be one of {', '.join(claim.verdicts)}: no other verdict can come out"
     if claim.kind == "predicts":
@@ -110,7 +111,8 @@ def _of_two(study: Study, claim: ClaimSettings) -> Iterator[tuple[str, str, str]
     least, most = claim.region
     (low_a, high_a), (low_b, high_b) = bounds(study, claim.metric, a), bounds(study, claim.metric, b)
     got = f"{claim.at_least if is_order else claim.margin:g} times"
-    if _scenarios(study, a) == _scenarios(study, b):
+    one, other = ([scenario for _, scenario in scenarios_of(study, [side])] for side in (a, b))
+    if one == other:
         what = "support" if is_order and least >= 1 else "contradict"
         yield name, got, f"must not compare {a!r} with {b!r}, whose scenarios are the same: nothing could {what} it"
         return
@@ -131,16 +133,15 @@ def bounds(study: Study, name: str, variant: str) -> Interval:
     """Return the least and the largest value that a metric can have in a variant's runs, as far as is known."""
     metric = _entry(study, name)
     if study.metrics[name].kind == CONVERGENCE:
-        return 0.0, max(scenario.run.duration_s for scenario in _scenarios(study, variant))
+        return 0.0, max(scenario.run.duration_s for _, scenario in scenarios_of(study, [variant]))
     if metric is None:
         return ANYTHING
     if metric.study in SCALES:
         return SCALES[metric.study]
-    return 0.0, max(_most(metric, scenario) for scenario in _scenarios(study, variant))
+    return 0.0, max(_most(metric, scenario) for _, scenario in scenarios_of(study, [variant]))
 
 
 def _most(metric: Metric, scenario: Scenario) -> float:
-    """Return the largest value that a metric can have in a run of a scenario."""
     width_m, height_m, count = scenario.arena.width_m, scenario.arena.height_m, scenario.agents.count
     if metric.study in OF_TREES and scenario.control.mode == "decentralised":
         return 0.0
@@ -155,14 +156,7 @@ def _most(metric: Metric, scenario: Scenario) -> float:
     return {"m": math.hypot(width_m, height_m), "m²": width_m * height_m}.get(metric.unit, math.inf)
 
 
-def _scenarios(study: Study, label: str) -> list[Scenario]:
-    """Return the scenarios of a variant: one, or one at each point of a sensitivity sweep."""
-    every = study.sweep.points or [study.sweep.variants]
-    return [variant.scenario for variants in every for variant in variants if variant.label == label]
-
-
 def _entry(study: Study, name: str) -> Metric | None:
-    """Return the metric of a run from which a study's metric is taken; None if it is a column of another kind."""
     metric = study.metrics[name]
     return next((one for one in EVERY_KEY if one.study == (metric.of or name) or one.key == metric.column), None)
 

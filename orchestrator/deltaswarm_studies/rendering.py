@@ -28,8 +28,6 @@ MARKS |= dict.fromkeys(("refuted", "differs"), "bad")
 
 @dataclass(frozen=True)
 class CaptionedFigure:
-    """A figure with its caption."""
-
     name: str
     """Name of the files, without a suffix."""
     drawing: Figure
@@ -53,8 +51,6 @@ class CaptionedFigure:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of formatted cells with headings."""
-
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -135,12 +131,10 @@ def with_interval(value: float | None, low: float | None, high: float | None, er
 
 
 def p_value(p: float) -> str:
-    """Format a p-value with three decimals, or as below 0.001."""
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def _with_code(text: str) -> Markup:
-    """Escape a text, and mark what is between backticks as code."""
     pieces = text.split("`")
     if len(pieces) % 2 == 0:  # an unpaired backtick is an ordinary character
         return escape(text)

@@ -32,9 +32,6 @@ def ring_rows(study: Study, settings: RingsSettings | FigureSettings, events: pd
     Only events that could be followed for the horizon count, and a longer time counts as the horizon, as in the metric
     of the mean. A run's value is the mean over its events in the ring; the median over the runs has an exact 95 %
     interval.
-
-    Raises:
-        ValueError: there are no events of the variant, or no place is the densest.
     """
     followed_s = horizon_s(study, settings)
     rows = event_tables.of_variant(events, variant)

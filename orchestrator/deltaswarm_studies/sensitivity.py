@@ -1,7 +1,7 @@
-"""Where the claims of a sensitivity study hold: the share of the space of points, and the keys that turn them.
+"""Where the claims of a sensitivity study hold: the share of points, and the keys on which that depends.
 
 A point is a replicate, at which every variant ran once with the same arrivals. At each point a claim holds or does not,
-by the two runs there; so near a point where nothing differs it holds by chance.
+by the two runs there; so where the sides hardly differ, whether it holds is random.
 """
 
 import math
@@ -135,12 +135,10 @@ def features_of(one: RangeSettings, values: pd.Series) -> list[Feature]:
 
 
 def features_in(ranges: Sequence[RangeSettings]) -> int:
-    """Return how many features some ranges have."""
     return sum(len(features_of(one, pd.Series(dtype=float))) for one in ranges)
 
 
 def _has_order(value: Any) -> bool:
-    """Return whether a value has an order."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

@@ -40,7 +40,6 @@ TURNING = """
 
 
 def section(study: Study, result: Sensitivity) -> dict[str, Any]:
-    """Return the section of the page."""
     return {
         "heading": "Sensitivity",
         "tables": list(_tables(study, result)),
@@ -49,7 +48,6 @@ def section(study: Study, result: Sensitivity) -> dict[str, Any]:
 
 
 def facts(study: Study, result: Sensitivity) -> dict[str, Any]:
-    """Return what the section's text says."""
     return {
         "method": result.settings.design,
         "points": result.settings.points,
@@ -92,11 +90,10 @@ def _turned(result: Sensitivity, claim: str) -> str:
     keys = result.keys[result.keys["claim"] == claim]
     ends = {one.title: ("where low", "where high") if one.is_number else ("without", "with") for one in result.features}
     turning = keys[keys["verdict"] == TURNS].sort_values("rho_holds", key=np.abs, ascending=False)
-    words = [
-        f"{row['title']} ({_percent(row['share_low'])} % {low}, {_percent(row['share_high'])} % {high})"
-        for _, row in turning.iterrows()
-        for low, high in [ends[row["title"]]]
-    ]
+    words = []
+    for _, row in turning.iterrows():
+        low, high = ends[row["title"]]
+        words.append(f"{row['title']} ({_percent(row['share_low'])} % {low}, {_percent(row['share_high'])} % {high})")
     return "; ".join(words) or "no significant key"
 
 

@@ -1,4 +1,4 @@
-"""The tables of a study file besides its sweep, each with what its own keys must hold."""
+"""The tables of a study file besides its sweep, each with the checks of its own keys."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -124,7 +124,7 @@ class ClaimSettings:
     margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
     ratio: float = key(1.0, "of alike: not 1 but this ratio of a to b, to within the margin", above=0)
     expect: str = key(
-        "holds", "the verdict that is no surprise", choices=("holds", "refuted", "undecided", "agrees", "differs")
+        "holds", "the verdict that you expect", choices=("holds", "refuted", "undecided", "agrees", "differs")
     )
     why: str = key("", "why it is expected not to hold, as far as is known")
 
@@ -151,7 +151,7 @@ class ClaimSettings:
             yield Problem("b" if self.kind == "alike" else "more", names[0], "must be another one")
 
     def _spread_problems(self) -> Iterator[Problem]:
-        """A spread needs the number of replicates, and a comparison of two samples needs both."""
+        """Check that a spread comes with its number of replicates."""
         spreads = {name: value for name in ("iqr", "sd", "se") if (value := getattr(self, name))}
         got = ", ".join(f"{name} {value:.15g}" for name, value in {**spreads, "n": self.n}.items())
         if self.kind != "published":
@@ -198,7 +198,7 @@ class ClaimSettings:
 
     @property
     def expected(self) -> str | None:
-        """The verdict that is no surprise, by the name that it has for this kind of claim."""
+        """The expected verdict, by its name for this kind of claim."""
         return expected_of(self.kind, self.expect)
 
     @property

@@ -1,4 +1,4 @@
-"""A study: a sweep, the questions about it, and what their names refer to."""
+"""A study: a sweep, the questions about it, and how their names resolve."""
 
 import hashlib
 import itertools
@@ -43,7 +43,7 @@ class Study:
     metrics: Mapping[str, StudyMetric]
     """Every metric that may be named: the built-in ones and the study's own."""
     left_out: tuple[str, ...] = ()
-    """What was asked for by nobody and cannot be shown, with the reason."""
+    """Parts of a report that cannot be shown and that nobody asked for, with the reason."""
     is_built_in: bool = False
     """Whether it comes with deltaswarm."""
 
@@ -77,7 +77,7 @@ class Study:
 
     @property
     def ranges(self) -> Sequence[RangeSettings]:
-        """What a sensitivity study draws; empty if it is none."""
+        """The ranges of a sensitivity study; empty for other studies."""
         sensitivity = self.sweep.file.sensitivity
         return sensitivity.range if sensitivity else ()
 

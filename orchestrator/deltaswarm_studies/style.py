@@ -86,7 +86,7 @@ _DELTA_LINES: tuple[Any, ...] = ((0, (3, 1)), (0, (4, 1, 1, 1)), (0, (2, 2)), "-
 
 
 def others() -> Iterator[Look]:
-    """Yield the looks of what is no control mode, in order of appearance."""
+    """Yield the looks for everything but the control modes, in order of appearance."""
     return map(Look, *map(itertools.cycle, (COLOURS, MARKERS, HATCHES, LINES)))
 
 
@@ -198,20 +198,11 @@ def rendered(figure: Figure, kind: str) -> bytes:
 
 
 def save(figure: Figure, path: Path) -> list[Path]:
-    """Write `<path>.png`, `<path>.svg` and `<path>.pdf`.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
+    """Write `<path>.png`, `<path>.svg` and `<path>.pdf`."""
     return save_as(partial(rendered, figure), path)
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return the files of a figure: `<path>.png`, `<path>.svg` and `<path>.pdf`.
-
-    Raises:
-        ValueError: the path has no last part.
-    """
     return [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
 
 

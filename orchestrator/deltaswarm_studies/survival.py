@@ -67,11 +67,6 @@ class Survival:
 
     @classmethod
     def of(cls, events: pd.DataFrame, variant: str, moment: Moment, horizon_s: float) -> "Survival":
-        """Take a variant's events from the table of events.
-
-        Raises:
-            ValueError: there are none.
-        """
         return cls(event_tables.until(event_tables.of_variant(events, variant), moment, horizon_s), horizon_s)
 
     @cached_property
@@ -81,7 +76,6 @@ class Survival:
 
     @cached_property
     def runs(self) -> dict[int, pd.DataFrame]:
-        """The times of each replicate."""
         by_number = self.times.groupby("replicate")
         return {number: by_number.get_group(number) for number in sorted(self.times["replicate"].unique().tolist())}
 

@@ -60,7 +60,6 @@ class _Kind(NamedTuple):
 
     @property
     def look(self) -> dict[str, Any]:
-        """The look as arguments of matplotlib's artists, for panels and the legend."""
         edge = {"linestyle": "none", "markeredgecolor": style.BLACK, "markeredgewidth": 0.5}
         return self._asdict() | edge
 
@@ -123,9 +122,6 @@ def swarm(snapshots: Mapping[str, DrawnSwarm], *, width_in: float = style.TEXT_I
     Args:
         snapshots: snapshots by title; their names.
         width_in: width of the whole figure [in]; the height follows.
-
-    Raises:
-        ValueError: there are no snapshots.
     """
     if not snapshots:
         raise ValueError("there are no snapshots")
@@ -227,7 +223,6 @@ def _panel(axes: Axes, shot: DrawnSwarm, densest: float) -> None:
 
 
 def _legend(kinds: Sequence[_Kind], shots: Sequence[DrawnSwarm]) -> list[Artist]:
-    """Make a handle for everything that is drawn in at least one panel, and for nothing else."""
     event: dict[str, Any] = {
         "linestyle": "none",
         "marker": "o",
@@ -268,10 +263,6 @@ def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
 
     For a density that moves, this is the mean over the run. Its integral over the arena is 1, because an event outside
     the arena is drawn again. A grid is read from its file.
-
-    Raises:
-        OSError: the grid's file cannot be read.
-        ValueError: the grid's file holds no table of weights.
     """
     arena, density = scenario.arena, scenario.events.density
     shares = (np.arange(cells) + 0.5) / cells

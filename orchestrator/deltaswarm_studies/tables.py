@@ -1,4 +1,4 @@
-"""The tables of a study's runs: a row per run, per window of time, per estimate; and what is missing in them."""
+"""The tables of a study's runs: one row per run, window of time or estimate; and reports of missing values."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -37,11 +37,7 @@ ORIGIN = {
 
 
 def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per run: columns that identify it, levels of factors, drawn keys, every metric that the study uses.
-
-    Raises:
-        ValueError: If the tables lack a column that a metric needs.
-    """
+    """Make a row per run: columns that identify it, levels of factors, drawn keys, every metric that the study uses."""
     runs = with_levels(study, table[ID].assign(**{name: table.get(source) for name, source in ORIGIN.items()}))
     for one in study.ranges:
         runs[one.name] = table[one.name]
@@ -69,11 +65,6 @@ def metrics_by_run(study: Study) -> list[str]:
 
 
 def _values(metric: StudyMetric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
-    """Compute the metric for each row of the table.
-
-    Raises:
-        ValueError: If the table or the series lacks a column.
-    """
     if metric.kind == metrics.COLUMN:
         if metric.column not in table:
             raise ValueError(f"the sweep's table has no column {metric.column!r}")
@@ -152,17 +143,11 @@ def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
 def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     """Make a row per variant and metric: median with interval and standard error, and quartiles."""
-    rows: list[Row] = [
-        {
-            **group.iloc[0][["variant", *study.factors]],
-            "metric": name,
-            **asdict(describe(values)),
-            "mcse": montecarlo.of_median(values),
-        }
-        for _, group in runs.groupby("variant", sort=False)
-        for name in metrics_by_run(study)
-        for values in [column(group, name)]
-    ]
+    rows: list[Row] = []
+    for _, group in runs.groupby("variant", sort=False):
+        for name in metrics_by_run(study):
+            values, head = column(group, name), group.iloc[0][["variant", *study.factors]]
+            rows.append({**head, "metric": name, **asdict(describe(values)), "mcse": montecarlo.of_median(values)})
     return pd.DataFrame(rows)
 
 

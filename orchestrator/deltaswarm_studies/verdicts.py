@@ -119,7 +119,6 @@ def _decides(row: Any, run_s: float | None) -> str:
 
 
 def estimate(row: Any, unit: str) -> str:
-    """Show an estimate with its interval and unit."""
     value, low, high, error = (known(row[name]) for name in ("estimate", "low", "high", "mcse"))
     unit = "" if value is None else "times" if row["scale"] == RATIO else unit
     return f"{with_interval(value, low, high, error)} {unit}".rstrip()

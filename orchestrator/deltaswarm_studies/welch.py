@@ -52,7 +52,6 @@ class Welch:
         return self.ours.value - self.theirs.value
 
     def interval(self, alpha: float) -> Interval:
-        """Return the interval of the difference with confidence 1 - alpha."""
         if math.isnan(self.error):
             return NOWHERE
         half = float(stats.t.isf(alpha / 2, self.freedom) * self.error)
@@ -79,8 +78,8 @@ class Welch:
         sized = Welch(self.ours.sized(n), self.theirs.sized(n) if of_both else self.theirs)
         inside = min(self.difference - low, high - self.difference)
         decides = np.zeros(len(n), bool)
-        for distance, chance in ((abs(self.difference), POWER), (inside, (1 + POWER) / 2)):
-            quantiles = stats.t.isf(alpha / 2, sized.freedom) + stats.t.ppf(chance, sized.freedom)
+        for distance, power in ((abs(self.difference), POWER), (inside, (1 + POWER) / 2)):
+            quantiles = stats.t.isf(alpha / 2, sized.freedom) + stats.t.ppf(power, sized.freedom)
             decides |= distance > quantiles * sized.error
         return int(n[decides.argmax()]) if decides.any() else None
 

@@ -32,7 +32,7 @@ NO_DIFFERENCE = re.compile(
 RATIO = re.compile(
     rf"\b(times|half|twice|third|thirds|quarters|fifths)\s+as ({_SIZES})\b(( \w+){{0,3}} as\b( \w+)?)?", re.I
 )
-"""What looks like one of them and is none: "1.6 times as long", "half as many as without"."""
+"""Phrases that only look like one of them: "1.6 times as long", "half as many as without"."""
 OPEN = re.compile(
     r"\b((is|are|be|was|still|stays?|remains?|left|leaves?( \w+)?|as|question)\s+open|"
     r"undecided|unclear|unknown|not (known|decided|settled|shown either way)|cannot be (told|said))\b",

@@ -2,12 +2,14 @@
 
 import tomllib
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, make_sweep
-from deltaswarm_studies.load import make_study
+from deltaswarm_orchestrator.sweeps.plan import Sweep
+from deltaswarm_studies.load import load_study, make_study
 from deltaswarm_studies.settings import StudyFile
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
@@ -39,17 +41,39 @@ metrics = ["waiting_all", "messages"]
 window_s = 100.0
 """
 
+FIGURES = (
+    '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
+    '[[figure]]\nname = "levels"\nkind = "levels"\nx = "loss"\nhue = "mode"\ncaption = "Levels."\n'
+    '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
+    'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
+    '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\n'
+    'path = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3"]\ncaption = "Plane."\n'
+    '[[figure]]\nname = "frontier"\nkind = "frontier"\nx = "waiting"\nmetric = "messages"\ncaption = "Frontier."\n'
+    'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.9, hybrid 3"] }\n'
+)
+"""A figure of each kind that runs alone can fill."""
+
 Value = Callable[[str, str, int], float]
 """Of a level of loss, a mode and a replicate."""
 
 LEVELS, MODES = ("loss=0.0", "loss=0.5", "loss=0.9"), ("decentralised", "hybrid 3")
 
 
+built_in = cache(load_study)
+"""A built-in study by its name: to load one takes up to seconds, so each is loaded once."""
+
+
+@cache
+def _swept(text: str) -> Sweep:
+    return make_sweep(tomllib.loads(text))
+
+
+@cache
 def made(own: str = OWN, sweep: str = SWEEP) -> Study:
-    """The study of two TOML texts."""
+    """The study of two TOML texts, checked once for each."""
     table = tomllib.loads(own)
     assert set(table) <= set(STUDY_TABLES)
-    return make_study("made-up", checked.load(StudyFile, table), make_sweep(tomllib.loads(sweep)))
+    return make_study("made-up", checked.load(StudyFile, table), _swept(sweep))
 
 
 def spread(level: str, mode: str, replicate: int) -> float:

@@ -76,7 +76,6 @@ ORDER = claim("order", less=FAST, more=SLOW)
     ],
 )
 def test_a_claim_keeps_the_verdict_that_longer_times_could_not_change(own: str, at: list[str], expected: str) -> None:
-    """Any other verdict is undone, with a line that says why."""
     assert verdict(own, stuck(*at)) == expected
 
 
@@ -136,7 +135,6 @@ def test_an_equivalence_needs_room_below_the_ceiling(at_s: float, margin: float,
 
 
 def test_a_verdict_that_stays_is_of_a_bound() -> None:
-    """Twice as long as can be seen, or ten times: the line says so."""
     [line] = [line for line in judged(ORDER, stuck(SLOW)).doubts if "ceiling" in line]
     assert line == (
         "Only a bound: the estimate of the claim 'it', since 10 of 10 values of 'Mean time until an event is sensed' "
@@ -171,14 +169,12 @@ def test_an_interaction_at_the_ceiling_is_not_decided() -> None:
 
 
 def test_messages_have_no_ceiling() -> None:
-    """A number that happens to be the horizon, of a metric that the horizon does not bound."""
     study = made(OWN + CONTRAST)
     runs = Evidence.of_sweep(study, table(stuck(SLOW), stuck(*study.levels)), pd.DataFrame()).runs
     assert [*at_ceiling(study, runs)] == [("waiting_all", SLOW)]
 
 
 def test_a_metric_of_ones_own_has_its_columns_ceiling() -> None:
-    """A column of the sweep's table by another name."""
     own = (
         OWN.replace('"waiting_all", ', '"mine", ')
         + '[[metric]]\nname = "mine"\ncolumn = "waiting_time_s.restricted_mean"\n'
@@ -189,7 +185,6 @@ def test_a_metric_of_ones_own_has_its_columns_ceiling() -> None:
 
 
 def test_estimates_at_their_ceiling_are_shown_as_no_less() -> None:
-    """Others as they are, with their interval."""
     stuck = table(lambda level, mode, replicate: 100.0 if level == "loss=0.9" else 40.0 + replicate)
     evidence = Evidence.of_sweep(made(OWN), stuck, pd.DataFrame())
     _, markdown, _ = pages(made(OWN), evidence, pd.DataFrame({"what": ["runs"], "value": ["60"]}))
@@ -231,7 +226,6 @@ def about(metric: str, kind: str = "claim") -> str:
     ],
 )  # fmt: skip
 def test_what_the_horizon_decides_is_refused_before_the_runs(own: str, sweep: str, complaint: str) -> None:
-    """Work or a delay that takes the whole horizon; a horizon as long as the run."""
     with pytest.raises(SettingsError) as caught:
         made(own, sweep)
     assert complaint in "\n".join(map(str, caught.value.problems))
@@ -253,7 +247,6 @@ def test_what_some_event_could_reach_is_not_refused(own: str, sweep: str) -> Non
 
 
 def test_means_to_different_horizons_are_not_compared() -> None:
-    """Within a horizon they may be."""
     sweep = SWEEP.replace("metrics.horizon_s = 100.0", "").replace(
         "radio.loss = [0.0, 0.5, 0.9]", "metrics.horizon_s = [100.0, 200.0]"
     )

@@ -15,22 +15,20 @@ from deltaswarm_studies import labels, looks, style
 from deltaswarm_studies.captions import left_out
 from deltaswarm_studies.drawing import Drawing, draw
 from deltaswarm_studies.evidence import Evidence
-from deltaswarm_studies.load import load_study
 from deltaswarm_studies.planes import ellipse, path_labels
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
-from tests.support.studying import LEVELS, MODES, OWN, SWEEP, made, series, table
+from tests.support.studying import LEVELS, MODES, OWN, SWEEP, built_in, made, series, table
+from tests.support.tiers import in_one_test
 
 NONE = pd.DataFrame()
 
 
 def drawn(figure: str, runs: pd.DataFrame | None = None) -> Figure:
-    """The figure of a `[[figure]]` table."""
     return drawing(figure, runs).figure
 
 
 def drawing(figure: str, runs: pd.DataFrame | None = None, study: Study | None = None) -> Drawing:
-    """The figure of a `[[figure]]` table, with what its caption must say."""
     study = study or made(f'{OWN}[[figure]]\nname = "f"\n{figure}')
     settings = study.file.figure[0]
     windows = windows_with_levels(study, series(lambda level, mode, replicate, time_s: time_s + replicate))
@@ -47,7 +45,6 @@ def boxes_in(figure: Figure) -> int:
 
 
 def test_a_box_for_each_level_and_hue() -> None:
-    """And a point for each replicate; the axis has words and a unit."""
     figure = drawn('x = "mode"\nhue = "loss"\nmetric = "waiting_all"\n')
     [axes] = figure.axes
     assert boxes_in(figure) == 6
@@ -90,14 +87,12 @@ def test_fewer_than_five_values_make_no_box() -> None:
 
 
 def test_a_facet_is_a_panel_with_shared_axes() -> None:
-    """One for each level, titled by it."""
     figure = drawn('x = "mode"\nfacet = "loss"\nmetric = "waiting_all"\n')
     assert [axes.get_title() for axes in figure.axes] == [f"frames lost [share]: {loss}" for loss in (0.0, 0.5, 0.9)]
     assert len({axes.get_ylim() for axes in figure.axes}) == 1
 
 
 def test_a_swept_number_is_a_numeric_axis() -> None:
-    """Points stand where their numbers are; labels of other factors stand evenly."""
     numeric = drawn('kind = "levels"\nx = "loss"\nhue = "mode"\nmetric = "waiting_all"\n').axes[0]
     places = np.concatenate([line.get_xdata() for line in numeric.lines if len(line.get_xdata()) == 3])  # type: ignore[arg-type]
     assert sorted(set(np.round(places, 1))) == [0.0, 0.5, 0.9]
@@ -130,15 +125,7 @@ def test_the_band_of_the_last_window_with_values_is_drawn() -> None:
         assert band.get_path().get_extents().x1 == 800.0
 
 
-def test_a_span_says_what_it_is() -> None:
-    """Beside the stretch of time that it marks."""
-    spans = 'spans = [{ text = "jammed", from_s = 200.0, until_s = 400.0 }]\n'
-    figure = drawn(f'kind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n{spans}')
-    assert all("jammed" in [text.get_text() for text in axes.texts] for axes in figure.axes)
-
-
 def test_the_plane_joins_the_medians_in_the_order_that_is_asked_for() -> None:
-    """A point for each replicate, an ellipse for each level, a line labelled along the way."""
     path = 'path = ["loss=0.9, hybrid 3", "loss=0.0, hybrid 3"]\n'
     figure = drawn(f'kind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\n{path}')
     [axes] = figure.axes
@@ -169,7 +156,6 @@ def test_a_frontier_joins_the_medians_of_each_path() -> None:
 
 
 def test_the_ellipse_is_one_standard_deviation_wide() -> None:
-    """Along its own axes, whichever way they point."""
     along = np.array([-3.0, -1.0, 1.0, 3.0])
     width, height, angle = ellipse(np.stack([along, along], axis=1))
     assert width == pytest.approx(2 * np.sqrt(2) * along.std(ddof=1))
@@ -177,16 +163,7 @@ def test_the_ellipse_is_one_standard_deviation_wide() -> None:
     assert angle % 180 == pytest.approx(45)
 
 
-def test_the_legend_never_covers_the_axes() -> None:
-    """It stands below them, in room of its own."""
-    figure = drawn('x = "mode"\nhue = "loss"\nmetric = "waiting_all"\n')
-    figure.draw_without_rendering()
-    [legend] = figure.legends
-    assert legend.get_window_extent().y1 <= figure.axes[0].get_tightbbox().y0 + 1  # type: ignore[union-attr]
-
-
 def test_a_level_looks_the_same_in_every_figure() -> None:
-    """Whichever levels a figure shows."""
     all_modes = drawn('kind = "levels"\nx = "loss"\nhue = "mode"\nmetric = "waiting_all"\n')
     one = drawn(
         'kind = "levels"\nx = "loss"\nhue = "mode"\nmetric = "waiting_all"\nvariants = ["loss=0.0, hybrid 3"]\n'
@@ -194,13 +171,6 @@ def test_a_level_looks_the_same_in_every_figure() -> None:
     colours = {h.get_label(): h.get_color() for h in all_modes.legends[0].get_lines()}  # type: ignore[attr-defined]
     assert colours
     assert [line.get_color() for line in one.legends[0].get_lines()] == [style.MODES["hybrid"].colour]
-
-
-def test_nothing_to_draw_is_said() -> None:
-    """Rather than an empty figure."""
-    runs = runs_of(made(OWN), table(), NONE).assign(waiting_all=np.nan)
-    with pytest.raises(ValueError, match="no values of 'Mean time until an event is sensed'"):
-        drawn('x = "mode"\nmetric = "waiting_all"\n', runs)
 
 
 ALL = 'x = "mode"\nhue = "loss"\nmetric = "waiting_all"\n'
@@ -213,7 +183,6 @@ def runs_with(**waiting: Any) -> pd.DataFrame:
 
 @pytest.mark.parametrize("figure", [ALL, ALONG, f'{ALONG}facet = "mode"\n'.replace('hue = "mode"\n', "")])
 def test_a_caption_says_of_how_many_replicates_a_value_is(figure: str) -> None:
-    """And which values are of fewer, or of none; their places stay."""
     assert "n = 10" in drawing(figure).notes[0]
     runs = runs_with()
     lost = (runs["mode"] == "hybrid 3") & (runs["loss"] == "loss=0.5")
@@ -255,7 +224,6 @@ def test_a_mean_over_some_levels_is_no_mean_over_all() -> None:
 
 
 def test_the_legend_has_what_is_in_the_picture_and_the_reverse() -> None:
-    """A level without values is no entry; a line is one."""
     runs = runs_with()
     runs.loc[runs["mode"] == "hybrid 3", "waiting_all"] = np.nan
     lines = 'lines = { limit = 12.0, "that of hybrid" = "loss=0.0, hybrid 3" }\n'
@@ -264,19 +232,6 @@ def test_the_legend_has_what_is_in_the_picture_and_the_reverse() -> None:
     assert any("Lines of variants without values are missing: that of hybrid." in note for note in found.notes)
     heights = [line.get_ydata() for line in found.figure.axes[0].lines if line.get_linewidth() == 0.7]
     assert [12.0, 12.0] in [list(height) for height in heights]
-
-
-def test_a_legend_is_as_wide_as_the_figure_at_most() -> None:
-    """Its columns become fewer, and what is longer than a line is written in two."""
-    long = "a hybrid control whose thresholds were chosen by hand long ago, and which nobody has looked at again since"
-    sweep = SWEEP.replace('"decentralised", "hybrid 3"', f'"decentralised, as a name of some length", "{long}"')
-    study = made(f'{OWN}[[figure]]\nname = "f"\n{ALONG}', sweep)
-    runs = table().replace(
-        {"variant": {"decentralised": "decentralised, as a name of some length", "hybrid 3": long}}, regex=True
-    )
-    figure = drawing(ALONG, runs_of(study, runs, NONE), study).figure
-    box = figure.legends[0].get_window_extent()
-    assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
 
 
 def test_a_metric_at_its_ceiling_is_shown_as_such() -> None:
@@ -291,7 +246,6 @@ def test_a_metric_at_its_ceiling_is_shown_as_such() -> None:
 
 
 def test_a_swept_number_stands_in_a_legend_under_its_title() -> None:
-    """Not as the key by which it was swept."""
     [legend] = drawn(ALL).legends
     assert legend.get_title().get_text() == "frames lost [share]"
     assert [text.get_text() for text in legend.get_texts()] == ["0.0", "0.5", "0.9"]
@@ -307,7 +261,7 @@ def test_a_number_is_that_of_the_scenario_not_of_the_label() -> None:
 
 def test_labels_along_a_path_are_values_of_the_scenarios() -> None:
     """Whatever the variants are called; several things that vary leave only the names."""
-    study = load_study("paper")
+    study = built_in("paper")
     assert path_labels(study, ["hierarchical", "rho 3", "rho 7"]) == (
         "rho",
         {"hierarchical": "2", "rho 3": "3", "rho 7": "7"},
@@ -319,7 +273,6 @@ def test_labels_along_a_path_are_values_of_the_scenarios() -> None:
 
 
 def test_no_label_lies_on_another_or_on_a_point() -> None:
-    """Also where several points are at one place."""
     with style.drawing():
         figure = style.new_figure(4, 3)
         axes = figure.add_subplot()
@@ -337,7 +290,6 @@ def test_no_label_lies_on_another_or_on_a_point() -> None:
 
 
 def test_no_word_of_an_axis_is_broken() -> None:
-    """A name that is too long for its place is rotated whole."""
     name = "hierarchically"
     sweep = SWEEP.replace('"decentralised", "hybrid 3"', ", ".join(f'"{name} {index}"' for index in range(7)))
     sweep = sweep.replace('"decentralised", "hybrid"', ", ".join(['"hybrid"'] * 7))
@@ -358,15 +310,14 @@ def test_no_word_of_an_axis_is_broken() -> None:
     assert axes.bbox.height / axes.figure.dpi >= 1.5
 
 
-def test_a_span_is_marked_only_where_it_is_so() -> None:
-    """In the panels of its levels."""
-    spans = 'spans = [{ text = "jammed", from_s = 200.0, until_s = 400.0, levels = ["loss=0.5"] }]\n'
+@in_one_test(("levels", "marked"), [("", [True] * 3), (', levels = ["loss=0.5"]', [False, True, False])])
+def test_a_span_says_what_it_is_where_it_is_so(levels: str, marked: list[bool]) -> None:
+    spans = f'spans = [{{ text = "jammed", from_s = 200.0, until_s = 400.0{levels} }}]\n'
     figure = drawn(f'kind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n{spans}')
-    assert [["jammed" in text.get_text() for text in axes.texts] for axes in figure.axes] == [[], [True], []]
+    assert ["jammed" in [text.get_text() for text in axes.texts] for axes in figure.axes] == marked
 
 
 def test_axes_that_do_not_begin_at_zero_are_named() -> None:
-    """Of planes and frontiers; others begin there."""
     runs = runs_with(waiting=lambda level, mode, replicate: 500.0 + replicate, messages=lambda *_: 4.0)
     figure = 'kind = "plane"\nx = "waiting_all"\nmetric = "messages"\nhue = "mode"\n'
     assert "The horizontal and the vertical axis do not begin at 0." in drawing(figure, runs).notes
@@ -374,7 +325,6 @@ def test_axes_that_do_not_begin_at_zero_are_named() -> None:
 
 
 def test_a_variant_that_is_not_judged_is_named() -> None:
-    """It is drawn from what is left of it."""
     study = made(f'{OWN}[[figure]]\nname = "f"\n{ALONG}')
     runs = runs_with()
     lost = (runs["variant"] == "loss=0.5, hybrid 3") & (runs["replicate"] < 4)

@@ -1,4 +1,4 @@
-"""Verdicts of claims: mirrored when sides are swapped, never at odds with their intervals, and honest about errors."""
+"""Verdicts of claims: mirrored when sides are swapped, never at odds with their intervals; numbers in findings."""
 
 import itertools
 import math
@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_studies.claims import claims_of, vacuous_claims
+from deltaswarm_studies.claims import claims_of, findings_of, unsupported, vacuous_claims
 from deltaswarm_studies.contrasts import contrasts_of
-from deltaswarm_studies.tables import runs_of
+from deltaswarm_studies.tables import estimates_of, runs_of
 from tests.support.studying import FAST, LEVELS, LIMIT, MODES, OWN, SAME, SLOW, made, spread, table, worse_at_90
 from tests.support.tiers import in_one_test
 
@@ -18,7 +18,6 @@ NONE = pd.DataFrame()
 
 
 def claim(text: str) -> pd.Series:
-    """The judgement of one claim."""
     study = made(OWN + f'[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\n{text}')
     return claims_of(study, runs_of(study, table(worse_at_90), NONE)).iloc[0]
 
@@ -44,7 +43,6 @@ def claim(text: str) -> pd.Series:
     ],
 )
 def test_verdicts_are_symmetric(text: str, verdict: str) -> None:
-    """A claim is refuted only where the opposite is shown; where neither is, it is undecided."""
     assert claim(text)["verdict"] == verdict
 
 
@@ -59,7 +57,6 @@ SIDES = st.lists(st.tuples(st.sampled_from(VARIANTS), st.sampled_from(VARIANTS),
 
 
 def judged(text: str, factors: list[float], noise: list[float], zero: bool = False) -> pd.DataFrame:
-    """The claims of a text, for runs with these factors; with `zero` some values are 0."""
 
     def value(level: str, mode: str, replicate: int) -> float:
         index = LEVELS.index(level) * len(MODES) + MODES.index(mode)
@@ -94,7 +91,6 @@ def test_swapping_a_claims_sides_mirrors_its_verdict(
 def test_two_variants_are_alike_whichever_is_named_first(
     sides: list[tuple[str, str, float]], factors: list[float], noise: list[float]
 ) -> None:
-    """The same verdict with the same p."""
     if not sides:
         return
     alike = (
@@ -110,7 +106,6 @@ def test_two_variants_are_alike_whichever_is_named_first(
 def test_interval_p_and_verdict_never_contradict_each_other(
     factors: list[float], noise: list[float], margin: float, zero: bool
 ) -> None:
-    """Of contrasts and of claims of every kind, on random data."""
     text = LIMIT.replace("margin = 1.1", f"margin = {margin!r}")
     head = '[[claim]]\nid = "{}"\ntext = "c"\nmetric = "waiting_all"\n'
     text += "".join(
@@ -166,23 +161,6 @@ def test_a_value_is_compared_with_the_sources_own_error() -> None:
     assert claim(f'kind = "value"\nof = "{FAST}"\nabove = 50.0\n')["verdict"] == "refuted"
 
 
-@in_one_test(
-    ("text", "is_vacuous"),
-    [
-        (f'kind = "value"\nof = "{FAST}"\nwithin = [15.0, 40.0]', False),
-        (f'kind = "value"\nof = "{FAST}"\nabove = 1.0', False),
-        (f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 100.0', True),
-        (f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 1.5', False),
-        (f'less = "{FAST}"\nmore = "{SLOW}"\nat_least = 0.001', True),
-        (f'less = "{FAST}"\nmore = "{SLOW}"', False),
-    ],
-)
-def test_a_claim_that_nothing_could_contradict_is_named(text: str, is_vacuous: bool) -> None:
-    """Its tolerance is far wider than all runs of all variants differ."""
-    study = made(OWN + f'[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\n{text}')
-    assert bool(vacuous_claims(study, runs_of(study, table(worse_at_90), NONE))) == is_vacuous
-
-
 def test_a_claim_without_values_or_of_predictors_is_not_called_vacuous() -> None:
     """Nothing is known of it; ratios of values below 1 are ratios as well."""
     text = f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 5.0'
@@ -206,7 +184,6 @@ def test_an_interval_has_the_confidence_at_which_its_claim_is_tested() -> None:
 
 
 def test_holms_correction_is_over_the_claims_of_one_source() -> None:
-    """Claims of another source are another question."""
     one = '[[claim]]\nid = "{}"\ntext = "t"\nsource = "{}"\nmetric = "waiting_all"\n'
     one += f'less = "{FAST}"\nmore = "{SLOW}"\n'
     study = made(OWN + "".join(one.format(name, source) for name, source in (("a", "x"), ("b", "x"), ("c", "y"))))
@@ -237,3 +214,55 @@ def test_the_better_of_two_predictors_is_found(less: str, more: str, verdict: st
     )
     row = claims_of(study, runs_of(study, table(exact, vague, sensed), NONE)).iloc[0]
     assert (row["verdict"], row["n"]) == (verdict, 10)
+
+
+# Findings
+
+ESTIMATES = [0.683, 1.25, 0.88]
+MEDIANS = [65.2, 409.4]
+
+
+@in_one_test(
+    ("text", "wrong"),
+    [
+        ("Events wait 0.7 times as long.", []),
+        ("Events wait 0.68 times as long.", []),
+        ("Events wait 0.69 times as long.", ["0.69 times"]),
+        ("Decentralised control waits 1.5 times as long.", []),  # 1 / 0.683
+        ("Events wait 0.7 to 1.2 times as long.", []),
+        ("Events wait 0.7 to 1.3 times as long.", []),  # 1.25 may be rounded either way
+        ("Events wait 0.7 to 1.4 times as long.", ["0.7 to 1.4 times"]),
+        ("They send 12 % fewer messages, 25 % more or 13 % less.", ["13 % less"]),
+        ("They wait 65 instead of 409 s.", []),
+        ("They wait 66 instead of 409 s.", ["66 instead of 409"]),
+        ("They wait\n0.5 times as long.", ["0.5 times"]),
+        ("With 25 agents and frames 5 to 10 s late nothing is said in numbers.", []),
+    ],
+)
+def test_a_number_is_among_what_was_found(text: str, wrong: list[str]) -> None:
+    assert list(unsupported(text, ESTIMATES, MEDIANS)) == wrong
+
+
+@given(st.floats(0.05, 20.0), st.integers(0, 3))
+def test_what_was_found_may_be_stated_with_any_precision(ratio: float, decimals: int) -> None:
+    assert not list(unsupported(f"It takes {ratio:.{decimals}f} times as long.", [ratio], []))
+    assert not list(unsupported(f"It takes {ratio:.{decimals}f} times as long.", [1 / ratio], []))
+
+
+def test_nothing_found_supports_no_number() -> None:
+    assert list(unsupported("1.0 times", [], [])) == ["1.0 times"]
+    assert list(unsupported("3 times", [0.0], [])) == ["3 times"]
+
+
+def test_a_finding_whose_number_is_not_found_is_left_out() -> None:
+    because = (
+        'because = [{ contrast = "limit", metric = "waiting_all", level = "loss=0.9", within = "hybrid 3", '
+        'is = "higher" }]\n'
+    )
+    texts = "".join(
+        f'[[finding]]\ntext = "Events wait {number} times as long."\n{because}' for number in ("2.0", "2.1")
+    )
+    study = made(OWN + LIMIT + texts)
+    runs = runs_of(study, table(worse_at_90), pd.DataFrame())
+    results = {"contrast": contrasts_of(study, runs), "estimates": estimates_of(study, runs)}
+    assert findings_of(study, results)["broken"].tolist() == ["", "no result that it rests on is '2.1 times'"]

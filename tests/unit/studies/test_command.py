@@ -64,7 +64,6 @@ Printed = pytest.CaptureFixture[str]
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a study that was done."""
     folder = tmp_path_factory.mktemp("study")
     (folder / "own.toml").write_text(QUESTION)
     assert main(["study", str(folder / "own.toml"), "--out", str(folder / "out")]) == 0
@@ -72,7 +71,6 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_question_becomes_a_page(done: Path) -> None:
-    """With verdicts, figures, tables and the finding that the runs carry; two controllers and a limit."""
     page = (done / "out" / "page.md").read_text()
     assert FINDING in page
     claims = pd.read_csv(done / "out" / "claims.csv")
@@ -85,7 +83,6 @@ def test_a_question_becomes_a_page(done: Path) -> None:
 
 
 def test_it_is_rendered_again_without_a_run(done: Path, capsys: Printed) -> None:
-    """The same page from the same tables, even where the sweep is gone."""
     command = ["study", str(done / "own.toml"), "--out", str(done / "out"), "--render", "--json"]
     before = (done / "out" / "page.html").read_bytes()
     (done / "out" / "sweep").rename(done / "elsewhere")
@@ -98,7 +95,6 @@ def test_it_is_rendered_again_without_a_run(done: Path, capsys: Printed) -> None
 
 
 def test_a_page_says_that_compared_runs_saw_the_same_arrivals(done: Path) -> None:
-    """By what was recorded of both, for times and places."""
     page = (done / "out" / "page.md").read_text()
     assert "number and times of arrivals are the same in 21 of 21 pairs of runs" in page
     assert "places of arrivals are the same in 21 of 21 pairs of runs" in page
@@ -124,7 +120,6 @@ def test_what_tables_lack_stands_at_the_top_of_the_page(
 
 
 def test_a_figure_that_cannot_be_drawn_is_named_last(done: Path, tmp_path: Path, capsys: Printed) -> None:
-    """By the command too, not only on the page, with exit code 1; a run that lacks one metric lacks nothing else."""
     tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
     (tables / "seal.json").unlink()
     runs = pd.read_csv(tables / "runs.csv")
@@ -149,7 +144,6 @@ def test_a_published_run_is_repeated_and_compared(done: Path, tmp_path: Path, ca
 
 
 def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Printed) -> None:
-    """Exit code 3, and the sentence is named."""
     (done / "wrong.toml").write_text(QUESTION.replace('is = "holds"', 'is = "refuted"'))
     assert main(["study", str(done / "wrong.toml"), "--out", str(done / "out"), "--render"]) == 3
     assert FINDING in capsys.readouterr().err
@@ -157,7 +151,6 @@ def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Print
 
 
 def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys: Printed) -> None:
-    """Exit code 3; expected to be refuted, it does not."""
     text = "It waits for ever"
     value = 'kind = "value"\nmetric = "waiting_all"\nof = "loss=0.0, decentralised"\nwithin = [49.9, 50.0]\n'
     for expect, code in (("holds", 3), ("refuted", 0)):
@@ -168,7 +161,6 @@ def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys:
 
 
 def test_studies_share_the_runs_that_they_have_in_common(done: Path, capsys: Printed) -> None:
-    """A second study beside the first takes what it needs from it."""
     (done / "other.toml").write_text(QUESTION.replace('"own"', '"other"'))
     assert main(["study", str(done / "other.toml"), "--out", str(done / "other")]) == 0
     assert "28 runs are taken" in capsys.readouterr().err
@@ -197,7 +189,6 @@ def test_a_bare_sweep_gets_all_that_a_study_has(done: Path, capsys: Printed) -> 
 
 @pytest.mark.parametrize("wrong", [["--reference", "loss=0.7"], ["--metric", "no_such_column"]])
 def test_a_report_names_what_is_not_there(done: Path, wrong: list[str], capsys: Printed) -> None:
-    """With exit code 2."""
     assert main(["report", str(done / "out" / "sweep"), *wrong]) == 2
     assert wrong[1] in capsys.readouterr().err
 
@@ -206,7 +197,6 @@ def test_a_report_names_what_is_not_there(done: Path, wrong: list[str], capsys: 
 def test_a_report_of_a_damaged_sweep_says_so(
     done: Path, name: str, content: str, tmp_path: Path, capsys: Printed
 ) -> None:
-    """With exit code 2, instead of a traceback."""
     damaged = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
     (damaged / name).write_text(content)
     assert main(["report", str(damaged)]) == 2
@@ -214,7 +204,6 @@ def test_a_report_of_a_damaged_sweep_says_so(
 
 
 def test_a_report_of_a_sweep_with_missing_runs_says_so(done: Path, tmp_path: Path, capsys: Printed) -> None:
-    """At the top of its page, with exit code 1."""
     sweep = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
     seal.write_sealed(sweep / "manifest.json", json.loads((sweep / "manifest.json").read_text()), {})
     table = pd.read_csv(sweep / "table.csv", dtype=str)
@@ -226,7 +215,6 @@ def test_a_report_of_a_sweep_with_missing_runs_says_so(done: Path, tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["runs.csv", "provenance.csv"])
 def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: Path, capsys: Printed) -> None:
-    """With exit code 1, instead of a traceback."""
     damaged = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
     (damaged / name).write_text("a,b\n1,2\n")
     (damaged / "seal.json").unlink()
@@ -234,12 +222,16 @@ def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: P
     assert name in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["runs.csv", "runs.parquet", "provenance.csv", "estimates.csv", "seal.json"])
-@pytest.mark.parametrize("what", ["--render", "--check"])
+@pytest.mark.parametrize(
+    ("what", "name"),
+    [
+        *(("--render", name) for name in ("runs.csv", "runs.parquet", "provenance.csv", "estimates.csv", "seal.json")),
+        ("--check", "runs.csv"),
+    ],
+)
 def test_an_edited_table_of_a_study_is_not_published(
     done: Path, name: str, what: str, tmp_path: Path, capsys: Printed
 ) -> None:
-    """Though it is well-formed. Without the seal, the page says that nothing vouches for it."""
     folder = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
     data = (folder / name).read_bytes()
     place = max(data.rfind(digit) for digit in (b"1", b"2", b"4"))
@@ -260,7 +252,6 @@ def test_an_edited_table_of_a_study_is_not_published(
 
 
 def test_what_is_no_study_is_said(tmp_path: Path, capsys: Printed) -> None:
-    """A name that is not known, a folder without tables."""
     assert main(["study", "papre"]) == 2
     assert "papre" in capsys.readouterr().err
     assert main(["study", "paper", "--render", "--out", str(tmp_path)]) == 1
@@ -368,7 +359,6 @@ def test_a_study_that_differs_from_its_protocol_says_so_until_it_is_amended(froz
 
 
 def test_a_protocol_that_was_edited_by_hand_is_named(frozen: Path, capsys: Printed) -> None:
-    """With exit code 3, though the study file agrees with it."""
     command = ["study", str(frozen / "own.toml"), "--out", str(frozen / "out")]
     assert main(command) == 0
     protocol = frozen / "out" / "protocol.json"

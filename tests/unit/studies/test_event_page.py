@@ -70,7 +70,6 @@ def test_a_curve_for_each_variant_with_its_band() -> None:
 
 
 def test_a_hue_gives_each_level_its_look_of_all_figures() -> None:
-    """And the curve of its variant alone."""
     names = f'variants = ["{FAST}", "{SLOW}"]\n'
     own = ASKED.replace('kind = "survival"', 'kind = "survival"\nhue = "mode"').replace(NAMES, names)
     own = own.replace(f'reference = "{SAME}"\n', "")
@@ -85,7 +84,6 @@ def test_a_hue_gives_each_level_its_look_of_all_figures() -> None:
 
 
 def test_rings_are_drawn_at_their_mean_distance() -> None:
-    """Beside each other, so that intervals do not hide one another."""
     figure = drawn(1).figure
     [axes] = figure.axes
     at = [line.get_xdata() for line in axes.lines if len(line.get_xdata()) == 2]
@@ -115,7 +113,6 @@ def test_tables_by_hand() -> None:
 
 
 def test_a_page_is_the_same_from_its_tables(tmp_path: Path) -> None:
-    """From `events.csv`, without a run; the events are sealed with the other tables."""
     study = made(OWN + ASKED)
     write(study, evidence_of(), PROVENANCE, tmp_path)
     assert {"events.csv", "survival.csv", "rings.csv"} <= {file.name for file in tmp_path.iterdir()}
@@ -129,7 +126,6 @@ def test_a_page_is_the_same_from_its_tables(tmp_path: Path) -> None:
 
 
 def test_runs_without_events_leave_a_reason_in_place_of_figures(tmp_path: Path) -> None:
-    """As runs of earlier versions have none: the page says so, at its top and for each figure."""
     evidence = evidence_of(rows=pd.DataFrame())
     _, markdown, pictures = pages(made(OWN + ASKED), evidence, PROVENANCE)
     assert pictures == []
@@ -146,7 +142,6 @@ def test_runs_without_events_leave_a_reason_in_place_of_figures(tmp_path: Path) 
 
 
 def test_a_study_that_asks_nothing_about_events_keeps_them(tmp_path: Path) -> None:
-    """For whoever asks later; its page has no part about them."""
     study = made(OWN)
     write(study, evidence_of(""), PROVENANCE, tmp_path)
     assert len(read_table(tmp_path / "events.csv")) == 2 * REPLICATES * 4

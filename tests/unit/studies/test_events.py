@@ -54,7 +54,6 @@ def test_a_row_says_when_each_moment_came_where_and_until_when_it_was_followed()
 
 
 def test_only_what_is_asked_about_is_kept() -> None:
-    """The variants of tables and figures, with the reference; all if nothing is asked."""
     study = made(OWN + ASKED)
     assert set(events_of(study, results(study, [2]))["variant"]) == {FAST, SLOW}
     study = made(OWN + f'[[survival]]\nvariants = ["{FAST}"]\nreference = "{SAME}"\n')
@@ -90,7 +89,6 @@ def test_runs_without_events_are_named() -> None:
 
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
 def test_a_sweep_keeps_the_events_of_its_runs(step_s: float) -> None:
-    """Each as in the run's own `events.csv`."""
     sweep = SWEEP.replace("run.duration_s = 1000.0", f"run.duration_s = 100.0\nrun.step_s = {step_s}")
     study = made(
         sweep=sweep.replace("horizon_s = 100.0", "horizon_s = 50.0").replace(
@@ -125,7 +123,6 @@ def test_distances_are_from_the_place_that_was_densest_at_the_arrival() -> None:
 
 
 def in_rings(waits_s: Sequence[Sequence[float | None]], variant: str = FAST) -> pd.DataFrame:
-    """Events of runs at distances of 1 m, 2 m and so on, all at the start."""
     return pd.DataFrame(
         [
             {"variant": variant, "replicate": replicate, "from_densest_m": place + 1.0, "arrived_s": 0.0,
@@ -173,7 +170,6 @@ def test_rings_divide_all_events_evenly(waits_s: list[int], count: int) -> None:
 
 
 def test_a_table_of_rings_has_the_variants_that_have_events() -> None:
-    """And says of a density that is the same everywhere that no place is the densest."""
     study = made(OWN + ASKED)
     events = in_rings([[10.0, 20.0]])
     assert rings_of(study, events)["variant"].tolist() == [FAST, FAST]
@@ -211,7 +207,6 @@ SLOW_UPLINK = SWEEP.replace("[scenario]", "[scenario]\nuplink.latency_s = 100.0"
     ],
 )  # fmt: skip
 def test_what_no_run_could_answer_is_refused(own: str, sweep: str, complaint: str) -> None:
-    """With the place, what was given and what must hold."""
     with pytest.raises(SettingsError) as caught:
         made(OWN.replace('metrics = ["waiting_all", "messages"]', 'metrics = ["messages"]') + own, sweep)
     assert complaint in "\n".join(map(str, caught.value.problems))
@@ -229,12 +224,10 @@ def test_what_no_run_could_answer_is_refused(own: str, sweep: str, complaint: st
     ],
 )
 def test_what_some_run_can_answer_is_not_refused(own: str, sweep: str) -> None:
-    """One second more than the shortest time, one step less than the run."""
     assert made(OWN + own, sweep)
 
 
 def test_the_shortest_of_the_runs_bounds_the_horizon() -> None:
-    """No event of it could be followed for longer."""
     sweep = SWEEP.replace("run.duration_s = 1000.0", "").replace(
         "radio.loss = [0.0, 0.5, 0.9]", "run.duration_s = [1000.0, 500.0]"
     )
@@ -256,7 +249,6 @@ def test_the_shortest_time_until_a_moment() -> None:
 
 
 def test_variants_with_different_horizons_need_one_for_the_table() -> None:
-    """A mean to 100 s and one to 200 s are two quantities."""
     sweep = SWEEP.replace("metrics.horizon_s = 100.0", "").replace(
         "radio.loss = [0.0, 0.5, 0.9]", "metrics.horizon_s = [100.0, 200.0]"
     )

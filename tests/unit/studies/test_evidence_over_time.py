@@ -6,11 +6,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_studies.evidence import recovery_of
-from deltaswarm_studies.tables import (
-    courses_of,
-    runs_of,
-    windows_with_levels,
-)
+from deltaswarm_studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import OWN, SAME, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
 
@@ -48,7 +44,6 @@ def test_numbers_per_step_are_told_per_second() -> None:
 
 
 def test_runs_shorter_than_a_window_have_no_windows() -> None:
-    """Their table is empty, and whatever is drawn from it too."""
     study = made(OWN.replace("window_s = 100.0", "window_s = 2000.0"))
     windows = windows_with_levels(study, series(lambda *_: 20.0))
     assert windows.empty
@@ -118,7 +113,6 @@ def test_a_swarm_that_says_too_little_is_not_back(loads: list[float], back_s: fl
 
 @in_one_test(("fault", "reference", "back_s"), [(0, 0, 100.0), (0, 4, math.inf), (4, 0, math.inf), (1, 1, 100.0)])
 def test_nothing_is_like_nothing_and_unlike_something(fault: float, reference: float, back_s: float) -> None:
-    """Messages per step of the swarms with a fault and without it."""
     study = made(
         OWN + '[[recovery]]\nmetric = "messages"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
         "after_s = 400.0\nwindows = 3\n"
@@ -194,7 +188,6 @@ def test_an_incomplete_last_window_is_left_out(
 
 
 def test_courses_are_means_over_the_replicates() -> None:
-    """With an interval that holds them, a row per window, for what is drawn over time."""
     study = made(OWN + '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n')
     windows = windows_with_levels(study, series(lambda level, mode, replicate, time_s: float(replicate)))
     found = courses_of(study, windows)
@@ -204,7 +197,6 @@ def test_courses_are_means_over_the_replicates() -> None:
 
 
 def test_a_missing_series_is_named() -> None:
-    """Rather than a column of nothing."""
     study = made(OWN.replace("window_s", "from_s = 500.0\nwindow_s"), SWEEP)
     with pytest.raises(ValueError, match="series_every_s"):
         runs_of(study, table(), NONE)

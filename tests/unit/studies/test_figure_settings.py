@@ -13,7 +13,6 @@ from tests.support.studying import OWN, SWEEP, made, table
 
 @pytest.mark.parametrize("name", ["", "..", "../page", "/tmp/x", "a/b", "a\\u0000", "x" * 300])
 def test_a_figures_name_stays_in_its_folder(name: str) -> None:
-    """It becomes the name of a file, so it is refused when the study is read."""
     with pytest.raises(SettingsError, match=r"figure\[0\]\.name.*must be a file's name"):
         made(f'{OWN}[[figure]]\nname = "{name}"\nmetric = "messages"\nx = "loss"\n')
 
@@ -40,7 +39,6 @@ def test_a_span_is_refused_where_nothing_happens() -> None:
 
 
 def test_more_colours_than_can_be_told_apart_are_refused() -> None:
-    """Before the runs; the same factor along the axis is well."""
     rates = ", ".join(str(index / 20) for index in range(1, 14))
     sweep = SWEEP.replace("[0.0, 0.5, 0.9]", f"[{rates}]")
     figure = '[[figure]]\nname = "f"\nx = "{}"\nhue = "{}"\n'

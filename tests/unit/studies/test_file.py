@@ -7,63 +7,57 @@ import pandas as pd
 import pytest
 
 from deltaswarm_cli.main import main
-from deltaswarm_orchestrator.sweeps.load import built_in_files, load_sweep
+from deltaswarm_orchestrator.sweeps.load import built_in_files
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies.load import COLLECTIONS, load_study
+from deltaswarm_studies.load import COLLECTIONS
 from deltaswarm_studies.plan import plan, text
 from deltaswarm_studies.stats import pairs_needed
 from deltaswarm_studies.study import default_factors
 from deltaswarm_studies.tables import runs_of
 from deltaswarm_wire.checked import SettingsError
-from tests.support.studying import LEVELS, OWN, SWEEP, made, spread, table
+from tests.support.studying import LEVELS, OWN, SWEEP, built_in, made, spread, table
 from tests.support.tiers import in_one_test
-
-STUDIES = [name for names in COLLECTIONS.values() for name in names]
-
-
-@in_one_test("name", STUDIES)
-def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
-    """Enough replicates for its contrasts; every figure has a caption."""
-    study = load_study(name)
-    for contrast in study.file.contrast:
-        assert study.repeats >= pairs_needed(len(list(study.comparisons(contrast)))), contrast.id
-    assert study.file.figure or study.file.grid or study.file.fit or study.ranges
-    assert all(figure.caption and figure.name for figure in study.file.figure)
-    assert all(contrast.text and contrast.id for contrast in study.file.contrast)
-    assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)
 
 
 @in_one_test("name", built_in_files())
-def test_every_built_in_sweep_can_be_studied(name: str) -> None:
-    """A study file is a sweep file, and a bare sweep a study that asks nothing."""
-    assert load_study(name).sweep.variants
-    assert len(set(default_factors(load_sweep(name)))) == len(load_sweep(name).factors)
+def test_every_built_in_file_is_a_study_that_can_show_what_it_asks(name: str) -> None:
+    """Enough replicates for its contrasts; every figure has a caption. A bare sweep is a study that asks nothing."""
+    study = built_in(name)
+    assert len(set(default_factors(study.sweep))) == len(study.sweep.factors)
+    for contrast in study.file.contrast:
+        assert study.repeats >= pairs_needed(len(list(study.comparisons(contrast)))), contrast.id
+        assert contrast.text
+    assert all(figure.caption for figure in study.file.figure)
+    asks = study.file.figure or study.file.grid or study.file.fit or study.ranges
+    assert asks or name not in COLLECTIONS["all"]
 
 
 def test_the_plan_says_what_so_many_replicates_could_show(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before hours are spent: six replicates can show nothing under Holm over seven comparisons or more."""
+    """Before hours are spent: six replicates can show nothing under Holm over fourteen comparisons."""
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
-    monkeypatch.chdir(tmp_path)
-    assert main(["study", "jamming", "--repeats", "6", "--plan"]) == 0
-    few = capsys.readouterr().out
-    assert "9 replicates are needed" in few
-    assert "cores" in few
-    assert main(["study", "jamming", "--plan"]) == 0
+    losses = [place / 10 for place in range(8)]
+    file = tmp_path / "own.toml"
+    file.write_text(SWEEP.replace("[0.0, 0.5, 0.9]", str(losses)) + OWN + CONTRAST)
+    command = ["study", str(file), "--out", str(tmp_path / "out"), "--plan"]
+    assert main([*command, "--repeats", "6"]) == 0
+    told = capsys.readouterr().out
+    assert "10 replicates are needed" in told
+    assert "cores" in told
+    assert main([*command, "--repeats", "10"]) == 0
     assert "needed" not in capsys.readouterr().out
 
 
 def test_with_a_pilot_the_plan_says_which_effect_it_could_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The smaller the spread and the more replicates, the smaller the effect; on the contrast's scale."""
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
-    limit = '[[contrast]]\nid = "limit"\nfactor = "loss"\nreference = "loss=0.0"\n'
 
     def effect(noise: float, repeats: int) -> float:
         def value(level: str, mode: str, replicate: int) -> float:
             return spread(level, mode, replicate) * (1 + noise) ** ((replicate * 7 + LEVELS.index(level)) % 5)
 
-        study = made(OWN + limit, SWEEP.replace("repeats = 10", f"repeats = {repeats}"))
+        study = made(OWN + CONTRAST, SWEEP.replace("repeats = 10", f"repeats = {repeats}"))
         write_table(tmp_path / "runs", runs_of(study, table(value), pd.DataFrame()))
         (line,) = [line for line in text(plan(study, tmp_path, 2)).splitlines() if "waiting_all" in line]
         return float(re.findall(r"shows (\S+) times", line)[0])
@@ -85,7 +79,6 @@ FINDING += 'within = "hybrid 3", is = "higher" }]\n'
 
 
 def test_sound_tables_are_taken() -> None:
-    """From which the mistakes below differ by one word each."""
     assert made(OWN + CONTRAST + CLAIM + FINDING)
     assert made(TIMED)
 
@@ -205,7 +198,6 @@ def test_sound_tables_are_taken() -> None:
     ],
 )  # fmt: skip
 def test_a_mistake_is_told_by_name(own: str, path: str) -> None:
-    """Where it stands, before anything runs."""
     with pytest.raises(SettingsError) as caught:
         made(own if own.lstrip().startswith("[study]") else OWN + own)
     assert path in [problem.path for problem in caught.value.problems]
@@ -241,7 +233,6 @@ def test_numbers_that_depend_on_the_step_are_not_compared_between_steps(
 
 
 def test_a_name_that_is_none_is_told_with_those_that_are() -> None:
-    """And with the one that may be meant; where there is none, that is said."""
     for own, said in (
         (
             CONTRAST.replace('"loss"', '"los"'),
@@ -278,7 +269,6 @@ def test_a_long_choice_is_listed_at_most_once() -> None:
 
 
 def test_times_end_with_the_shortest_run() -> None:
-    """Of all variants; a metric over windows begins early enough for its events."""
     sweep = SWEEP.replace("radio.loss = [0.0, 0.5, 0.9]", "run.duration_s = [1000.0, 2000.0]")
     sweep = sweep.replace("run.duration_s = 1000.0\n", "")
     with pytest.raises(SettingsError, match=r"figure\[0\]\.at_s must be before the end of the runs, 1000 s"):
@@ -289,7 +279,6 @@ def test_times_end_with_the_shortest_run() -> None:
 
 
 def test_a_metric_over_windows_needs_a_series() -> None:
-    """One of whole runs does not."""
     sweep = SWEEP.replace("series_every_s = 100.0", "series_every_s = 0.0")
     assert made(OWN, sweep)
     with pytest.raises(SettingsError, match=r"sweep\.series_every_s must be above 0 for w"):
@@ -326,7 +315,6 @@ def test_only_times_of_events_need_a_horizon_within_the_run() -> None:
 
 @pytest.mark.parametrize("horizons", ["[100.0, 1000.0]", "[1000.0, 100.0]"])
 def test_the_longest_horizon_of_all_variants_counts(horizons: str) -> None:
-    """In some variant no event could be followed for so long."""
     sweep = SWEEP.replace("metrics.horizon_s = 100.0", "").replace(
         "[sweep.axes]\nradio.loss = [0.0, 0.5, 0.9]", f"[sweep.axes]\nmetrics.horizon_s = {horizons}"
     )
@@ -349,14 +337,12 @@ def test_windows_are_counted_in_whole_numbers(window_s: float) -> None:
 
 
 def test_a_misspelt_table_is_told_with_the_right_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of a study's tables as well as of a sweep's."""
     (tmp_path / "own.toml").write_text(SWEEP + OWN + "[[contrasts]]\n")
     assert main(["study", str(tmp_path / "own.toml"), "--plan"]) == 2
     assert "'contrast'" in capsys.readouterr().err
 
 
 def test_a_study_file_is_a_sweep_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`deltaswarm sweep` leaves out what is asked of it."""
     (tmp_path / "own.toml").write_text(SWEEP + OWN)
     assert main(["sweep", str(tmp_path / "own.toml"), "--dry-run"]) == 0
     assert "6 variants x 10 replicates" in capsys.readouterr().out

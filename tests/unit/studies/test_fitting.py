@@ -37,15 +37,12 @@ FIGURES = {
 
 
 class Shown(NamedTuple):
-    """A text of a figure, or its legend."""
-
     what: str
     axes: Axes | None
     box: Bbox
 
 
 def figure_of(name: str, count: int) -> Figure:
-    """A figure with as many panels, categories, colours or points."""
     levels = [f"{LONG} {place}" for place in range(count)]
     variants = [f"{level}, {radio}" for level in levels for radio in RADIOS]
     sweep = (
@@ -120,13 +117,11 @@ def assert_whole_and_apart(figure: Figure) -> None:
 @pytest.mark.parametrize("count", [4, *(pytest.param(count, marks=pytest.mark.slow) for count in (2, 7, 12))])
 @pytest.mark.parametrize("name", FIGURES)
 def test_long_names_are_whole_and_apart(name: str, count: int) -> None:
-    """Titles, labels, ticks and legends of every kind: nothing is cut off, or lies on another text or a panel."""
     assert {name.partition(",")[0] for name in FIGURES} == KINDS.keys()
     assert_whole_and_apart(figure_of(name, count))
 
 
 def test_long_names_of_a_sensitivity_study() -> None:
-    """The same of its two kinds of figures."""
     sweep = DRAWN.replace("Event rate", f"{LONG} one").replace("Radio range", f"{LONG} two")
     study, evidence = found(
         lambda values, number: math.exp(2 * rate(values) - 1) * noise(number),

@@ -27,7 +27,6 @@ def test_the_critical_values_are_those_of_wilcoxons_table(pairs: int, alpha: flo
 
 
 def test_five_pairs_can_reject_nothing() -> None:
-    """So their interval has no ends."""
     assert stats.rejected_walsh(5, 0.05) == 0
     assert stats.contrast([2, 3, 4, 5, 6], [1, 1, 1, 1, 1], "difference").interval(0.05) == (-math.inf, math.inf)
 
@@ -39,7 +38,6 @@ def test_the_pairs_that_a_family_needs(family: int, pairs: int) -> None:
 
 
 def test_smallest_p_of_few_pairs() -> None:
-    """Half of all signs for two pairs; a single pair says nothing."""
     assert [stats.smallest_p(pairs) for pairs in (1, 2, 3, 6)] == [1.0, 0.5, 0.25, 0.03125]
 
 
@@ -107,11 +105,6 @@ def test_the_smallest_effect_by_hand() -> None:
     assert stats.smallest_effect(2.0, 20, 1) == pytest.approx(1.34302, abs=1e-4)
     assert stats.smallest_effect(2.0, 20, 5) == pytest.approx((2.8609 + 0.8416) * 2 / 4.37019, abs=1e-4)
     assert stats.smallest_effect(2.0, 6, 1) < math.inf == stats.smallest_effect(2.0, 5, 1)
-
-
-def test_the_standard_error_of_a_published_median() -> None:
-    """1.2533 standard deviations over the root of n, where an interquartile range has 1.349 of them."""
-    assert pytest.approx(1.2533) == stats.MEDIAN_ERROR * 1.349
 
 
 def test_six_values_give_a_median_an_interval() -> None:
@@ -219,7 +212,6 @@ def test_waiting_that_ranks_in_opposite_order_is_told_only_if_one_is_significant
 
 
 def test_one_significant_ranking_is_enough_to_tell() -> None:
-    """By sensed events all ten are lower; by all events the estimate is higher, and unclear."""
     study = made(OWN + ONE)
     runs = runs_with(
         study,

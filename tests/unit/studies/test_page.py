@@ -18,7 +18,7 @@ from deltaswarm_studies.metrics import BUILT_IN
 from deltaswarm_studies.origin import CODE, QUESTIONS, RUNS
 from deltaswarm_studies.page import pages, write, write_index
 from deltaswarm_studies.rendering import render, table
-from tests.support.studying import OWN, SWEEP, made, series, spread
+from tests.support.studying import FIGURES, OWN, SWEEP, made, series
 from tests.support.studying import table as runs_table
 
 ASKED = OWN + (
@@ -33,15 +33,7 @@ ASKED = OWN + (
     'columns = { own = ["hybrid 3"], best = ["hybrid 3", "decentralised"] }\n'
     '[[finding]]\ntext = "It is open."\nbecause = [{ claim = "c", is = "undecided" }]\n'
 )  # fmt: skip
-DRAWN = ASKED + (
-    '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
-    '[[figure]]\nname = "levels"\nkind = "levels"\nx = "loss"\nhue = "mode"\ncaption = "Levels."\n'
-    '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
-    'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
-    '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\ncaption = "Plane."\n'
-    '[[figure]]\nname = "frontier"\nkind = "frontier"\nx = "waiting"\nmetric = "messages"\ncaption = "Frontier."\n'
-    'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.9, hybrid 3"] }\n'
-)
+DRAWN = ASKED + FIGURES
 PROVENANCE = pd.DataFrame({"what": ["runs"], "value": ["60"]})
 
 
@@ -61,7 +53,6 @@ def test_the_html_page_needs_nothing_else(evidence: Evidence) -> None:
 
 
 def test_the_markdown_page_has_the_same_tables(evidence: Evidence) -> None:
-    """As many, each as wide as its heading, whatever stands in a cell."""
     html, markdown, pictures = pages(made(DRAWN), evidence, PROVENANCE)
     rendered = MarkdownIt("commonmark").enable("table").render(markdown)
     assert rendered.count("<table>") == html.count("<table>") >= 5
@@ -89,21 +80,11 @@ def test_the_page_can_be_made_again_from_its_tables(evidence: Evidence, tmp_path
 
 
 def test_a_finding_stands_on_the_page_only_while_it_is_carried(evidence: Evidence) -> None:
-    """Else it is named to whoever made the page."""
     assert "It is open." in pages(made(ASKED), evidence, PROVENANCE)[1]
     study = made(ASKED.replace('is = "undecided"', 'is = "holds"'))
     broken = Evidence(study, evidence.runs, evidence.courses, evidence.recovery)
     assert "It is open." not in pages(study, broken, PROVENANCE)[1]
     assert "It is open." in broken.unsupported[0]
-
-
-def test_a_surprise_is_a_claim_refuted_against_expectation() -> None:
-    """One that is expected to be refuted is none."""
-    slow = runs_table(lambda level, mode, replicate: spread(level, mode, replicate) * (2 if mode == "hybrid 3" else 1))
-    for expect, count in (("holds", 1), ("refuted", 0)):
-        study = made(ASKED.replace('text = "Hybrid', f'expect = "{expect}"\ntext = "Hybrid'))
-        found = Evidence.of_sweep(study, slow, series(lambda *_: 20.0))
-        assert len(found.surprises) == count
 
 
 def test_a_page_says_how_many_tests_and_families_it_holds(evidence: Evidence) -> None:
@@ -157,7 +138,6 @@ def test_every_estimate_has_its_standard_error(evidence: Evidence) -> None:
 
 
 def test_too_few_replicates_are_told(evidence: Evidence) -> None:
-    """With how many are needed."""
     few = evidence.runs[evidence.runs["replicate"] < 3]
     study = made(ASKED, SWEEP.replace("repeats = 10", "repeats = 3"))
     found = Evidence(study, few, evidence.courses, evidence.recovery)
@@ -165,18 +145,6 @@ def test_too_few_replicates_are_told(evidence: Evidence) -> None:
     assert "at least 8" in contrasts
     assert claims == "3 replicates can show nothing of the claims: Holm's correction over 1 claims needs at least 6."
     assert all(line in pages(study, found, PROVENANCE)[1] for line in found.doubts)
-
-
-def test_what_is_missing_stands_at_the_top(evidence: Evidence) -> None:
-    """Runs by variant and replicate, and metrics that the tables do not have; the rest of the page is there."""
-    part = evidence.runs[evidence.runs["replicate"] < 7].drop(columns="messages")
-    found = Evidence(made(ASKED), part, evidence.courses, evidence.recovery)
-    _, markdown, _ = pages(made(ASKED), found, PROVENANCE)
-    top, _, rest = markdown.partition("## ")
-    assert "18 of 60 runs are missing" in top
-    assert "replicates 7 to 9" in top
-    assert "messages" in top
-    assert "no data" in rest
 
 
 def test_a_page_says_which_code_made_it_and_whether_the_study_changed(evidence: Evidence) -> None:
@@ -196,7 +164,6 @@ def test_a_page_says_which_code_made_it_and_whether_the_study_changed(evidence: 
 
 
 def test_a_number_of_fewer_replicates_says_so(evidence: Evidence) -> None:
-    """Beside the estimate that it is about."""
     holed = evidence.runs.copy()
     holed.loc[(holed["variant"] == holed["variant"].iloc[0]) & (holed["replicate"] > 5), "messages"] = float("nan")
     found = Evidence(made(ASKED), holed, evidence.courses, evidence.recovery)
@@ -204,7 +171,6 @@ def test_a_number_of_fewer_replicates_says_so(evidence: Evidence) -> None:
 
 
 def test_labels_that_look_like_something_else_are_text(tmp_path: Path) -> None:
-    """`10`, `true` and `None` as labels of variants."""
     frame = pd.DataFrame({"variant": ["10", "true", "None", "1e3"], "value": [1.0, 2.0, None, 4.0]})
     write_table(tmp_path / "t", frame)
     found = read_table(tmp_path / "t.csv")
@@ -222,13 +188,11 @@ def test_a_table_shows_few_digits_and_marks_verdicts() -> None:
 
 
 def test_nothing_is_left_out_silently_in_a_template() -> None:
-    """A name that a template lacks is an error."""
     with pytest.raises(UndefinedError):
         render("page.md.jinja", {"title": "t"})
 
 
 def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None:
-    """The page says which, and why."""
     nothing = evidence.runs.assign(waiting=float("nan"))
     found = Evidence(made(DRAWN), nothing, evidence.courses, evidence.recovery)
     _, markdown, pictures = pages(made(DRAWN), found, PROVENANCE)
@@ -237,7 +201,6 @@ def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None
 
 
 def test_an_index_links_the_pages_that_are_there(evidence: Evidence, tmp_path: Path) -> None:
-    """As HTML and as Markdown, with each study's question; a study without a page is left out."""
     study = made(ASKED)
     write(study, evidence, PROVENANCE, tmp_path / study.name)
     index = write_index("mine", [study, replace(study, name="other")], tmp_path)

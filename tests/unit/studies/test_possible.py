@@ -1,12 +1,6 @@
 """Claims that nothing could support, or nothing could contradict, are refused before the runs."""
 
-import pytest
-
-from deltaswarm_orchestrator.sweeps.load import read_file
-from deltaswarm_studies.load import COLLECTIONS, load_study, make_study
 from deltaswarm_studies.possible import bounds
-from deltaswarm_studies.settings import StudyFile
-from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError
 from tests.support.studying import FAST, OWN, SAME, SLOW, SWEEP, made
 from tests.support.tiers import in_one_test
@@ -75,7 +69,6 @@ def refused(own: str, sweep: str = SWEEP) -> list[str]:
     ],
 )  # fmt: skip
 def test_a_claim_must_be_possible_and_contestable(text: str, says: str) -> None:
-    """By where its metric can be, by what the published number leaves, and by the verdicts that can come out."""
     told = refused(OWN + SHARE + CONVERGED + WINDOW + CLAIM.format("", text))
     assert (len(told), says in "".join(told)) == (int(bool(says)), True), told
 
@@ -116,41 +109,3 @@ def test_bounds_are_those_of_all_points_of_a_sensitivity_sweep() -> None:
     own = OWN.replace('loss = "frames lost [share]", ', "")
     own += CLAIM.format("", 'metric = "messages"\nless = "hybrid 3"\nmore = "decentralised"')
     assert bounds(made(own, sweep.replace("repeats = 10\n", "")), "agents_in_trees", "hybrid 3") == (0.0, 9.0)
-
-
-REFUSED = {
-    "hierarchical": (34.0, 12.0, 10, [30.2, 38.0]),
-    "hybrid 3": (26.4, 8.8, 10, [22.6, 30.2]),
-    "no recruitment": (45.9, 8.8, 20, [41.3, 50.5]),
-    "no dissolution": (27.6, 10.8, 20, [24.8, 30.4]),
-}
-"""The paper's waiting times with their spread and a tolerance that their own errors exceed, by variant."""
-
-
-@pytest.mark.parametrize(("kind", "possible"), [("value", {"no recruitment"}), ("published", set())])
-def test_the_papers_waiting_times_cannot_be_claims(kind: str, possible: set[str]) -> None:
-    """Neither as published numbers that agree within a tolerance, nor, but for one, as values with an error."""
-    table, _ = read_file("paper", "study", COLLECTIONS)
-    sweep = load_study("paper").sweep
-    tables = {key: table[key] for key in ("study", "metric", "claim")}
-    claims = [
-        {
-            "id": f"waiting of {variant}",
-            "text": "Waiting",
-            "source": "the paper",
-            "says": f"{published} s",
-            "kind": kind,
-            "metric": "waiting",
-            "of": variant,
-            "within": within,
-            "iqr": iqr,
-            "n": n,
-            **({"published": published} if kind == "published" else {}),
-        }
-        for variant, (published, iqr, n, within) in REFUSED.items()
-    ]
-    with pytest.raises(SettingsError) as error:
-        make_study("paper", checked.load(StudyFile, {**tables, "claim": tables["claim"] + claims}), sweep)
-    refused_of = {of for of in REFUSED for problem in error.value.problems if repr(f"waiting of {of}") in str(problem)}
-    assert refused_of == set(REFUSED) - possible
-    assert len(error.value.problems) == len(refused_of)

@@ -28,7 +28,6 @@ VALUES = (18.0, 19.0, 20.5, 21.0, 22.0, 22.5, 23.0, 24.5, 26.0, 27.5)
 
 
 def row_of(text: str, values: tuple[float, ...] = VALUES) -> pd.Series:
-    """The judgement of a published number, against these ten values."""
     study = made(OWN + PUBLISHED + text)
     return claims_of(study, runs_with(study, lambda _level, _mode, replicate: values[replicate])).iloc[0]
 
@@ -43,7 +42,6 @@ def row_of(text: str, values: tuple[float, ...] = VALUES) -> pd.Series:
     ],
 )
 def test_a_mean_is_compared_as_scipys_welch_test_does(text: str, published: float, sd: float, n: int) -> None:
-    """The same p and the same interval, whether the source gives a standard deviation or a standard error."""
     row, ours = row_of(text), (np.mean(VALUES), np.std(VALUES, ddof=1), 10)
     expected = scipy_stats.ttest_ind_from_stats(*ours, published, sd, n, equal_var=False)
     assert row["p"] == pytest.approx(expected.pvalue)
@@ -141,7 +139,6 @@ def test_where_only_both_sides_together_could_decide_that_is_said() -> None:
 
 
 def shown(text: str, run_s: float | None) -> dict[str, str]:
-    """The row of a published number on the page."""
     study = made(OWN + PUBLISHED + text)
     claims = claims_of(study, runs_with(study, lambda _level, _mode, replicate: VALUES[replicate]))
     first = next(claims_tables(study, claims, run_s))
@@ -185,7 +182,6 @@ def test_the_page_shows_both_numbers_with_their_sizes_and_what_would_decide() ->
     ],
 )
 def test_what_cannot_be_compared_is_refused(text: str, path: str) -> None:
-    """By the name of the key."""
     with pytest.raises(SettingsError) as refused:
         made(OWN + PUBLISHED + text)
     assert [problem.path for problem in refused.value.problems] == [path]
@@ -199,7 +195,6 @@ def test_a_run_takes_the_wall_time_of_all_divided_by_their_number() -> None:
 
 
 def test_a_number_that_differs_against_expectation_is_a_surprise() -> None:
-    """Unless that is what was expected, by either name."""
     for expect, is_surprise in (("holds", True), ("undecided", True), ("differs", False), ("refuted", False)):
         study = made(OWN + PUBLISHED + f'published = 5.0\nsd = 1.0\nn = 9\nexpect = "{expect}"\n')
         runs = runs_with(study, lambda _level, _mode, replicate: VALUES[replicate])
@@ -210,7 +205,6 @@ def test_a_number_that_differs_against_expectation_is_a_surprise() -> None:
 
 
 def test_without_data_there_is_no_test() -> None:
-    """A claim about a variant that was not run is not counted among the page's tests, nor its family."""
     order = '[[claim]]\nid = "{}"\ntext = "t"\nsource = "{}"\nmetric = "waiting_all"\nless = "{}"\nmore = "{}"\n'
     study = made(OWN + order.format("a", "x", SAME, SLOW) + order.format("b", "y", SAME, FAST))
     runs = runs_with(study, lambda _level, _mode, replicate: VALUES[replicate])

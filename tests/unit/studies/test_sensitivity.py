@@ -22,12 +22,11 @@ from deltaswarm_studies.sensitivity import (
     with_verdicts,
 )
 from deltaswarm_studies.settings import ClaimSettings
-from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
+from tests.support.drawn_studies import found, noise, rate
 from tests.support.studying import made
 
 
 def verdicts(evidence: Evidence) -> dict[str, str]:
-    """What each key does to the first claim."""
     assert evidence.sensitivity
     return dict(zip(evidence.sensitivity.keys["title"], evidence.sensitivity.keys["verdict"], strict=True))
 
@@ -53,7 +52,6 @@ def test_the_key_that_turns_a_claim_is_found() -> None:
 
 
 def test_a_choice_that_turns_a_claim_is_found() -> None:
-    """Trees report less only with recruitment."""
     _, evidence = found(lambda values, number: (1.5 if values["control.recruitment"] == "on" else 0.6) * noise(number))
     assert verdicts(evidence)["Recruitment: off"] == TURNS
     assert evidence.sensitivity
@@ -72,13 +70,11 @@ def test_a_key_that_only_changes_the_size_turns_nothing() -> None:
 
 
 def test_where_nothing_turns_a_claim_nothing_is_found() -> None:
-    """Chance alone decides at each point."""
     _, evidence = found(lambda values, number: noise(number))
     assert set(verdicts(evidence).values()) == {NEITHER}
 
 
 def runs(**values: list[float | None]) -> pd.DataFrame:
-    """Runs of some variants with these values of a metric, by point."""
     rows = [
         {"variant": name, "replicate": point, "messages": value}
         for name, column in values.items()
@@ -104,7 +100,6 @@ def test_an_order_is_judged_at_each_point() -> None:
 
 
 def test_without_a_ratio_an_order_is_a_difference() -> None:
-    """Some value is 0; what is at least twice as much is then what is left after twice the other."""
     claim = ClaimSettings("c", "less", metric="messages", less="a", more="b", at_least=2.0)
     judged = at_points(claim, runs(a=[0.0, 1.0, 2.0], b=[1.0, 2.5, 3.0]), 3)
     assert judged.effect.tolist() == [1.0, 0.5, -1.0]
@@ -177,7 +172,6 @@ def test_a_key_turns_a_claim_only_after_the_correction() -> None:
 
 
 def test_a_p_value_at_the_level_is_shown() -> None:
-    """At exactly 5 % after the correction."""
     assert with_verdicts(pd.DataFrame({"p": [0.05], "p_holds": [math.nan]}))["verdict"].tolist() == [MOVES]
     assert with_verdicts(pd.DataFrame({"p": [math.nan], "p_holds": [0.05]}))["verdict"].tolist() == [TURNS]
 
@@ -189,15 +183,8 @@ def test_a_third_of_the_points_is_low_and_a_third_high() -> None:
     assert (row["share_low"], row["share_high"]) == (0.5, 1.0)
 
 
-def test_points_without_runs_and_older_tables_are_told_apart() -> None:
-    """Three points lack a run; a table of an earlier drawing lacks a key, and a sweep without points has no shares."""
-    study = made(CLAIMED, DRAWN)
-    rows = table(study, lambda values, number: 2.0)
-    lost = (rows["variant"] == "trees") & rows["replicate"].isin([3, 4, 50])
-    evidence = Evidence.of_sweep(study, rows[~lost].reset_index(drop=True), pd.DataFrame())
-    assert evidence.sensitivity
-    [share] = evidence.sensitivity.shares.to_dict("records")
-    assert (share["n"], share["missing"], share["holds"], share["share"]) == (57, 3, 57, 1.0)
+def test_tables_of_an_earlier_drawing_and_sweeps_without_points_have_no_shares() -> None:
+    study, evidence = found(lambda values, number: 2.0)
     assert sensitivity_of(study, evidence.runs.drop(columns="radio.range_m")) is None
     assert sensitivity_of(made(), evidence.runs) is None
 

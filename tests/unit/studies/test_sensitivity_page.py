@@ -22,7 +22,6 @@ PROVENANCE = pd.DataFrame({"what": ["commit"], "value": ["abc"]})
 
 
 def test_a_point_without_valid_runs_is_counted_and_no_loss() -> None:
-    """Three points lack a run: the share is of the other 57, and the three are told."""
     study = made(CLAIMED, DRAWN)
     rows = table(study, lambda values, number: 2.0)
     lost = (rows["variant"] == "trees") & rows["replicate"].isin([3, 4, 50])
@@ -47,7 +46,6 @@ def test_a_look_at_some_points_says_so() -> None:
 
 
 def test_the_page_is_made_again_from_its_tables(tmp_path: Path) -> None:
-    """Byte for byte: names and numbers of points are the same after they were written."""
     study, evidence = found(lambda values, number: math.exp(2 * rate(values) - 1) * noise(number))
     files = {file.name: file.read_bytes() for file in write(study, evidence, PROVENANCE, tmp_path)}
     again = write(study, Evidence.of_folder(study, tmp_path), PROVENANCE, tmp_path)
@@ -58,7 +56,6 @@ def test_the_page_is_made_again_from_its_tables(tmp_path: Path) -> None:
 
 
 def test_tables_from_before_the_drawing_say_what_they_lack() -> None:
-    """The rest of the page is there."""
     study, evidence = found(lambda values, number: 2.0)
     old = Evidence(study, evidence.runs.drop(columns="radio.range_m"), evidence.courses, evidence.recovery)
     assert any("no columns radio.range_m" in line for line in old.incomplete)
@@ -78,7 +75,6 @@ def test_the_page_says_what_a_share_is_a_share_of() -> None:
 
 
 def test_a_page_on_which_nothing_turns_a_claim_says_so() -> None:
-    """And has no table of correlations that are shown."""
     study, evidence = found(lambda values, number: noise(number))
     page = pages(study, evidence, PROVENANCE)[1]
     assert "no significant key" in page
@@ -86,7 +82,6 @@ def test_a_page_on_which_nothing_turns_a_claim_says_so() -> None:
 
 
 def test_figures_name_titles_with_units_and_no_keys() -> None:
-    """Along axes and in legends; where it holds is told by colour and marker, with the count."""
     study, evidence = found(
         lambda values, number: (1.5 if values["control.recruitment"] == "on" else 0.6) * noise(number)
     )
@@ -120,21 +115,18 @@ def test_figures_name_titles_with_units_and_no_keys() -> None:
     ],
 )
 def test_a_study_that_could_answer_nothing_is_refused(own: str, sweep: str, words: str) -> None:
-    """Before the runs: without claims, with claims that one run each cannot decide."""
     with pytest.raises(SettingsError) as caught:
         made(own, sweep)
     assert any(words in str(problem) for problem in caught.value.problems), caught.value
 
 
 def of_lengths(low_s: float, high_s: float) -> str:
-    """The sweep with runs of different lengths instead of radio ranges, and a series."""
     drawn = DRAWN.replace("run.duration_s = 60.0\n", "").replace('"radio.range_m"', '"run.duration_s"')
     drawn = drawn.replace("high = 15.0", f"high = {high_s}").replace("low = 7.0", f"low = {low_s}\ninteger = true")
     return drawn.replace("series_every_s = 0.0", "series_every_s = 20.0")
 
 
 def test_windows_of_time_need_runs_of_one_length() -> None:
-    """A metric over a part of the run is refused; over the whole run it is not."""
     own = CLAIMED.replace('metrics = ["messages"]', 'metrics = ["messages"]\nuntil_s = 40.0')
     with pytest.raises(SettingsError, match=r"range\[1\].name must not be drawn with messages, whose windows"):
         made(own, of_lengths(50.0, 70.0))
@@ -185,6 +177,5 @@ def test_the_space_is_part_of_the_protocol_and_of_the_design() -> None:
 
 
 def test_a_choice_that_turns_a_claim_is_told_by_without_and_with() -> None:
-    """A choice is neither low nor high."""
     study, evidence = found(lambda values, number: 1.5 if values["control.recruitment"] == "on" else 0.6)
     assert "Recruitment: off (100 % without, 0 % with)" in pages(study, evidence, PROVENANCE)[1]

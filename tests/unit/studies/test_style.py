@@ -17,40 +17,10 @@ from deltaswarm_studies import looks, style, swarm
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.kinds import MOST_LOOKS
-from deltaswarm_studies.load import load_study
 from deltaswarm_studies.swarm import KINDS, snapshot
-from tests.support.studying import OWN, SWEEP, made, series, table
+from tests.support.studying import FIGURES, OWN, SWEEP, built_in, made, series, table
 
 ROOT = Path(__file__).parents[3]
-
-FIGURES = """
-[[figure]]
-name = "boxes"
-x = "mode"
-hue = "loss"
-
-[[figure]]
-name = "levels"
-kind = "levels"
-x = "loss"
-hue = "mode"
-
-[[figure]]
-name = "time"
-kind = "time"
-metric = "waiting_all"
-hue = "mode"
-facet = "loss"
-spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]
-
-[[figure]]
-name = "plane"
-kind = "plane"
-x = "waiting"
-metric = "messages"
-hue = "mode"
-path = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3"]
-"""
 
 
 def drawn() -> Figure:
@@ -64,52 +34,6 @@ def drawn() -> Figure:
         axes.legend()
     return figure
 
-
-MIN_LIGHTNESS_STEP = 20.0
-"""Least difference in lightness L* (0 black to 100 white) between two control modes, or two looks in a row."""
-
-MIN_LEVEL_LIGHTNESS_STEP = 10.0
-"""The same between a level of a tree and the next: order helps, so less will do."""
-
-
-def lightness(colour: str) -> float:
-    """CIE lightness L* of a colour, 0 (black) to 100 (white): what is left of it on a grey printer."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
-    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-    return 116 * luminance ** (1 / 3) - 16 if luminance > 216 / 24389 else luminance * 24389 / 27
-
-
-def test_lightness_is_that_of_the_cie() -> None:
-    """Known values: black, white, middle grey, and pure red."""
-    assert lightness("#000000") == pytest.approx(0)
-    assert lightness("#ffffff") == pytest.approx(100)
-    assert lightness("#777777") == pytest.approx(50.0, abs=0.1)
-    assert lightness("#ff0000") == pytest.approx(53.24, abs=0.05)
-
-
-def test_modes_differ_in_grey() -> None:
-    """Every pair of control modes, by at least the stated step."""
-    for one, other in itertools.combinations(style.MODES.values(), 2):
-        step = abs(lightness(one.colour) - lightness(other.colour))
-        assert step >= MIN_LIGHTNESS_STEP
-
-
-def test_levels_grow_lighter_with_depth() -> None:
-    """Each by at least the stated step, from the blue of the roots."""
-    steps = np.diff([lightness(colour) for colour in style.LEVELS])
-    assert steps.min() >= MIN_LEVEL_LIGHTNESS_STEP
-    red, green, blue = (int(style.LEVELS[0][i : i + 2], 16) for i in (1, 3, 5))
-    assert blue > 1.5 * max(red, green)
-
-
-def test_other_looks_differ_from_the_next_in_grey() -> None:
-    """All colours in turn."""
-    steps = np.abs(np.diff([lightness(colour) for colour in style.COLOURS]))
-    assert steps.min() >= MIN_LIGHTNESS_STEP
-
-
-MIN_DIFFERENCE = 15.0
-"""Least difference (CIE76) between two colours as a colour-blind reader sees them; about 2 is just noticeable."""
 
 SEEN_BY = {
     "anyone": np.eye(3),
@@ -130,29 +54,66 @@ WHITE = TO_XYZ.sum(axis=1)
 
 
 def lab(colour: str, reader: str) -> np.ndarray:
-    """CIE L*a*b* of a colour as a reader sees it."""
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
     seen = TO_XYZ @ np.clip(SEEN_BY[reader] @ linear, 0, 1) / WHITE
     f = np.where(seen > 216 / 24389, np.cbrt(seen), (24389 / 27 * seen + 16) / 116)
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
+def lightness(colour: str) -> float:
+    """CIE lightness L* of a colour, 0 (black) to 100 (white): what is left of it on a grey printer."""
+    return float(lab(colour, "anyone")[0])
+
+
+MIN_LIGHTNESS_STEP = 20.0
+"""Least difference in lightness L* (0 black to 100 white) between two control modes, or two looks in a row."""
+
+MIN_LEVEL_LIGHTNESS_STEP = 10.0
+"""The same between a level of a tree and the next: order helps, so less will do."""
+
+
+def test_lightness_is_that_of_the_cie() -> None:
+    assert lightness("#000000") == pytest.approx(0)
+    assert lightness("#ffffff") == pytest.approx(100)
+    assert lightness("#777777") == pytest.approx(50.0, abs=0.1)
+    assert lightness("#ff0000") == pytest.approx(53.24, abs=0.05)
+
+
+def test_modes_differ_in_grey() -> None:
+    for one, other in itertools.combinations(style.MODES.values(), 2):
+        step = abs(lightness(one.colour) - lightness(other.colour))
+        assert step >= MIN_LIGHTNESS_STEP
+
+
+def test_levels_grow_lighter_with_depth() -> None:
+    steps = np.diff([lightness(colour) for colour in style.LEVELS])
+    assert steps.min() >= MIN_LEVEL_LIGHTNESS_STEP
+    red, green, blue = (int(style.LEVELS[0][i : i + 2], 16) for i in (1, 3, 5))
+    assert blue > 1.5 * max(red, green)
+
+
+def test_other_looks_differ_from_the_next_in_grey() -> None:
+    steps = np.abs(np.diff([lightness(colour) for colour in style.COLOURS]))
+    assert steps.min() >= MIN_LIGHTNESS_STEP
+
+
+MIN_DIFFERENCE = 15.0
+"""Least difference (CIE76) between two colours as a colour-blind reader sees them; about 2 is just noticeable."""
+
+
 @pytest.mark.parametrize("reader", SEEN_BY)
 def test_colours_differ_for_colour_blind_readers(reader: str) -> None:
-    """Every pair of the modes' and the other colours."""
     colours = [*(look.colour for look in style.MODES.values()), *style.COLOURS]
     for one, other in itertools.combinations(colours, 2):
         assert np.linalg.norm(lab(one, reader) - lab(other, reader)) >= MIN_DIFFERENCE, (one, other)
 
 
 def test_tints_leave_black_readable() -> None:
-    """The median is drawn in black on the tint."""
     looks = [*style.MODES.values(), *itertools.islice(style.others(), len(style.COLOURS))]
     assert min(lightness(look.tint) for look in looks) >= 50
 
 
 def test_modes_differ_in_marker_hatch_and_line() -> None:
-    """Where colour and lightness fail, each of these alone tells them apart."""
     for part in ("marker", "hatch", "line"):
         values = [getattr(look, part) for look in style.MODES.values()]
         assert len(set(values)) == len(values), part
@@ -200,8 +161,7 @@ def test_a_control_has_its_look_whatever_it_is_called() -> None:
 
 
 def test_a_path_through_one_mode_has_the_look_of_the_mode() -> None:
-    """Whichever its thresholds, and whatever it is called."""
-    study = load_study("paper")
+    study = built_in("paper")
     deltas = [f"hybrid {delta}" for delta in range(4, 8)]
     found = looks.of_groups(study, {"a": deltas, "b": ["rho 4", "rho 5"], "c": ["adaptive"]}, are_paths=True)
     assert [found["a"], found["b"]] == [style.MODES["hybrid"], style.MODES["hierarchical"]]
@@ -209,7 +169,6 @@ def test_a_path_through_one_mode_has_the_look_of_the_mode() -> None:
 
 
 def test_agents_of_different_kinds_differ_without_colour() -> None:
-    """By marker, or, for the levels, which share one, by lightness."""
     for one, other in itertools.combinations(KINDS, 2):
         apart = abs(lightness(one.markerfacecolor) - lightness(other.markerfacecolor))
         assert one.marker != other.marker or apart >= MIN_LEVEL_LIGHTNESS_STEP, (one.label, other.label)
@@ -241,14 +200,12 @@ def test_files_hold_no_date_and_enough_dots(tmp_path: Path) -> None:
 
 
 def test_matplotlib_is_left_as_it_was(tmp_path: Path) -> None:
-    """Its settings do not change."""
     before = dict(matplotlib.rcParams)
     style.save(drawn(), tmp_path / "figure")
     assert dict(matplotlib.rcParams) == before
 
 
 def draw_all(folder: Path) -> None:
-    """Save a figure of each kind."""
     study = made(OWN + FIGURES)
     evidence = Evidence.of_sweep(study, table(), series(lambda *_: 20.0))
     figures = [
@@ -281,6 +238,6 @@ def test_all_figures_repeat_in_another_process_without_pyplot(tmp_path: Path) ->
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     files = sorted(file.name for file in folders[0].iterdir())
-    assert len(files) == 18
+    assert len(files) == 21
     for name in files:
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name

@@ -67,7 +67,6 @@ def test_an_event_is_followed_until_its_moment_the_horizon_or_the_end() -> None:
 
 
 def test_each_moment_has_its_own_times() -> None:
-    """The column decides, not what else is known of the event."""
     rows = table([[(10.0, 5.0)]]).assign(completed_s=70.0)
     assert until(rows, COMPLETED, 100.0)["time_s"].tolist() == [60.0]
     assert until(rows, TOLD, 100.0)["time_s"].tolist() == [5.0]
@@ -127,7 +126,6 @@ def test_it_is_the_product_limit(times: list[tuple[int, bool]]) -> None:
 
 
 def test_quantiles_are_reached_at_their_share_and_within_the_horizon() -> None:
-    """At exactly half left the median is reached, also if rounding left a little more."""
     times_s, shares = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.5 + 1e-12, 0.1])
     assert quantile_s(times_s, shares, 0.5, 10.0) == 2.0
     assert quantile_s(times_s, shares, 0.9, 3.0) == 3.0
@@ -188,7 +186,6 @@ def test_the_interval_of_a_median_is_where_the_band_meets_one_half() -> None:
 
 @given(RUNS)
 def test_an_interval_holds_its_estimate(runs: list[list[int]]) -> None:
-    """Also of times far shorter than the steps in which a figure draws the curve."""
     row = survival(*(early(*(time_s / 500 for time_s in run)) for run in runs)).row()
     for name in ("mean", "median", "p95"):
         assert row[f"{name}_low_s"] <= row[f"{name}_s"] <= row[f"{name}_high_s"], name
@@ -245,7 +242,6 @@ def test_the_table_compares_each_variant_with_the_reference() -> None:
 
 
 def test_unjudged_variants_are_described_and_not_compared() -> None:
-    """Nor is anything compared with one; variants without events have no row."""
     events = pd.concat([table(lives_of(float(place)), name) for place, name in enumerate(LEVELS[:2])])
     study = made(OWN + SURVIVAL)
     assert survival_of(study, events)["variant"].tolist() == list(LEVELS[:2])
@@ -257,7 +253,6 @@ def test_unjudged_variants_are_described_and_not_compared() -> None:
 
 
 def test_a_table_without_variants_has_all_and_one_with_variants_has_its_reference_too() -> None:
-    """Of those that have events, in the study's order."""
     events = pd.concat([table(lives_of(float(place)), name) for place, name in enumerate(LEVELS)])
     study = made(f'{OWN}[[survival]]\nreference = "{LEVELS[0]}"\n')
     assert survival_of(study, events)["variant"].tolist() == list(LEVELS)
@@ -269,7 +264,6 @@ def test_a_table_without_variants_has_all_and_one_with_variants_has_its_referenc
 
 
 def test_a_table_may_state_another_horizon() -> None:
-    """Shorter than the scenario's, for the means and the tests alike."""
     events = pd.concat([table(lives_of(0.0), name) for name in LEVELS])
     rows = survival_of(made(OWN + SURVIVAL + "horizon_s = 12.0\n"), events)
     expected_s = np.mean([(min(10.0 + replicate, 12.0) + 12.0 + 12.0) / 3 for replicate in range(8)])

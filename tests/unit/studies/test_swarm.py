@@ -44,7 +44,6 @@ def shot(bodies: tuple[AgentState, ...] = BODIES, events: tuple[EventState, ...]
 
 
 def places(axes: Axes, name: str) -> np.ndarray:
-    """What was drawn under a name (n, 2)."""
     (line,) = [line for line in axes.lines if line.get_label() == name]
     return np.column_stack(line.get_data())
 
@@ -55,7 +54,6 @@ def segments(axes: Axes) -> list[np.ndarray]:
 
 
 def test_every_agent_is_drawn_once() -> None:
-    """Whatever its role, at its place."""
     assert set(ROLES) == {body.role for body in BODIES}
     axes = swarm({"hybrid 3": shot()}).axes[0]
     drawn = np.concatenate([np.column_stack(line.get_data()) for line in axes.lines if line.get_label() != "events"])
@@ -75,7 +73,6 @@ def test_roots_are_blue_and_levels_have_their_colours() -> None:
 
 
 def test_free_attending_and_relocating_agents_have_markers_of_their_own() -> None:
-    """And none of a tree's; an agent that leaves its tree is free."""
     kinds = {body.role: kind_of(body) for body in BODIES}
     markers = [kinds[role].marker for role in ("free", "attending", "relocating", "root", "member", "dead")]
     assert len(set(markers)) == 6
@@ -91,7 +88,6 @@ def test_lines_go_from_children_to_parents() -> None:
 
 
 def test_every_event_is_drawn() -> None:
-    """As a black circle; none at all is no mistake."""
     axes = swarm({"hybrid 3": shot()}).axes[0]
     assert places(axes, "events").tolist() == [[event.x_m, event.y_m] for event in EVENTS]
     (line,) = [line for line in axes.lines if line.get_label() == "events"]
@@ -106,11 +102,7 @@ def test_panels_are_aligned_and_the_legend_shared() -> None:
     with style.drawing():
         figure.draw_without_rendering()
     boxes = [axes.bbox for axes in figure.axes]
-    assert [axes.get_title() for axes in figure.axes] == [
-        "(a) decentralised",
-        "(b) hierarchical",
-        "(c) hybrid 3",
-    ]
+    assert [axes.get_title() for axes in figure.axes] == ["(a) decentralised", "(b) hierarchical", "(c) hybrid 3"]
     assert len({(round(box.y0, 3), round(box.width, 3), round(box.height, 3)) for box in boxes}) == 1
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names[:4] == ["free", "attending", "root", "level 1"]
@@ -137,7 +129,6 @@ def test_the_legend_has_what_is_drawn_and_nothing_else() -> None:
 
 
 def test_one_shade_means_one_density() -> None:
-    """In all panels of a figure."""
     dense = dataclasses.replace(shot(), phi=3 * shot().phi)
     images = [axes.images[0] for axes in swarm({"one": shot(), "three": dense}).axes]
     assert [image.get_clim() for image in images] == [(0.0, float(dense.phi.max()))] * 2
@@ -171,7 +162,6 @@ def test_bodies_are_circles_of_their_true_size_with_their_headings() -> None:
 
 
 def test_no_snapshots_is_said() -> None:
-    """Rather than an empty page."""
     with pytest.raises(ValueError, match="no snapshots"):
         swarm({})
 
@@ -195,7 +185,6 @@ def test_a_snapshot_is_the_truth_of_its_time() -> None:
 
 @pytest.mark.parametrize("time_s", [-1.0, 300.0])
 def test_a_time_outside_the_run_is_said(time_s: float) -> None:
-    """Before anything is run."""
     with pytest.raises(ValueError, match="300 s"):
         snapshot(load_scenario("smoke"), time_s)
 
@@ -253,5 +242,4 @@ def test_the_papers_density_holds_95_percent_in_a_circle() -> None:
 
 
 def test_a_uniform_density_has_no_such_level() -> None:
-    """No line can be drawn around a part of it."""
     assert level_holding(phi(scenario(DensitySettings("uniform")), 50), 0.95) is None

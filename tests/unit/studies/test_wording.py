@@ -27,7 +27,6 @@ BY_CONTRAST = '{{ contrast = "limit", metric = "waiting_all", level = "loss=0.5"
 
 
 def problems(own: str, first: str = OWN) -> dict[str, str]:
-    """The keys that are refused, each with what was told."""
     try:
         made(first + own)
     except SettingsError as error:
@@ -38,44 +37,15 @@ def problems(own: str, first: str = OWN) -> dict[str, str]:
 @in_one_test(
     "text",
     [
-        "No difference in waiting was found.",
-        "No clear difference was seen.",
         "Loss makes no difference.",
-        "No mode shows a difference in waiting.",
-        "Loss has no effect on waiting.",
-        "It shows no gain in waiting.",
-        "It brings no advantage in messages.",
-        "There is no harm in it.",
-        "The two do not differ.",
         "Loss does not matter.",
-        "Loss doesn't affect waiting.",
-        "Events do not wait longer.",
         "Events wait no longer.",
-        "Waiting is no longer than without loss.",
         "Hybrid 3 waits as long as decentralised control.",
-        "It completes events as soon, and sends fewer messages.",
-        "A decentralised swarm sends as many as before.",
-        "Events wait as without loss.",
         "Both wait the same time.",
-        "Both wait equally long.",
-        "The two are alike.",
         "Waiting is unchanged.",
-        "Hybrid control is unaffected.",
-        "They are indistinguishable.",
-        "Results are similar.",
-        "Waiting times are comparable.",
-        "It is on par with decentralised control.",
         "Loss changes nothing.",
         "The operator hardly notices.",
-        "Waiting does not tell the two apart.",
-        "Neither waits longer.",
-        "Hybrid 3 matches decentralised control.",
-        "In an open arena loss makes no difference.",
-        "Hybrid 3 is just as quick.",
-        "Delta has no bearing on messages.",
         "Messages remain constant.",
-        "Waiting is independent of loss.",
-        "Loss is irrelevant.",
     ],
 )
 def test_a_sentence_that_says_no_difference_needs_an_equivalence(text: str) -> None:
@@ -92,19 +62,14 @@ def test_a_sentence_that_says_no_difference_needs_an_equivalence(text: str) -> N
     "text",
     [
         "Events wait 1.6 times as long.",
-        "It sends half as many messages as without loss.",
         "Where it is no longer worth it, agents leave; events wait longer.",
-        "It sends two thirds as many messages, a third as many at night.",
         "At equal thresholds hybrid control completes events sooner.",
-        "In the same cases it sends fewer messages.",
         "It waits no more than 3 s longer.",
-        "It waits less, and completes events later.",
         "Whether it makes a difference is open.",
         "Whether the two differ is undecided: no difference was shown, so it is open.",
     ],
 )
 def test_a_ratio_and_an_open_question_are_no_equality(text: str) -> None:
-    """They are taken as they are."""
     assert problems(ORDER + FINDING.format(text, BY_ORDER)) == {}
 
 
@@ -133,7 +98,6 @@ def test_a_text_that_rests_on_no_result_does_not_say_no_difference(old: str, new
 
 
 def test_a_claim_of_an_order_does_not_say_no_difference() -> None:
-    """Its kind would judge something else."""
     assert list(problems(ORDER.replace('"o"', '"Both wait as long"'))) == ["claim[0].text"]
     assert problems(ALIKE.replace('"a"', '"Both wait as long"', 1)) == {}
 
@@ -156,7 +120,6 @@ def test_a_finding_that_nothing_could_support_is_refused(own: str, because: str)
 
 
 def test_a_finding_is_shown_with_the_margin_of_its_equivalence() -> None:
-    """Of the contrast and of the claim that it rests on; an order has none."""
     text = FINDING.format("Both wait as long.", f"{BY_ALIKE}, {BY_CONTRAST.format('alike')}")
     study = made(OWN + LIMIT + ALIKE + ORDER + text + FINDING.format("It waits less.", BY_ORDER))
     evidence = Evidence(study, runs_with(study, worse_at_90), pd.DataFrame(), pd.DataFrame())
@@ -170,7 +133,6 @@ CALIBRATED = FAIR + 'within = [20.0, 30.0]\ncalibrated = ["radio.range_m", "wait
 
 
 def test_a_calibrated_number_is_counted_and_shown_apart() -> None:
-    """With the readings that were chosen by it, and that its agreement is no evidence."""
     study = made(OWN + ORDER + CALIBRATED)
     claims = claims_of(study, runs_with(study, worse_at_90))
     assert counts(claims, is_calibrated=False) == {"holds": 1}
@@ -183,7 +145,6 @@ def test_a_calibrated_number_is_counted_and_shown_apart() -> None:
 
 
 def test_no_finding_rests_on_the_agreement_of_a_calibrated_number() -> None:
-    """A sentence that looks well supported; that such a number differs is news, though."""
     agrees = FINDING.format("The swarm waits 25 s.", '{ claim = "fair", is = "agrees" }')
     [told] = problems(CALIBRATED + agrees).values()
     assert "is no evidence: radio.range_m, waiting_all was chosen so that it agrees" in told
@@ -192,7 +153,6 @@ def test_no_finding_rests_on_the_agreement_of_a_calibrated_number() -> None:
 
 
 def test_what_was_chosen_must_exist() -> None:
-    """A key of the scenario or a metric, by its name."""
     with pytest.raises(
         SettingsError, match=r"claim\[0\]\.calibrated must be a key of the scenario, or a metric .*did you mean"
     ):
@@ -204,7 +164,6 @@ RESULTS = re.compile(r"\b(wait|complet|messages|waiting|hears|told)", re.IGNOREC
 
 @pytest.mark.parametrize("page", ["README.md", "docs/beyond-the-paper.md", "docs/READINGS.md", "docs/studies/index.md"])
 def test_what_the_pages_call_no_difference_has_its_margin(page: str) -> None:
-    """In the same sentence: within how much."""
     made = r"<!-- findings.*?<!-- end -->"  # a study's page has their margins
     text = re.sub(rf"```.*?```|!\[.*?\]\(.*?\)|{made}", "", (DOCS / page).read_text(), flags=re.DOTALL)
     said = [one for part in re.split(r"\n\n|\n\|", text) for one in says_no_difference(part)]
