@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
-from deltaswarm_orchestrator.processes.elsewhere import LOCAL, engine_of
+from deltaswarm_orchestrator.processes.elsewhere import IN_ONE_PROCESS, LOCAL, engine_of
 from deltaswarm_wire.foreign import called
 from deltaswarm_wire.plugin_errors import PluginError, defined_at, distinct, note_plugin
 
@@ -141,7 +141,7 @@ def _invalid(result: "SweepResult") -> Iterator[str]:
         yield invalid_line(result.invalid, result.runs)
 
 
-def check(loaded: "Sweep", folder: Path, means: str) -> None:
+def check(loaded: "Sweep", folder: Path, means: str, asked: str = "") -> None:
     """Make every check of a sweep before anything is started or written.
 
     Raises:
@@ -153,6 +153,11 @@ def check(loaded: "Sweep", folder: Path, means: str) -> None:
     check_out(folder)
     for scenario in loaded.scenarios:
         check_packages(scenario)
+    if asked:
+        from deltaswarm_orchestrator.run.choosing import planned_by
+
+        for scenario in loaded.scenarios:
+            planned_by(scenario, asked=asked)
     if means == PROCESSES:
         check_parts_can_start(max(variant.scenario.agents.count for variant in loaded.variants))
     if os.path.exists(folder):  # unlike `Path.exists`, False for an impossible name
@@ -168,7 +173,7 @@ def engine_maker(
     means: str,
     *,
     path: str = "--engine",
-    local: Collection[str] = (LOCAL,),
+    local: Collection[str] = (LOCAL, *IN_ONE_PROCESS),
 ) -> MakeEngine:
     """Return a function that makes the engine of this name for `jobs` runs in parallel.
 
@@ -194,6 +199,7 @@ def conduct(
     make_engine: MakeEngine,
     *,
     means: str,
+    asked: str = "",
     quiet: bool,
     with_series: bool = False,
     with_events: bool = False,
@@ -207,7 +213,7 @@ def conduct(
 
     wanted = {"with_series": with_series, "with_events": with_events}
     with nullcontext(SweepReporter()) if quiet else SweepDisplay(loaded.name) as display:
-        return run_sweep(loaded, folder, make_engine, display, means=means, **wanted)
+        return run_sweep(loaded, folder, make_engine, display, means=means, asked=asked, **wanted)
 
 
 def complaints(result: "SweepResult", go_on: str = "") -> list[str]:

@@ -28,7 +28,8 @@ def add_engine(command: Group, scheduler: str) -> None:
         "--engine",
         metavar="NAME",
         default=LOCAL,
-        help="local: this machine (default); dask: a Dask cluster; or an engine of an installed package",
+        help="local: this machine (default); python or dense: runs in one process, by this engine alone; dask: a Dask "
+        "cluster; or an engine of an installed package",
     )
     command.add_argument("--scheduler", metavar="ADDRESS", help=f"with --engine dask: {scheduler}")
 

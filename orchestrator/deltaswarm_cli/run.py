@@ -9,7 +9,7 @@ from deltaswarm_cli.arguments import add_dry_run, add_engine, add_json, add_mark
 from deltaswarm_orchestrator.base.advice import options_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_orchestrator.base.paths import free_folder, must_exist
-from deltaswarm_orchestrator.processes.elsewhere import LOCAL, engine_of
+from deltaswarm_orchestrator.processes.elsewhere import IN_ONE_PROCESS, LOCAL, engine_of
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, number, override, whole
@@ -182,7 +182,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _problem(arguments: argparse.Namespace) -> str | None:
     """Return what is wrong with the combination of options; None if nothing is."""
     given = {name for name, value in vars(arguments).items() if not (value is None or value is False or value == [])}
-    if arguments.engine == LOCAL:
+    if arguments.engine in IN_ONE_PROCESS and not arguments.in_process:
+        return f"--engine {arguments.engine} must be given with --in-process, without which it has no effect"
+    if arguments.engine in (LOCAL, *IN_ONE_PROCESS):
         given.discard("engine")
     for name, (others, why) in EXCLUDES.items():
         if name in given and (refused := [_shown(other) for other in others if other in given]):
@@ -249,6 +251,7 @@ def _options_of(arguments: argparse.Namespace, scenario: "Scenario") -> "RunOpti
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(
         out=out,
+        in_process_engine=arguments.engine if arguments.engine in IN_ONE_PROCESS else "",
         in_process=arguments.in_process or (arguments.resume and _began_in_process(arguments.resume)),
         debug=arguments.debug,
         force=arguments.force,

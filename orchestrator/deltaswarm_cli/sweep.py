@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from deltaswarm_cli.arguments import add_dry_run, add_engine, add_json, add_quiet, show
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.processes.elsewhere import IN_ONE_PROCESS
 from deltaswarm_wire.arguments import whole
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
 
     means = _means(arguments)
     sweeps.engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
-    sweeps.check(loaded, folder, means)
+    sweeps.check(loaded, folder, means, _asked(arguments))
 
 
 def conduct_for(
@@ -88,11 +89,15 @@ def conduct_for(
         planned_s = compiling.rough_s(job.scenario for job in loaded.jobs()) / workers
         if line := compiling.hint(planned_s, build()):
             notice(line)
-    wanted = {"with_series": with_series, "with_events": with_events}
+    wanted = {"asked": _asked(arguments), "with_series": with_series, "with_events": with_events}
     result = sweeps.conduct(loaded, folder, make_engine, means=means, quiet=arguments.quiet, **wanted)
     for line in sweeps.complaints(result, as_given(arguments)):
         complain(line)
     return result
+
+
+def _asked(arguments: argparse.Namespace) -> str:
+    return arguments.engine if arguments.engine in IN_ONE_PROCESS else ""
 
 
 def _means(arguments: argparse.Namespace) -> str:

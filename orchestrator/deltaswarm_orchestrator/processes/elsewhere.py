@@ -19,6 +19,10 @@ if TYPE_CHECKING:  # the command line imports this file
 LOCAL = "local"
 """This machine."""
 
+PYTHON, DENSE = "python", "dense"
+IN_ONE_PROCESS = (PYTHON, DENSE)
+"""Engines of this machine that do runs in one process, on which `--engine` can insist."""
+
 WORKER, SCHEDULER = "worker", "scheduler"
 """Roles of the parts that stand for machines and for what leads to them."""
 
@@ -156,7 +160,12 @@ class ForeignEngine(Foreign):
 
 
 def engine_of(
-    name: str, scheduler: str | None, listen: str = "", *, path: str = "--engine", local: Collection[str] = (LOCAL,)
+    name: str,
+    scheduler: str | None,
+    listen: str = "",
+    *,
+    path: str = "--engine",
+    local: Collection[str] = (LOCAL, *IN_ONE_PROCESS),
 ) -> RunEngine | None:
     """Return the engine of this name; None for this machine, which the names in `local` mean.
 

@@ -18,6 +18,7 @@ from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.live.observers import Guarded, LiveObserver, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.views import LiveSocket
+from deltaswarm_orchestrator.processes.elsewhere import PYTHON
 from deltaswarm_orchestrator.processes.process import RunPart
 from deltaswarm_orchestrator.processes.starter import StoppedError
 from deltaswarm_orchestrator.recording import LAYOUT
@@ -255,7 +256,7 @@ class _Run:
                 run_by_processes(self.context, recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
-        from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
+        from deltaswarm_orchestrator.run.choosing import run_here  # imports numpy, which is slow
         from deltaswarm_orchestrator.run.state import RunState
 
         debugger = _Debugger()
@@ -267,7 +268,9 @@ class _Run:
             debugger if self.options.debug else lambda error: None,
         )
         state = RunState.read(self.folder.path, self.context.resumed) if self.context.resumed else None
-        self.outcome = run_in_process(self.scenario, wanted, state)
+        asked = PYTHON if self.options.debug else self.options.in_process_engine
+        self.outcome, by = run_here(self.scenario, wanted, state, asked=asked)
+        self.manifest["in_process"] = by.told
         self.ending.why += self.outcome.messages
         if not self.stop.by:
             self.ending.cause = next(iter(self.outcome.messages), None)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, Reporter
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, Reporter
 from deltaswarm_orchestrator.base.inputs import Inputs
 from deltaswarm_orchestrator.base.paths import check_out, check_ports
 from deltaswarm_orchestrator.base.signals import Stop
@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.live.foxglove_server import HOST as LIVE_HOST
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, LiveError, check_installed
 from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.boards import Boards
-from deltaswarm_orchestrator.processes.elsewhere import Placement, RunEngine
+from deltaswarm_orchestrator.processes.elsewhere import DENSE, Placement, RunEngine
 from deltaswarm_orchestrator.processes.station import StationChannel
 from deltaswarm_orchestrator.results.folder import RunFolder, check_target
 from deltaswarm_orchestrator.results.resume import Resumed
@@ -31,6 +31,8 @@ class RunOptions:
 
     out: Path
     in_process: bool = False
+    in_process_engine: str = ""
+    """One of `elsewhere.IN_ONE_PROCESS`; empty: the dense engine where it can do the run."""
     force: bool = False
     debug: bool = False
     """In one process: stop in the debugger where a plug-in raises."""
@@ -130,12 +132,22 @@ def check_packages(scenario: Scenario) -> None:
         raise SettingsError([Problem(path, repr(value), needs) for (path, value), needs in lacking.items()])
 
 
+def _check_engine(scenario: Scenario, options: RunOptions) -> None:
+    from deltaswarm_orchestrator.run.choosing import planned_by  # imports numpy, which is slow
+
+    if options.in_process_engine == DENSE and scenario.record != "off":
+        raise CommandError("--engine dense must be given with --record off: only the Python engine keeps every step")
+    planned_by(scenario, asked=options.in_process_engine)
+
+
 def check(scenario: Scenario, options: RunOptions) -> None:
     """Check what can be checked of a run before anything is started or written."""
     if scenario.run.bound != "none" and not options.in_process:
         allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     check_packages(scenario)
+    if options.in_process_engine:
+        _check_engine(scenario, options)
     if options.boards:
         options.boards.check(scenario)
     if options.engine:

@@ -27,7 +27,7 @@ from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import EventLife, Outcome, RunData, time_until
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.results.summary import summarise
-from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.choosing import DoneBy, run_here
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_scenario.scenario import Scenario
@@ -62,6 +62,8 @@ class Task:
     means: str = IN_PROCESS
     scratch: str | None = None
     """Folder for what the processes write during the run; None: the system's temporary folder."""
+    engine: str = ""
+    """What does the run in one process, one of `elsewhere.IN_ONE_PROCESS`; empty: whichever is chosen."""
 
 
 Result = dict[str, Any]
@@ -81,9 +83,9 @@ def work(task: Task, look: Look = nothing_more) -> Result:
     began = time.monotonic()
     scenario = task.job.scenario
     if task.means == PROCESSES:
-        outcome, summary = _by_processes(task)
+        (outcome, summary), by = _by_processes(task), DoneBy(PROCESSES)
     else:
-        outcome = run_in_process(scenario)
+        outcome, by = run_here(scenario, asked=task.engine)
         summary = summarise(outcome, scenario)
     if not summary["valid"]:
         traces = "".join(f"\n{trace}" for trace in distinct(outcome.traces))
@@ -94,6 +96,7 @@ def work(task: Task, look: Look = nothing_more) -> Result:
         "replicate": task.job.replicate,
         "seed": scenario.seed,
         "means": task.means,
+        "engine": by.told,
         "code": provenance.code_digest(),
         "commit": provenance.commit(),
         "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK + PRINTED},

@@ -116,6 +116,7 @@ def run_sweep(
     reporter: SweepReporter,
     *,
     means: str = IN_PROCESS,
+    asked: str = "",
     with_series: bool = False,
     with_events: bool = False,
 ) -> SweepResult:
@@ -134,7 +135,7 @@ def run_sweep(
         # Two labels may stand for the same variant: its run is done once, and is in the rows of both.
         files = {folder.file(job, by): (job, by) for job, by in reversed(wanted)}
         wanted = list(files.values())[::-1]
-        tasks = [Task(job, by, str(folder.scratch)) for job, by in wanted if not folder.has(job, by)]
+        tasks = [Task(job, by, str(folder.scratch), asked) for job, by in wanted if not folder.has(job, by)]
         kept = {folder.file(job, by): (job, by) for job in jobs for by in (IN_PROCESS, PROCESSES)}
         damaged = [str(file) for file, run in kept.items() if folder.is_damaged(*run)]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
