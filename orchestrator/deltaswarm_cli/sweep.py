@@ -89,8 +89,16 @@ def conduct_for(
         planned_s = compiling.rough_s(job.scenario for job in loaded.jobs()) / workers
         if line := compiling.hint(planned_s, build()):
             notice(line)
-    wanted = {"asked": _asked(arguments), "with_series": with_series, "with_events": with_events}
-    result = sweeps.conduct(loaded, folder, make_engine, means=means, quiet=arguments.quiet, **wanted)
+    result = sweeps.conduct(
+        loaded,
+        folder,
+        make_engine,
+        means=means,
+        asked=_asked(arguments),
+        quiet=arguments.quiet,
+        with_series=with_series,
+        with_events=with_events,
+    )
     for line in sweeps.complaints(result, as_given(arguments)):
         complain(line)
     return result
