@@ -180,7 +180,7 @@ def test_a_finding_may_rest_on_the_closest_combination() -> None:
     assert broken["loss=0.9"] == ""
     assert "farther" in broken["loss=0.5"]
     assert found.groupby("within")["closest"].first().sum() == pytest.approx(1.0)
-    assert 0.5 < found["closest"].iloc[0] < 1.0
+    assert found["closest"].iloc[0] > 0.5
 
 
 def test_a_fit_without_runs_is_infinitely_far() -> None:
