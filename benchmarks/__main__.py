@@ -26,6 +26,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 MEASUREMENTS = {
     "processes": (("sizes", "steps", "rounds"), "start-up, speed, memory and open files of runs with real processes"),
     "scale": (("sizes", "steps", "rounds"), "how the cost of a step grows with the swarm, in one process"),
+    "engines": (("agents", "steps", "rounds"), "whole runs by the Python and by the dense engine, in one process"),
     "radio_cost": (("agents", "steps", "rounds"), "what the radio models cost, in one process"),
     "coverage": (("rounds",), "how fast an order of the operator spreads, in one process"),
 }
