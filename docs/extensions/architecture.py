@@ -23,6 +23,7 @@ EXTENSIONS = {
     "deltaswarm_cluster": "orchestrator",
     "deltaswarm_learn": "orchestrator",
     "deltaswarm_dense": "orchestrator",
+    "deltaswarm_field": "orchestrator",
     "deltaswarm_board": "agent",
     "deltaswarm_ros2": "agent",
     "deltaswarm_physics": "world",

@@ -18,7 +18,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding
 import numba
 from numba.core import config
 
@@ -51,8 +50,8 @@ def entry(function: Callable[..., Any]) -> Any:
 def compile_once(run: Callable[[], object]) -> None:
     """Compile by a run, unless this machine's code is on disk; of several processes one does, and the others wait."""
     folder = cache_folder()
-    versions = numba.__version__, platform.python_version(), llvmlite.binding.get_host_cpu_name()
-    done = folder / f"compiled-{'-'.join(versions)}"
+    versions = numba.__version__, platform.python_version()
+    done = folder / f"compiled-{'-'.join(versions)}-{platform.node()}"
     if done.exists():
         return
     with (folder / "lock").open("w") as lock:

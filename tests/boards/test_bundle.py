@@ -18,9 +18,9 @@ from typing import Any
 import pytest
 from packaging.utils import parse_wheel_filename
 
-from deltaswarm_board.setup import bundle as bundles
-from deltaswarm_board.setup.bundle import PACKAGES, PLATFORMS, PYTHONS, BundleError
 from deltaswarm_cli.main import main
+from deltaswarm_field import bundle as bundles
+from deltaswarm_field.bundle import PACKAGES, PLATFORMS, PYTHONS, BundleError
 from deltaswarm_wire import __version__
 from tests.support.boards import run_with_board, usual_digest
 from tests.support.complaints import names
@@ -130,7 +130,7 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
     [wheel] = tmp_path.glob("deltaswarm-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
-    code = "from pathlib import Path\nfrom deltaswarm_board.setup import bundle\nbundle.copy_source(Path('found'))"
+    code = "from pathlib import Path\nfrom deltaswarm_field import bundle\nbundle.copy_source(Path('found'))"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
     subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, env=environment, check=True)
     bundles.copy_source(tmp_path / "wanted")

@@ -12,6 +12,7 @@ import pytest
 
 from deltaswarm_board.bodies import find_body, options_of
 from deltaswarm_board.settings import read_settings
+from deltaswarm_field.ros2_publisher import TOPICS as LIVE
 from deltaswarm_ros2.cdr import encode
 from deltaswarm_ros2.definitions import (
     CLOCK,
@@ -33,7 +34,6 @@ from deltaswarm_ros2.keys import (
     node_token,
     topic_key,
 )
-from deltaswarm_ros2.publisher import TOPICS as LIVE
 from deltaswarm_ros2.settings import Ros2Settings
 from tests.support.fields import endpoint, free_port
 from tests.support.pages import ROOT, commands

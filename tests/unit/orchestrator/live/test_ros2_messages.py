@@ -1,8 +1,8 @@
 """What ROS tools show of a run: markers and diagnostics."""
 
+from deltaswarm_field.ros2_messages import LINE_LIST, OK, SPHERE_LIST, WARN, diagnostics, markers
 from deltaswarm_ros2.cdr import decode, encode
 from deltaswarm_ros2.definitions import DIAGNOSTIC_ARRAY, MARKER_ARRAY
-from deltaswarm_ros2.messages import LINE_LIST, OK, SPHERE_LIST, WARN, diagnostics, markers
 from tests.support.looking import BODIES, WORKLOAD, a_truth
 from tests.support.ros2_types import bag_encoded
 

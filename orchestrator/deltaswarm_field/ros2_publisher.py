@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import zenoh
 
+from deltaswarm_field.ros2_messages import diagnostics, markers
 from deltaswarm_orchestrator.live.foxglove_server import LiveError
 from deltaswarm_orchestrator.live.observers import Paced, Seen
 from deltaswarm_ros2.cdr import encode
@@ -24,7 +25,6 @@ from deltaswarm_ros2.keys import (
     node_token,
     topic_key,
 )
-from deltaswarm_ros2.messages import diagnostics, markers
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, without_sources
 

@@ -43,7 +43,7 @@ DATA = ("pyproject.toml", "README.md", "systemd")
 EXAMPLE, NO_OPERATOR = "example.toml", 'operator_key = ""'
 
 INSTALLED_DATA = "wheel"
-"""The folder of this package in which an installed deltaswarm keeps `DATA`."""
+"""The folder of `deltaswarm_board` in which an installed deltaswarm keeps `DATA`."""
 
 TAIL_LINES = 8
 
@@ -138,7 +138,7 @@ def copy_source(folder: Path) -> Path:
     origins = [Path(_origin(package)).parent for package in PACKAGES]
     data = origins[0].parent
     if not all((data / name).exists() for name in DATA):
-        data = Path(__file__).parents[1] / INSTALLED_DATA
+        data = Path(_origin("deltaswarm_board")).parent / INSTALLED_DATA
     for origin in origins:
         ignored = shutil.ignore_patterns("__pycache__", "*.so", INSTALLED_DATA)
         shutil.copytree(origin, folder / origin.name, ignore=ignored)

@@ -14,7 +14,7 @@ from deltaswarm_wire.arguments import agent_numbers, whole
 
 def add_bundle(command: argparse.ArgumentParser) -> None:
     """Make a folder that installs an agent on a board, offline."""
-    from deltaswarm_board.setup.bundle import PLATFORMS, PYTHONS
+    from deltaswarm_field.bundle import PLATFORMS, PYTHONS
 
     command.description = "Make a folder from which an agent is installed on a board without internet."
     command.add_argument("--platform", required=True, choices=PLATFORMS, help="platform of the board")
@@ -44,7 +44,7 @@ def _public_key(text: str) -> str:
 
 
 def bundle(arguments: argparse.Namespace) -> int:
-    from deltaswarm_board.setup import bundle as bundles
+    from deltaswarm_field import bundle as bundles
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
     check_out(out.parent, is_ours=False)
