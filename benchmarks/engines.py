@@ -7,12 +7,13 @@ from typing import Any
 
 from benchmarks.scale import scale_scenario
 from deltaswarm_dense.joining import Dense
-from deltaswarm_orchestrator.run.choosing import DENSE, PYTHON
+from deltaswarm_orchestrator.processes.elsewhere import DENSE, PYTHON
+from deltaswarm_orchestrator.run.engine import Engine
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 
 MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
-ENGINES = {PYTHON: run_in_process, DENSE: Dense()}
+ENGINES: dict[str, Engine] = {PYTHON: run_in_process, DENSE: Dense()}
 
 
 def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:

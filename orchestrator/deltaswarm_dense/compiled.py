@@ -57,7 +57,7 @@ def compile_once(run: Callable[[], object]) -> None:
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not done.exists():
-            notice("compiling the dense engine for this machine: about a minute, once")
+            notice("compiling the dense engine for this machine: one to two minutes, once")
             run()
             done.touch()
 
