@@ -32,14 +32,14 @@ def test_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> 
     assert {summary["waiting_time_s"]["mean"] for summary in (quiet, inside)} == {quiet["waiting_time_s"]["mean"]}
 
 
-BUSY = ("events.rate_hz=0.3", "run.duration_s=300")
+EVENTFUL = ("events.rate_hz=0.3", "run.duration_s=300")
 """Trees form, and agents are sent about."""
 SAME = {
     "hierarchical": ("control.mode=hierarchical", "radio.loss=0.2", "run.duration_s=200"),
-    "central": ("control.mode=central", "radio.range_m=150", *BUSY),
+    "central": ("control.mode=central", "radio.range_m=150", *EVENTFUL),
     "collisions": ("world.dynamics=physics", "world.radius_m=0.5", "world.avoidance=none", "run.duration_s=60"),
     "decentralised": ("control.mode=decentralised", "radio.loss=0.2", "run.duration_s=200"),
-    "adaptive": ("control.mode=adaptive", *BUSY),
+    "adaptive": ("control.mode=adaptive", *EVENTFUL),
 }
 
 
