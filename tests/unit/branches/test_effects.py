@@ -23,6 +23,8 @@ def test_a_difference_is_decided_where_its_interval_leaves_zero_out() -> None:
         assert effect.low is not None
         assert effect.high is not None
         assert min(abs(effect.low), abs(effect.high)) >= 1
+    little = [(10.0 + n / 1000, 10.0) for n in range(1, 13)]
+    assert effects(pairs_of((12.0, 9.0), *little))[0].verdict == MORE
     mixed = [(10.0 + (-1) ** n * n, 10.0) for n in range(1, 13)]
     rows = effects(pairs_of((12.0, 9.0), *mixed))
     assert [row.verdict for row in rows] == [UNDECIDED, *[NOTHING] * 3]

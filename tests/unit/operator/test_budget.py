@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.budget import Budget, Structure, structure_at
+from deltaswarm_operator.core.budget import Budget, Structure, budget_of, structure_at
 from deltaswarm_operator.core.command_log import MAX_QUEUE
 from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.results.summary import summarise
@@ -141,6 +141,18 @@ def test_a_swarm_without_such_an_order_cannot_keep_a_budget(mode: str) -> None:
     with pytest.raises(SettingsError, match=r"operator\.autonomy\.sets_delta") as caught:
         load_scenario("smoke", [f"control.mode={mode}", "operator.autonomy.sets_delta=budget"])
     assert "set structure," not in str(caught.value).partition("accepts:")[2]
+
+
+def test_orders_are_to_hundredths() -> None:
+    """Of delta and of the share that works."""
+    assert structure_at(1.23456) == Structure(2.23, 1.0)
+    assert structure_at(0.45678) == Structure(2.0, 0.46)
+
+
+def test_no_rule_keeps_a_budget_unless_it_is_asked_for() -> None:
+    """Even where delta can be set."""
+    assert budget_of(briefing_of(load_scenario("smoke", []))) is None
+    assert budget_of(briefing_of(load_scenario("smoke", ["operator.autonomy.sets_delta=budget"]))) is not None
 
 
 @pytest.mark.parametrize("budget_hz", ["0", "5e-324", "0.009"])
