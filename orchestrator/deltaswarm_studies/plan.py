@@ -3,6 +3,7 @@
 import itertools
 import math
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import timedelta
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 
 from deltaswarm_orchestrator.base.provenance import build
 from deltaswarm_orchestrator.compiling import hint
+from deltaswarm_orchestrator.processes.elsewhere import DENSE, PYTHON
+from deltaswarm_orchestrator.run.choosing import planned_by
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.sweeps.plan import Variant
 from deltaswarm_scenario.scenario import Scenario
@@ -23,6 +26,11 @@ MEASURED_VARIANTS = 24
 MEASURED_S = 0.4
 """Wall time for which each of these variants is run to estimate its speed."""
 
+DENSE_TIMES = 25.0
+"""How many times faster the dense engine is, at least (docs/PERFORMANCE.md)."""
+
+MAX_REASONS = 3
+
 
 def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
     """Describe the runs, their duration on this machine, and each family of tests.
@@ -30,6 +38,7 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
     `pilot` is a folder whose `runs.csv`, if there is one, says how much replicates differ: a pilot's, or published.
     """
     effects, note = _effects(study, pilot / "runs.csv")
+    engines = engines_of(study)
     planned_s = wall_s(study) / workers
     return {
         "study": study.name,
@@ -39,7 +48,8 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
         "each": "points" if study.ranges else "replicates",
         "workers": workers,
         "wall_s": planned_s,
-        "compiling": hint(planned_s, build()),
+        "engines": engines,
+        "compiling": hint(planned_s, build()) if not engines[DENSE] else None,
         "families": _families(study, effects),
         "note": note if study.file.contrast else None,
         "sensitivity": _sensitivity(study) if study.ranges else None,
@@ -66,12 +76,29 @@ def text(planned: dict[str, Any]) -> str:
         [
             planned["size"],
             f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
+            _engines_line(planned["engines"]),
             *([f"  {planned['compiling']}"] if planned["compiling"] else []),
             *map(_line, planned["families"]),
             *([f"  {planned['note']}"] if planned["note"] else []),
             *([f"  {planned['sensitivity']}"] if planned["sensitivity"] else []),
         ]
     )
+
+
+def engines_of(study: Study) -> dict[str, Any]:
+    """Count the runs of each engine in one process, and why others than the dense engine do any."""
+    runs, reasons = Counter({DENSE: 0, PYTHON: 0}), Counter[str]()
+    for variant in study.sweep.variants:
+        by, repeats = planned_by(variant.scenario), study.sweep.repeats[variant.label]
+        runs[by.engine] += repeats
+        if by.because:
+            reasons[by.because] += repeats
+    return {**runs, "because": [reason for reason, _ in reasons.most_common(MAX_REASONS)]}
+
+
+def _engines_line(engines: dict[str, Any]) -> str:
+    line = f"  in one process: {engines[DENSE]} runs by the dense engine, {engines[PYTHON]} by the Python engine"
+    return line + (f" ({'; '.join(engines['because'])})" if engines["because"] else "")
 
 
 def _families(study: Study, effects: Mapping[tuple[int, str], str | None]) -> list[dict[str, Any]]:
@@ -161,4 +188,5 @@ def _run_s(scenario: Scenario) -> float:
     for _ in swarm.steps():
         if time.monotonic() - began > MEASURED_S:
             break
-    return (time.monotonic() - began) / len(swarm.outcome.step_records) * scenario.run.steps
+    a_run_s = (time.monotonic() - began) / len(swarm.outcome.step_records) * scenario.run.steps
+    return a_run_s / DENSE_TIMES if planned_by(scenario).engine == DENSE else a_run_s

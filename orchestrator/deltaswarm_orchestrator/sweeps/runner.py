@@ -160,6 +160,7 @@ def run_sweep(
             "failed": failed,
             "invalid": [*invalid.values()],
             "proofs": _proofs(table, differing),
+            "engines": tables.engines_of(runs),
         }
         written = {"table": table, "costs": tables.costs_of(runs), "senders": tables.senders_of(runs)}
         written |= {"series": series} if with_series else {}

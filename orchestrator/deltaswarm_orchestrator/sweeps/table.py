@@ -3,12 +3,14 @@
 import hashlib
 import importlib.util
 import itertools
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from deltaswarm_orchestrator.processes.elsewhere import PYTHON
 from deltaswarm_orchestrator.results.outcome import READ, SHOWN, EventLife
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Result
@@ -149,6 +151,11 @@ def events_of(runs: Finished) -> pd.DataFrame:
 def costs_of(runs: Finished) -> pd.DataFrame:
     """Make a row per run: wall time [s], steps per second, peak memory of its process so far [MB], host."""
     return pd.DataFrame([{**_head(job), **result["cost"]} for job, result in runs])
+
+
+def engines_of(runs: Finished) -> dict[str, int]:
+    """Count the runs by the engine that did each; those of earlier versions were done by the Python engine."""
+    return dict(Counter(result.get("engine", {"by": PYTHON})["by"] for _, result in runs))
 
 
 def digest_of(runs: Finished) -> str:

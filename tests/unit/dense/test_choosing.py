@@ -89,3 +89,17 @@ def test_results_say_which_engine_made_them(tmp_path: Path, capsys: Printed) -> 
     assert "--engine dense must be given with --in-process" in capsys.readouterr().err
     assert main([*command, "--engine", DENSE, "--set", "radio.loss=0.1", "--out", str(tmp_path / "lossy")]) == 2
     assert "--engine dense cannot do this run: radio.loss = 0.1" in capsys.readouterr().err
+
+
+def test_a_sweep_counts_the_runs_of_each_engine(tmp_path: Path) -> None:
+    """In its manifest; the tables are the same whichever did them."""
+    file, tables = tmp_path / "sweep.toml", []
+    file.write_text(
+        'schema = 1\nname = "two"\nbase = "smoke"\n[sweep]\nrepeats = 2\nprove = 0\naxes = {control.delta = [2, 3]}\n'
+    )
+    for engine in (DENSE, PYTHON):
+        out = tmp_path / engine
+        assert main(["sweep", str(file), "--engine", engine, "--jobs", "1", "--quiet", "--out", str(out)]) == 0
+        assert json.loads((out / "manifest.json").read_text())["engines"] == {engine: 4}
+        tables.append((out / "table.csv").read_bytes())
+    assert tables[0] == tables[1]

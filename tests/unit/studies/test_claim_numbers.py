@@ -270,7 +270,7 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     lines = planning.text(planned).splitlines()
     assert lines[1] == "  about 0:00:18 on 4 cores, by the speed of the first steps of each variant"
     two = "2 tests in a family, smallest corrected p 0.062: can show nothing, 7 replicates are needed"
-    assert lines[2:] == [
+    assert lines[3:] == [
         f"  contrast 'c', waiting_all: {two}",
         f"  claims of 'Kelly': {two}",
         "  claims: 1 tests in a family, smallest corrected p 0.031",
@@ -290,7 +290,7 @@ def test_a_plan_needs_no_pandas(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     [effect] = smallest_effects(study, tmp_path / "runs.csv").values()
     assert (
         planning.text(planning.plan(study, tmp_path, 4))
-        .splitlines()[2]
+        .splitlines()[3]
         .endswith(f"smallest corrected p 0.0039; shows {effect} with a probability of 80 %")
     )
     with monkeypatch.context() as patched:
@@ -315,6 +315,16 @@ def test_a_plan_measures_at_most_24_variants(monkeypatch: pytest.MonkeyPatch) ->
         assert planning.wall_s(study) == count * 10
         assert len(measured) == expected
         assert measured[1] == pytest.approx(math.ceil(count / 24) / 100)
+
+
+def test_a_plan_says_which_engine_does_the_runs() -> None:
+    """The dense one where it covers them; and why not the others."""
+    study = made(sweep=SWEEP.replace("1000.0", "4000.0"))
+    assert planning.engines_of(study) == {
+        "dense": 20,
+        "python": 40,
+        "because": ["radio.loss = 0.5", "radio.loss = 0.9"],
+    }
 
 
 def test_the_time_of_a_run_is_that_of_its_first_steps(monkeypatch: pytest.MonkeyPatch) -> None:
