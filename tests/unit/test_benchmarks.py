@@ -6,10 +6,10 @@ import math
 from dataclasses import fields
 
 import pytest
+from benchmarks import coverage, processes, radio_cost, scale
 from benchmarks.__main__ import main
 from benchmarks.rounds import median_of
 
-from benchmarks import coverage, processes, radio_cost, scale
 from deltaswarm_orchestrator.processes.starter import LEASE, OTHER_SESSIONS, STARTED, room_for
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.radio import RadioSettings
