@@ -9,7 +9,9 @@ import struct
 
 from deltaswarm_wire.saved import Saved
 
-_head = struct.Struct("<IHBI").pack
+HEAD = struct.Struct("<IHBI")
+"""What comes before each message: step, agent, kind, length [bytes]."""
+
 ACT, RADIO, REPORT, COMMAND = 0, 1, 2, 3
 SIZE_BYTES = 16
 
@@ -25,7 +27,7 @@ class Digest(Saved):
         self._parts: list[bytes] = []
 
     def add(self, step: int, agent: int, kind: int, data: bytes) -> None:
-        self._parts += (_head(step, agent, kind, len(data)), data)
+        self._parts += (HEAD.pack(step, agent, kind, len(data)), data)
 
     def end_step(self) -> None:
         """Close a step with the messages since the last call; a step without messages changes nothing."""

@@ -8,6 +8,7 @@ from typing import Any
 from deltaswarm_branches.keys import DECIDED, DROPPED, KEPT, problem_of
 from deltaswarm_branches.parent import Order, Parent
 from deltaswarm_orchestrator.base import inputs
+from deltaswarm_orchestrator.base.frozen import changed_keys
 from deltaswarm_orchestrator.base.inputs import Inputs
 from deltaswarm_orchestrator.run.in_process import InProcess, Scripted
 from deltaswarm_orchestrator.scenarios.load import apply, check_table
@@ -184,7 +185,7 @@ def _scenario(
     table["command"] = [plain(command) for command in commands]
     scenario, wrong = check_table(table)
     if scenario is not None:
-        others = _differing(plain(parent.scenario) | {"command": table["command"]}, plain(scenario))
+        others = changed_keys(plain(parent.scenario) | {"command": table["command"]}, plain(scenario))
         problems += [problem for key in others if (problem := problem_of(key))]
     if scenario is None or problems + wrong:
         raise SettingsError([*problems, *_in_words(wrong, commands, difference.add)])
@@ -201,16 +202,6 @@ def _set(table: dict[str, Any], text: str) -> list[Problem]:
         options = {field.name for field in dataclasses.fields(find_controller(mode, "--mode").Settings)}
         table["control"] = {name: value for name, value in control.items() if name == "mode" or name in options}
     return apply(table, text)
-
-
-def _differing(one: dict[str, Any], other: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted keys that differ between two scenarios' tables."""
-    for name in one.keys() | other.keys():
-        first, second = one.get(name), other.get(name)
-        if isinstance(first, dict) and isinstance(second, dict):
-            yield from _differing(first, second, f"{prefix}{name}.")
-        elif first != second:
-            yield f"{prefix}{name}"
 
 
 def _accepted(commands: Sequence[CommandSettings], table: dict[str, Any]) -> list[CommandSettings]:

@@ -39,7 +39,7 @@ def _accept(swarm, agent, now, number, left_steps, count):
     if ends <= relay.ends:
         return count
     relay.ends, relay.send_at, relay.interval = ends, now, settings.first_interval
-    if relay.state == HEARD and count < commands.new.size - 1:
+    if relay.state == HEARD:
         commands.new[count] = number
         return count + 1
     return count

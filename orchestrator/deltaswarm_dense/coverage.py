@@ -1,6 +1,7 @@
 """Which scenarios the dense engine covers, key by key; the others are run by the Python engine."""
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any
 
 from deltaswarm_agent.controllers.paper.commands import SET_DELTA, SET_STRUCTURE
@@ -10,6 +11,7 @@ from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import ALL
+from deltaswarm_wire.plugins import INBOX_POLICIES
 
 MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
 
@@ -74,7 +76,7 @@ ANY_BELOW = (
     *("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget."),
     *("operator.person.", "operator.autonomy."),
 )
-"""Tables whose keys may: arrivals are made by the Python code, and a console that gives no orders reads afterwards."""
+"""Tables whose keys may: arrivals and the console are the Python engine's own."""
 
 DEFAULT = frozenset(
     [
@@ -95,15 +97,23 @@ def not_covered(scenario: Scenario) -> list[str]:
     mode = scenario.control.mode
     if mode not in MODES:
         return [f"control.mode = {mode!r}"]
-    defaults = dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
-    given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
+    if (policy := scenario.operator.inbox.policy) not in INBOX_POLICIES.shipped:  # whose errors that engine reports
+        return [f"operator.inbox.policy = {policy!r}"]
     if orders := [command.name for command in scenario.command if not _is_covered(command)]:
         return [f"command {orders[0]!r}"]
     if len(scenario.command) > MAX_ORDERS // 2:
         return [f"{len(scenario.command)} commands"]
+    given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
     return [
-        f"{key} = {value!r:.40}" for key, value in given.items() if rule(key) is not ANY and value != defaults.get(key)
+        f"{key} = {value!r:.40}"
+        for key, value in given.items()
+        if rule(key) is not ANY and value != _defaults().get(key)
     ]
+
+
+@cache
+def _defaults() -> dict[str, Any]:
+    return dict(_flat(plain(Scenario()) | {"control": plain(PaperSettings())}))
 
 
 def _is_covered(command: CommandSettings) -> bool:

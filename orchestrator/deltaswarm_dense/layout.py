@@ -61,10 +61,9 @@ SETTINGS = record(
 )
 """The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
 
-`two` and `half` are exponents: a power with a constant exponent
-would be compiled as a product or a root, which Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is
-that of an agent's own averages beside those of one that it hears (`Finds._kept`); `has_finds` says whether a rule needs
-averages, and `returns` whether places of finds.
+`two` and `half` are exponents: a power with a constant exponent would be compiled as a product or a root, which
+Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is that of an agent's own averages beside those of
+one that it hears (`Finds._kept`); `has_finds` says whether a rule needs averages, `returns` whether places of finds.
 """
 
 AGENT = record(
@@ -127,7 +126,6 @@ RELAY = record(whole="standing ends latest_end send_at interval state")
 
 UNKNOWN, KNOWN_COMMAND, FORGOTTEN = range(3)
 """Standings of a command with an agent; only a known one is relayed and acknowledged."""
-
 
 COUNTS = record(
     "roots_from_densest_m",

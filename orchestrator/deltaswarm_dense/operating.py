@@ -1,6 +1,6 @@
 """The operator of a run in arrays: the console takes in the reports of its steps, and its orders leave the base."""
 
-import struct
+from bisect import bisect_left
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,13 +15,10 @@ from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.operator_settings import SYSTEM
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import decode_command, decode_relayed
-from deltaswarm_wire.digest import COMMAND
+from deltaswarm_wire.digest import COMMAND, HEAD
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
 from deltaswarm_world.core.world import WorldCore
-
-HEAD = struct.Struct("<IHBI")
-"""The head of a message in the digest: step, agent, kind, length [bytes]."""
 
 
 def messages_of(data: memoryview) -> Iterator[bytes]:
@@ -42,6 +39,9 @@ class Operator:
         self.workloads: list[Workload] = []
         self._numbers: dict[bytes, int] = {}
         """The number of each command that has left the base, by its bytes."""
+        step_s = scenario.run.step_s
+        self._script = sorted(max(0, round(command.at_s / step_s) - FIRST_STEP) for command in scenario.command)
+        """The steps after which a script gives its orders."""
 
     def steps_from(self, step: int, most: int) -> int:
         """Return how many steps may be made from this one on before the console takes them in, or the base sends."""
@@ -56,8 +56,7 @@ class Operator:
         operator, console, step_s = self._scenario.operator, self._operating.console, self._scenario.run.step_s
         if operator.person.commands or operator.autonomy.sets_delta == SYSTEM or not console.command_log.has_room:
             return step
-        acts = [max(0, round(command.at_s / step_s) - FIRST_STEP) for command in self._scenario.command]
-        acts = [act for act in acts if act >= step]
+        acts = self._script[bisect_left(self._script, step) :][:1]
         if console.budget is not None:
             acts.append(int((console.budget.ordered_s + operator.budget.every_s) / step_s) - 1)
         return max(step, min(acts, default=self._scenario.run.steps))

@@ -3,6 +3,9 @@
 import numpy as np
 
 from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_wire.digest import HEAD
+
+HEAD_BYTES = HEAD.size
 
 
 @inlined
@@ -91,6 +94,3 @@ def put_head(out, at, step, agent, kind, size):
         out[at + 7 + k] = (size >> (8 * k)) & 255
     out[at + 4], out[at + 5], out[at + 6] = agent & 255, agent >> 8, kind
     return at + HEAD_BYTES
-
-
-HEAD_BYTES = 11

@@ -1,7 +1,6 @@
 """The dense engine beside the Python engine: equal outcomes, or the first message that differs."""
 
 import dataclasses
-import struct
 from collections.abc import Iterator
 from typing import Any
 from unittest import mock
@@ -13,9 +12,8 @@ from deltaswarm_dense.engine import DenseRun, run_dense
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.digest import Digest
+from deltaswarm_wire.digest import HEAD, Digest
 
-HEAD = struct.Struct("<IHBI")
 KINDS = ("act", "radio frame", "report", "command")
 
 Message = tuple[int, int, int, bytes]

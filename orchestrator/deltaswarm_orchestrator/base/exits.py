@@ -37,6 +37,10 @@ def show_notices(are_shown: bool) -> None:
     _Notices.are_shown = are_shown
 
 
+def notices_are_shown() -> bool:
+    return _Notices.are_shown
+
+
 def notice(text: str) -> None:
     """Print a notice on standard error, unless notices are off."""
     if _Notices.are_shown:

@@ -135,8 +135,11 @@ def check_packages(scenario: Scenario) -> None:
 def _check_engine(scenario: Scenario, options: RunOptions) -> None:
     from deltaswarm_orchestrator.run.choosing import planned_by  # imports numpy, which is slow
 
-    if options.in_process_engine == DENSE and scenario.record != "off":
-        raise CommandError("--engine dense must be given with --record off: only the Python engine keeps every step")
+    if options.in_process_engine == DENSE and (scenario.record != "off" or options.live_port is not None):
+        must = "must be given with --record off and without --live: only the Python engine keeps every step"
+        raise CommandError(f"--engine dense {must}")
+    if options.in_process_engine == DENSE and options.debug:
+        raise CommandError("--engine dense must be given without --debug: it calls no plug-in")
     planned_by(scenario, asked=options.in_process_engine)
 
 

@@ -13,7 +13,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
 from deltaswarm_orchestrator.base import inputs
-from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.exits import CommandError, notices_are_shown, show_notices
 from deltaswarm_orchestrator.base.inputs import InputsChangedError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
@@ -113,7 +113,8 @@ class _Worker:
         self.connection, theirs = context.Pipe()
         self.task: Task | None = None
         self.attempt = 0
-        self._process: SpawnProcess = context.Process(target=_serve, args=(theirs, os.getpid()), daemon=True)
+        arguments = (theirs, os.getpid(), notices_are_shown())
+        self._process: SpawnProcess = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
 
@@ -135,7 +136,8 @@ class _Worker:
         return how_ended(self._process.exitcode or 0)
 
 
-def _serve(connection: Connection, parent: int) -> None:
+def _serve(connection: Connection, parent: int, with_notices: bool) -> None:
+    show_notices(with_notices)
     signal_at_parents_death(signal.SIGKILL, parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the parent; a run's processes unblock it
     while True:

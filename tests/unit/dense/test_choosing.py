@@ -1,6 +1,7 @@
 """Which engine does a run in one process, and that results say so."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,14 @@ def test_the_dense_engine_does_what_it_covers(sets: list[str], because: str) -> 
     by = planned_by(load_scenario("paper-25", sets))
     assert by.engine == (PYTHON if because else DENSE)
     assert by.because.startswith(because)
+
+
+def test_an_inbox_policy_of_ones_own_needs_the_python_engine() -> None:
+    """Which reports its errors with the run that there is until then."""
+    scenario = load_scenario("paper-25", [LONG])
+    inbox = replace(scenario.operator.inbox, policy="mine:Policy")
+    own = replace(scenario, operator=replace(scenario.operator, inbox=inbox))
+    assert planned_by(own).because == "operator.inbox.policy = 'mine:Policy'"
 
 
 def test_a_recording_and_a_state_need_the_python_engine() -> None:
@@ -89,6 +98,10 @@ def test_results_say_which_engine_made_them(tmp_path: Path, capsys: Printed) -> 
     assert "--engine dense must be given with --in-process" in capsys.readouterr().err
     assert main([*command, "--engine", DENSE, "--set", "radio.loss=0.1", "--out", str(tmp_path / "lossy")]) == 2
     assert "--engine dense cannot do this run: radio.loss = 0.1" in capsys.readouterr().err
+    for more in (["--record", "views"], ["--debug"], ["--live", "foxglove", "--live-port", "0"]):
+        assert main([*command, "--engine", DENSE, *more, "--out", str(tmp_path / "shown")]) == 2
+        assert capsys.readouterr().err.startswith("deltaswarm: --engine dense must be given with")
+    assert not (tmp_path / "shown").exists()
 
 
 def test_a_sweep_counts_the_runs_of_each_engine(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from deltaswarm_dense.coverage import _flat, not_covered, rule
 from deltaswarm_dense.engine import run_dense
 from deltaswarm_dense.measures import sum_as_numpy
 from deltaswarm_orchestrator.results.run_tables import read_rows
+from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -165,6 +166,17 @@ def test_a_run_that_needs_more_room_gets_it(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(engine, "BRANCHES", 1)
     monkeypatch.setattr(engine, "BELIEFS", 1)
     assert differences(load_scenario("paper-25", ["run.duration_s=600.0", "events.rate_hz=0.2"])) == []
+
+
+def test_a_run_that_is_stopped_says_how_far_it_came() -> None:
+    """After a block of steps, or before the first."""
+    scenario = load_scenario("paper-25", ["run.duration_s=900", "record=off"])
+    for blocks, steps in ((0, 0), (1, 500)):
+        stops = iter([False] * blocks + [True])
+        outcome = run_dense(scenario, Wanted(stopped=lambda stops=stops: next(stops)))
+        assert (len(outcome.step_records), len(outcome.workloads), outcome.is_complete) == (steps, steps, False)
+        summary = summarise(outcome, scenario)
+        assert (summary["steps"], summary["complete"], summary["valid"]) == (steps, False, False)
 
 
 def test_the_first_difference_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
