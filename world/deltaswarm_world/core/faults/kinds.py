@@ -136,7 +136,8 @@ class Stuck(Kind):
         for agent in self.agents - self._kept_mps.keys():
             vx_mps, vy_mps = velocities_mps[agent].tolist()
             self._kept_mps[agent] = vx_mps, vy_mps
-        velocities_mps[list(self._kept_mps)] = list(self._kept_mps.values())
+        for agent, kept in self._kept_mps.items():
+            velocities_mps[agent] = kept
 
 
 class RadioDead(Kind):
