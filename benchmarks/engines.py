@@ -12,7 +12,17 @@ from deltaswarm_orchestrator.run.engine import Engine
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 
-MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
+CASES = {
+    "decentralised": ["control.mode=decentralised"],
+    "hierarchical": ["control.mode=hierarchical"],
+    "hybrid": [],
+    "adaptive": ["control.mode=adaptive"],
+    "hybrid, 30 % of frames lost": ["radio.loss=0.3"],
+    "hybrid, frames 1.5 s late": ["radio.latency_s=1.5"],
+    "hybrid, 30 % of reports lost": ["uplink.loss=0.3"],
+}
+"""What differs from hybrid control over a perfect network."""
+
 ENGINES: dict[str, Engine] = {PYTHON: run_in_process, DENSE: Dense()}
 
 
@@ -23,18 +33,19 @@ def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
     """
     ENGINES[DENSE](load_scenario("smoke", ["record=off"]))
     rows = []
-    for mode in MODES:
+    for name, sets in CASES.items():
         times: dict[str, list[float]] = {PYTHON: [], DENSE: []}
         for seed in range(1, rounds + 1):
             base = scale_scenario(agents, steps, seed)
-            control = load_scenario("paper-25", [f"control.mode={mode}"]).control
+            case = load_scenario("paper-25", sets)
+            scenario = replace(base, control=case.control, radio=case.radio, uplink=case.uplink)
             digests = set()
-            for name, engine in ENGINES.items():
+            for by, engine in ENGINES.items():
                 began = time.process_time()
-                digests.add(engine(replace(base, control=control)).digest)
-                times[name].append(time.process_time() - began)
+                digests.add(engine(scenario).digest)
+                times[by].append(time.process_time() - began)
             assert len(digests) == 1
         ratios = [slow / fast for slow, fast in zip(times[PYTHON], times[DENSE], strict=True)]
-        medians_s = {f"{name}_s": median(values) for name, values in times.items()}
-        rows.append({"mode": mode, **medians_s, "ratio": median(ratios)})
+        medians_s = {f"{by}_s": median(values) for by, values in times.items()}
+        rows.append({"case": name, **medians_s, "ratio": median(ratios)})
     return {"agents": agents, "steps": steps, "rounds": rounds, "rows": rows}

@@ -2,6 +2,7 @@
 
 from deltaswarm_agent.controllers.paper.frames import ATTENDING as ATTENDING_FRAME
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
 from deltaswarm_dense.states import (
     ANOTHER_SENSED,
@@ -50,18 +51,18 @@ def seek_event(swarm, agent, now, sensed, heard):
         if distance_m2(settings, agent, target_x_m, target_y_m) < settings.gone_m2:
             change(settings, agent, now, EVENT_NOT_THERE)
     elif heard.size and agent.state == WALKING:
-        _join_attending(settings, agent, swarm.air.frames[(now - 1) % 2], swarm.trail_m, now, heard)
+        _join_attending(settings, agent, swarm.air, swarm.trail_m, now, heard)
     if agent.state == GOING and sensed.size and agent.target != NONE:
         if distance_m2(settings, agent, agent.target_x_m, agent.target_y_m) <= settings.at_event_m2:
             change(settings, agent, now, AT_THE_EVENT)
 
 
 @compiled
-def _join_attending(settings, agent, frames, trail_m, now, heard):
+def _join_attending(settings, agent, air, trail_m, now, heard):
     """Let a walking agent newly in range of an attending agent go to its event."""
     best, best_m2 = NONE, 0.0
     for k in range(heard.size):
-        frame = frames[heard[k]]
+        frame = heard_of(air, heard[k])
         if (
             frame.kind == ATTENDING_FRAME
             and is_newly_met(settings, agent, trail_m, now, frame)
@@ -71,7 +72,7 @@ def _join_attending(settings, agent, frames, trail_m, now, heard):
             if best == NONE or m2 < best_m2:
                 best, best_m2 = heard[k], m2
     if best != NONE:
-        frame = frames[best]
+        frame = heard_of(air, best)
         agent.target = frame.event
         agent.target_x_m, agent.target_y_m = frame.event_x_cm / 100, frame.event_y_cm / 100
         change(settings, agent, now, NEIGHBOUR_ATTENDS)

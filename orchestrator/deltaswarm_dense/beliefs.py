@@ -9,6 +9,7 @@ from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE
 from deltaswarm_agent.controllers.paper.frames import MEMBER as MEMBER_FRAME
 from deltaswarm_dense.arithmetic import rounded
 from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
 
 
@@ -105,11 +106,11 @@ def sense(settings, agent, beliefs, events, now, sensed):
 
 
 @compiled
-def hear_tree(agent, beliefs, frames, now, heard):
+def hear_tree(agent, beliefs, air, now, heard):
     """Take the frames of members of the own tree; fresher information wins."""
     updates, places = beliefs.updates[agent.id], beliefs.places[agent.id]
     for k in range(heard.size):
-        frame = frames[heard[k]]
+        frame = heard_of(air, heard[k])
         if frame.kind != MEMBER_FRAME or frame.path[0] != agent.path[0]:
             continue
         for row in range(frame.sightings):

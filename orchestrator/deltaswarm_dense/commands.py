@@ -4,6 +4,7 @@ Covered are orders to all agents that set delta or the structure.
 """
 
 from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_dense.hearing import SENDER, SLOT
 from deltaswarm_dense.layout import FORGOTTEN, KNOWN_COMMAND, NONE, UNKNOWN
 from deltaswarm_dense.packing import put_array, put_bytes, put_unsigned, size_of_bytes, size_of_unsigned
 from deltaswarm_dense.states import TAKEN_OFF, change
@@ -12,11 +13,11 @@ from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED,
 
 
 @compiled
-def hear_commands(swarm, agent, now, heard):
+def hear_commands(swarm, agent, now, arrived):
     """Take the commands that frames relay, then those of the base; write the new ones to `new`, and their number."""
-    commands, frames, count = swarm.commands, swarm.air.frames[(now - 1) % 2], 0
-    for k in range(heard.size):
-        frame = frames[heard[k]]
+    commands, frames, count = swarm.commands, swarm.air.frames, 0
+    for k in range(arrived.shape[0]):
+        frame = frames[arrived[k, SLOT], arrived[k, SENDER]]
         for item in range(frame.items):
             count = _accept(swarm, agent, now, frame.item[2 * item], frame.item[2 * item + 1], count)
     if commands.reached[agent.id]:

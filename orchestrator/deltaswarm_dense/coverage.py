@@ -15,6 +15,9 @@ from deltaswarm_wire.plugins import INBOX_POLICIES
 
 MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
 
+FAULTS = ("kill", "restart", "freeze", "actuator-slow", "actuator-stuck", "radio-dead", "sensor-blind")
+"""Kinds that change neither what is where nor how it is sensed."""
+
 ANY = frozenset(
     [
         "schema",
@@ -37,14 +40,13 @@ ANY = frozenset(
         "agents.count",
         "agents.speed_mps",
         "agents.sensing_range_m",
-        "radio.range_m",
         "downlink.base_m",
         "downlink.range_m",
         "downlink.loss",
         "downlink.repeat_s",
         "downlink.outages",
-        "uplink.base_m",
         "command",
+        "fault",
         "operator.threshold_hz",
         "operator.more_thresholds_hz",
         "metrics.horizon_s",
@@ -74,7 +76,7 @@ ANY = frozenset(
 
 ANY_BELOW = (
     *("events.density.", "operator.probes.", "operator.page.", "operator.inbox.", "operator.budget."),
-    *("operator.person.", "operator.autonomy."),
+    *("operator.person.", "operator.autonomy.", "radio.", "uplink."),
 )
 """Tables whose keys may: arrivals and the console are the Python engine's own."""
 
@@ -83,12 +85,12 @@ DEFAULT = frozenset(
         "run.clock",
         "run.bound",
         "arena.obstacles",
-        "fault",
+        "radio.models",
     ]
 )
 """Keys that must have their defaults."""
 
-DEFAULT_BELOW = ("world.", "radio.", "uplink.", "downlink.", "operator.task.")
+DEFAULT_BELOW = ("world.", "radio.models.", "downlink.", "operator.task.")
 """Tables whose keys must, unless they are in `ANY`."""
 
 
@@ -101,6 +103,8 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"operator.inbox.policy = {policy!r}"]
     if orders := [command.name for command in scenario.command if not _is_covered(command)]:
         return [f"command {orders[0]!r}"]
+    if faults := [fault.kind for fault in scenario.fault if fault.kind not in FAULTS]:
+        return [f"fault.kind = {faults[0]!r}"]
     if len(scenario.command) > MAX_ORDERS // 2:
         return [f"{len(scenario.command)} commands"]
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))
@@ -126,10 +130,11 @@ def rule(key: str) -> frozenset[str]:
     Raises:
         KeyError: nothing is said about the key.
     """
+    if key in DEFAULT or key.startswith(DEFAULT_BELOW):
+        if key not in ANY:
+            return DEFAULT
     if key in ANY or key.startswith(ANY_BELOW):
         return ANY
-    if key in DEFAULT or key.startswith(DEFAULT_BELOW):
-        return DEFAULT
     raise KeyError(key)
 
 

@@ -12,6 +12,7 @@ from deltaswarm_dense.commands import write_answers
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.delta import delta_of
 from deltaswarm_dense.finds import tell_averages
+from deltaswarm_dense.hearing import slot_of
 from deltaswarm_dense.layout import NONE, ORDER_FIELDS
 from deltaswarm_dense.membership import level_of, parent_of, table_of
 from deltaswarm_dense.packing import (
@@ -96,7 +97,7 @@ def observe(settings, agent, events, observed, sensed):
 @compiled
 def compose(swarm, agent, now, score):
     """Write the agent's frame of this step, of kind NONE if it sends nothing."""
-    frame = swarm.air.frames[now % 2, agent.id]
+    frame = swarm.air.frames[slot_of(swarm.air, now), agent.id]
     frame.kind, frame.items = NONE, 0
     if not agent.in_tree and agent.state != ATTENDING and agent.leave_frames_left == 0:
         return
@@ -112,7 +113,7 @@ def compose(swarm, agent, now, score):
         for k in range(agent.path_length):
             frame.path[k] = agent.path[k]
         frame.pulse, frame.score = agent.pulse, score
-        frame.rows = table_of(agent, swarm.trees, swarm.air.tables[now % 2, agent.id])
+        frame.rows = table_of(agent, swarm.trees, swarm.air.tables[slot_of(swarm.air, now), agent.id])
         sightings(agent, swarm.beliefs, swarm.world.events, now, frame)
         departures(agent, swarm.beliefs, swarm.world.events, now, frame)
         frame.has_order = agent.has_order
@@ -142,7 +143,7 @@ def role_of(agent, frame):
 @compiled
 def report(swarm, agent, now, time_s):
     """Write the report that is due, if there is something to report; return whether there is one."""
-    settings, frame, events = swarm.settings[0], swarm.air.frames[now % 2, agent.id], swarm.world.events
+    settings, frame, events = swarm.settings[0], swarm.air.frames[slot_of(swarm.air, now), agent.id], swarm.world.events
     attends = agent.state == ATTENDING and agent.target != NONE
     is_of_tree = agent.state == ROOT and agent.places > 0 and frame.kind == MEMBER_FRAME
     finds = 0 if agent.in_tree or not settings.report_finds else swarm.news.new[swarm.news.new.size - 1]
@@ -182,7 +183,7 @@ def report(swarm, agent, now, time_s):
         at = put_array(out, put_text(out, at, MEMBERS), 4 * members)
         for row in range(members):
             for field in range(4):
-                at = put_unsigned(out, at, swarm.air.tables[now % 2, agent.id, row, field])
+                at = put_unsigned(out, at, swarm.air.tables[slot_of(swarm.air, now), agent.id, row, field])
     if agent.knows:
         at = write_answers(out, put_text(out, at, ANSWERS), swarm.commands, agent)
     if delta:
@@ -224,7 +225,7 @@ def _tell(event, time_s):
 @inlined
 def act(swarm, agent, now, velocity_mps, until, observed):
     """Write the act that closes the step."""
-    frame, output = swarm.air.frames[now % 2, agent.id], swarm.output
+    frame, output = swarm.air.frames[slot_of(swarm.air, now), agent.id], swarm.output
     out, begins = output.world, output.ends[0]
     at = put_array(out, begins + HEAD_BYTES, ACT_ITEMS)
     at = put_unsigned(out, put_unsigned(out, at, PROTOCOL_VERSION), now)

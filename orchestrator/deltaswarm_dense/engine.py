@@ -1,25 +1,32 @@
 """A run by the dense engine: blocks of steps in arrays, the chains of digests over their bytes, and its outcome."""
 
 import hashlib
+import math
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from deltaswarm_dense import layout
 from deltaswarm_dense.layout import MAX_ORDERS
-from deltaswarm_dense.operating import Operator
+from deltaswarm_dense.modelled import Models, Uplinked, is_modelled
+from deltaswarm_dense.operating import Operator, messages_of
 from deltaswarm_dense.results import events_of, step_records, told_s, totals_of_operator, workloads
-from deltaswarm_dense.setting_up import set_up
+from deltaswarm_dense.setting_up import Room, set_up
 from deltaswarm_dense.step import advance
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import NOTHING_MORE, UncoveredError, Wanted
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.digest import SIZE_BYTES
+from deltaswarm_wire.operator_messages import Workload, decode_report
+from deltaswarm_world.core.air.channel.loss import Loss
+from deltaswarm_world.core.arrays import Floats, generator
 from deltaswarm_world.core.world import WorldCore
 
 BLOCK_STEPS = 500
-BRANCHES, BELIEFS = 16, 64
-"""Room for children and for known events of an agent; a run that needs more is begun again with twice as much."""
+
+GROWS = {layout.CHILDREN: "branches", layout.KNOWN: "beliefs", layout.OLD_FRAME: "slots"}
+"""Of what a run that is in some trouble needs more room; it is begun again with twice as much."""
 
 MAX_ROOM = 4096
 
@@ -33,91 +40,154 @@ def run_dense(scenario: Scenario, wanted: Wanted = NOTHING_MORE) -> Outcome:
     Raises:
         UncoveredError: the run needs what the arrays have no room for.
     """
-    branches, beliefs = BRANCHES, BELIEFS
+    delay_s = scenario.radio.latency_s + scenario.radio.jitter_s
+    room = Room(slots=2, orders=MAX_ORDERS if scenario.has_commander else 0)
+    if is_modelled(scenario):
+        room = room._replace(slots=3 + math.ceil(delay_s / scenario.run.step_s))
     while True:
-        run = DenseRun(scenario, wanted, branches, beliefs)
+        run = DenseRun(scenario, wanted, room)
         trouble = run.advance()
-        if trouble == layout.CHILDREN and branches < MAX_ROOM:
-            branches *= 2
-        elif trouble == layout.KNOWN and beliefs < MAX_ROOM:
-            beliefs *= 2
-        elif trouble:
-            raise UncoveredError(layout.TROUBLE[trouble])
-        else:
+        if not trouble:
             return run.outcome()
+        name = GROWS.get(trouble)
+        if name is None or getattr(room, name) >= MAX_ROOM:
+            raise UncoveredError(layout.TROUBLE[trouble])
+        room = room._replace(**{name: 2 * getattr(room, name)})
 
 
 class DenseRun:
     """One run in arrays."""
 
-    def __init__(self, scenario: Scenario, wanted: Wanted, branches: int, beliefs: int) -> None:
+    def __init__(self, scenario: Scenario, wanted: Wanted, room: Room) -> None:
         self._began = time.monotonic()
         self._scenario = scenario
         self._world = WorldCore(scenario)
-        """For what does not change in a run that is covered, and for the base of the operator."""
-        orders = MAX_ORDERS if scenario.has_commander else 0
-        self._swarm = set_up(scenario, self._world.environment, branches, beliefs, orders)
+        """For what does not change in a run that is covered, for the base of the operator, and for models."""
+        self._models = Models(scenario, self._world) if is_modelled(scenario) else None
+        self._uplinked = Uplinked(scenario, uplink) if (uplink := self._world.uplink) else None
+        self._swarm = set_up(scenario, self._world.environment, room, is_modelled=self._models is not None)
         self._counts = np.zeros(scenario.run.steps, layout.COUNTS)
         self._done = 0
         self._chains = [bytes(SIZE_BYTES), bytes(SIZE_BYTES)]
         """The states of the world's and of the operator's digest."""
+        self._lossy = generator(scenario.seed, Loss.stream)
         self._stopped = wanted.stopped
+        self._workloads: list[Workload] = []
         self._operator = Operator(scenario, self._world, wanted.folder) if scenario.has_console else None
 
     def advance(self) -> int:
         """Do all steps; return the trouble that ended them, 0 if there was none."""
-        steps, swarm = self._scenario.run.steps, self._swarm
+        steps, swarm, models = self._scenario.run.steps, self._swarm, self._models
         while self._done < steps and not self._stopped():
             first = self._done
             swarm.output.ends[:] = 0
             block = min(BLOCK_STEPS, steps - first)
+            if models is not None or self._scenario.uplink.range_m is not None:
+                block = 1  # between steps they need to know where agents are
+            if models is not None and (trouble := models.begin(swarm, first)):
+                return trouble
             if self._operator is not None:
-                self._operator.begin(swarm, first)
+                self._operator.begin(swarm, first, *self._before(first))
                 block = self._operator.steps_from(first, block)
             counts = self._counts[first : first + block]
+            self._draw()
             done = advance(swarm, first, block, steps, counts)
             if trouble := int(swarm.trouble[0]):
                 return trouble
-            reports = self._hash(counts[:done])
             self._done += done
-            if self._operator is not None:
-                self._operator.end(self._counts["reports"][: self._done], first, reports)
+            self._close(first, counts[:done])
         return 0
 
-    def _hash(self, counts: np.ndarray) -> list[memoryview]:
-        """Add the bytes of some steps to both digests; return the operator's of each."""
-        output, parts = self._swarm.output, list[memoryview]()
-        for which, buffer, name in ((WORLD, output.world, "world_end"), (OPERATOR, output.operator, "operator_end")):
-            data, chain = buffer.data, self._chains[which]
-            ends = counts[name].tolist()
-            parts = [data[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
-            for part in parts:
-                if part:
-                    chain = hashlib.blake2b(chain + part, digest_size=SIZE_BYTES).digest()
-            self._chains[which] = chain
-        return parts
+    def _draw(self) -> None:
+        """Replace the used draws of the loss of frames by new ones."""
+        air = self._swarm.air
+        if used := int(air.drawn[0]):
+            air.draws[:-used] = air.draws[used:]
+            air.draws[-used:] = self._lossy.random(used)
+            air.drawn[0] = 0
+
+    def _before(self, step: int) -> tuple[Floats, list[bool]]:
+        """Return where agents will be in a step (`step.move`), and which of them listen."""
+        positions_m, listening = self._whereabouts()
+        if self._models is None and step > 0:
+            agents, settings = self._swarm.agents, self._swarm.settings[0]
+            moved_m = np.stack([agents["vx_mps"], agents["vy_mps"]], axis=1) * settings["step_s"]
+            positions_m = (positions_m + moved_m).clip(0.0, (settings["width_m"], settings["height_m"]))
+        return positions_m, listening
+
+    def _whereabouts(self) -> tuple[Floats, list[bool]]:
+        """Return where agents are, and which of them listen."""
+        agents = self._swarm.agents
+        listening = self._models.listening if self._models else [True] * len(agents)
+        return np.stack([agents["x_m"], agents["y_m"]], axis=1), listening
+
+    def _close(self, first: int, counts: np.ndarray) -> None:
+        """Hash what was said in some steps, and let the operator take it in."""
+        output = self._swarm.output
+        said = _parts(output.world, counts["world_end"])
+        reported = _parts(output.operator, counts["operator_end"])
+        if self._models is not None:
+            self._models.end(self._swarm, counts[0], first)
+        if self._uplinked is not None:
+            self._hash(
+                WORLD, [acts.tobytes() + reports.tobytes() for acts, reports in zip(said, reported, strict=True)]
+            )
+            whereabouts = self._whereabouts()
+            for step, reports in enumerate(reported, start=first):
+                workload = self._uplinked.carry(self._swarm, step, *whereabouts, reports)
+                if self._operator is not None:
+                    self._operator.end([workload], [self._uplinked.meter.reports_of_closed_step])
+            return
+        self._hash(WORLD, said)
+        self._hash(OPERATOR, reported)
+        if self._operator is not None:
+            rows = workloads(self._scenario, self._counts["reports"][: self._done], first)
+            self._operator.end(rows, ([decode_report(data) for *_, data in messages_of(part)] for part in reported))
+            self._workloads += rows
+
+    def _hash(self, which: int, parts: Sequence[memoryview | bytes]) -> None:
+        """Add the bytes of some steps to a digest."""
+        chain = self._chains[which]
+        for part in parts:
+            if part:
+                chain = hashlib.blake2b(chain + part, digest_size=SIZE_BYTES).digest()
+        self._chains[which] = chain
 
     def outcome(self) -> Outcome:
         """Return what the run recorded."""
-        scenario, counts, steps = self._scenario, self._counts[: self._done], self._done
+        scenario, counts, steps, models = self._scenario, self._counts[: self._done], self._done, self._models
         complete = steps == scenario.run.steps
-        world_digest, operator_digest = (chain.hex() for chain in self._chains)
-        agent_steps = scenario.agents.count * steps
+        uplinked, sequences = self._uplinked, self._swarm.agents["sequence"]
+        agent_steps = models.agent_steps if models else scenario.agents.count * steps
+        changes = [part.records for part in (models, uplinked) if part is not None]
         outcome = Outcome(
-            step_records=step_records(scenario, counts, self._world.air.reasons),
+            step_records=step_records(scenario, counts, self._world.air.reasons, changes),
             events=events_of(self._swarm.world.events),
-            workloads=self._operator.workloads if self._operator else workloads(scenario, counts["reports"]),
             world=self._world.totals(complete)
             | {
-                "digest": world_digest,
+                "digest": self._chains[WORLD].hex(),
                 "agent_steps": {"due": agent_steps, "answered": agent_steps},
                 "refused_claims": int(counts["refused_claims"].sum()),
+                "faults": models.faults if models else [],
                 "wall_s": time.monotonic() - self._began,
             },
-            operator={"complete": complete, "digest": operator_digest}
-            | totals_of_operator(scenario, counts["reports"], self._swarm.agents["sequence"]),
-            told_s=told_s(self._swarm.world.events),
+            operator={"complete": complete},
         )
+        if uplinked is not None:
+            outcome.workloads, outcome.told_s = uplinked.workloads, uplinked.meter.told_s
+            outcome.operator |= {"digest": uplinked.meter.digest_hex, **uplinked.meter.totals}
+        else:
+            outcome.workloads = self._workloads if self._operator else workloads(scenario, counts["reports"])
+            outcome.told_s = told_s(self._swarm.world.events)
+            by_agent = sequences + models.reports_before if models else sequences
+            outcome.operator["digest"] = self._chains[OPERATOR].hex()
+            outcome.operator |= totals_of_operator(scenario, counts["reports"], by_agent)
         if self._operator is not None:
             self._operator.finish(outcome)
         return outcome
+
+
+def _parts(buffer: np.ndarray, ends: np.ndarray) -> list[memoryview]:
+    """Return the bytes of each step."""
+    data, until = buffer.data, ends.tolist()
+    return [data[begin:end] for begin, end in zip([0, *until], until, strict=False)]

@@ -6,6 +6,7 @@ from deltaswarm_agent.controllers.paper.finds import FADING_S, LEAST_FINDS, RAND
 from deltaswarm_agent.controllers.paper.frames import ATTENDING, MEMBER
 from deltaswarm_dense.arithmetic import rounded
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
 from deltaswarm_wire.codec import MAX_ID
 
@@ -47,21 +48,21 @@ def begin_activity(settings, agent, leg, works, now):
 
 
 @compiled
-def hear_averages(settings, agent, frames, now, heard):
+def hear_averages(settings, agent, air, now, heard):
     """Mix in the averages of others (`Finds.hear`)."""
     count = 0
     for k in range(heard.size):
-        count += tells_averages(frames[heard[k]])
+        count += tells_averages(heard_of(air, heard[k]))
     if count == 0:
         return
     update_averages(settings, agent, now)
     kept = math.pow(settings.own_weight, float(count))
     for leg in range(2):
-        mean = (1.0 - kept) * _sum_of(frames, heard, leg) / count
+        mean = (1.0 - kept) * _sum_of(air, heard, leg) / count
         agent.finds[leg] = max(LEAST_FINDS, kept * agent.finds[leg] + mean / 1000)
-        mean = (1.0 - kept) * _sum_of(frames, heard, 2 + leg) / count
+        mean = (1.0 - kept) * _sum_of(air, heard, 2 + leg) / count
         agent.walked_s[leg] = kept * agent.walked_s[leg] + mean / 10
-    agent.busy = kept * agent.busy + (1.0 - kept) * _sum_of(frames, heard, 4) / count / 1000
+    agent.busy = kept * agent.busy + (1.0 - kept) * _sum_of(air, heard, 4) / count / 1000
 
 
 @compiled
@@ -71,11 +72,11 @@ def tells_averages(frame):
 
 
 @compiled
-def _sum_of(frames, heard, column):
+def _sum_of(air, heard, column):
     total = 0
     for k in range(heard.size):
-        if tells_averages(frames[heard[k]]):
-            total += frames[heard[k]].averages[column]
+        if tells_averages(heard_of(air, heard[k])):
+            total += heard_of(air, heard[k]).averages[column]
     return total
 
 

@@ -93,6 +93,6 @@ def send(agent, frame, length, commands, output, now):
     output.ends[0] = at
     size = output.ends[0] - begins - HEAD_BYTES
     put_head(out, begins, now, agent.id, RADIO, size)
-    frame.size_bytes = size
+    frame.begins, frame.size_bytes, frame.counter = begins + HEAD_BYTES, size, agent.counter
     agent.counter += 1
     return size

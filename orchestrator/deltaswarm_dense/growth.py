@@ -2,6 +2,7 @@
 
 from deltaswarm_agent.controllers.paper.frames import MEMBER
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
 from deltaswarm_dense.membership import enter_tree, fits_below, trusts
 from deltaswarm_dense.states import MEMBER_MET
@@ -13,7 +14,7 @@ def joins(swarm, agent, now, heard):
     """Let a free agent join the nearest member newly in range and at least d_min away, if there is one."""
     settings, best, best_m2 = swarm.settings[0], NONE, 0.0
     for k in range(heard.size):
-        frame = swarm.air.frames[(now - 1) % 2, heard[k]]
+        frame = heard_of(swarm.air, heard[k])
         if (
             frame.kind == MEMBER
             and not frame.orphan

@@ -48,22 +48,23 @@ SETTINGS = record(
     floats="""
     step_s width_m height_m speed_mps sensing_range_m sensing_m2 gone_m2 near_cm2 range_m range_m2 reach_m reach_m2
     d_min_m2 at_place_m2 at_event_m2 leg_max_s leg_exponent gamma_max patience_finds own_weight report_every_s
-    work_agent_s two half
+    work_agent_s loss two half
     """,
     whole="""
-    first_interval longest_interval answered recruit_every silence stall freshness previous_tree leaving orphan_strict
-    orphan arrival_strict arrival contested order memory gone trail find_memory
+    first_interval longest_interval answered forget_sender recruit_every silence stall freshness previous_tree leaving
+    orphan_strict orphan arrival_strict arrival contested order memory gone trail find_memory
     """,
     flags="""
     recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
-    report_finds ask_every_step has_finds returns has_delta
+    report_finds ask_every_step has_finds returns has_delta is_modelled
     """,
 )
 """The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
 
 `two` and `half` are exponents: a power with a constant exponent would be compiled as a product or a root, which
 Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is that of an agent's own averages beside those of
-one that it hears (`Finds._kept`); `has_finds` says whether a rule needs averages, `returns` whether places of finds.
+one that it hears (`Finds._kept`); `has_finds` says whether a rule needs averages, `returns` whether places of finds,
+`is_modelled` whether Python moves bodies and carries frames (`modelled.py`).
 """
 
 AGENT = record(
@@ -75,9 +76,9 @@ AGENT = record(
     id role state target leg_ends until counter sequence used path_length pulse pulse_step parent_heard parents_rows
     heirs children contested_steps followed_order since leave_frames_left previous_root previous_pulse
     previous_pulse_step freed updates places delta noted noted_step leg averaged_step averaged_leg back_step found
-    founds_at strategy_command knows
+    founds_at strategy_command knows began
     """,
-    flags="in_tree sensed_before has_order has_carried works attends adapts",
+    flags="in_tree sensed_before has_order has_carried works attends adapts takes_part sees has_status",
     words=WORDS,
     float_arrays={"finds": 2, "walked_s": 2, "found_x_m": MAX_PLACES, "found_y_m": MAX_PLACES},
     found_step=MAX_PLACES,
@@ -90,7 +91,8 @@ of which some are `used`. `target` is an event's number, or NONE. Of `Finds` it 
 `busy`, up to `averaged_step`, since which it `works` and is on the kind of leg `averaged_leg` (NONE: it does not walk);
 of `FoundPlaces` the `found` first of its places, and the one to which its leg leads back (`back_step` NONE: to none).
 `noted` events were sensed in `noted_step`; these are in `News.noted`. `founds_at` (NONE: it never
-founds a tree), `attends` and `adapts` follow the newest order, `strategy_command`; it `knows` so many."""
+founds a tree), `attends` and `adapts` follow the newest order, `strategy_command`; it `knows` so many. Its process
+`began` before that step, and `takes_part` unless it is dead or frozen; `has_status` if it has acted since."""
 
 EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
 """One event, in the order of arrival; times are NaN until they come. It arrives in `step`."""
@@ -105,6 +107,7 @@ BRANCH = record(whole="child x_cm y_cm score heard rows")
 FRAME = record(
     whole="""
     kind x_cm y_cm path_length pulse score rows sightings departures event event_x_cm event_y_cm size_bytes items
+    counter begins
     """,
     flags="orphan has_order",
     path=MAX_PATH,
@@ -114,8 +117,8 @@ FRAME = record(
     averages=len(Averages._fields),
     item=2 * MAX_COMMANDS,
 )
-"""A radio frame as its receivers decode it; `kind` is NONE if it has no payload. Its table is in `Air.tables`. An
-item is a command that it relays, with the remaining steps of its life."""
+"""A radio frame as its receivers decode it, and where in `Output.world` it `begins`; `kind` is NONE if it has no
+payload. Its table is in `Air.tables`. An item is a command that it relays, with the remaining steps of its life."""
 
 COMMAND = record("fraction share", "delta life body_bytes", "sets_share")
 """An order to all agents: the delta of agents whose rank is not below `fraction` (of the others one more), and the
@@ -130,8 +133,8 @@ UNKNOWN, KNOWN_COMMAND, FORGOTTEN = range(3)
 COUNTS = record(
     "roots_from_densest_m",
     """
-    asked in_trees roots covered_area_m2 frames_sent bytes_sent frames_received reports refused_claims events_open
-    events_completed deltas deltas_sum world_end operator_end
+    asked in_trees roots covered_area_m2 frames_sent bytes_sent frames_received frames_lost reports refused_claims
+    events_open events_completed deltas deltas_sum world_end operator_end
     """,
 )
 """What happened in one step; the last two are where its bytes end in the buffers of both digests.
@@ -161,16 +164,30 @@ class World(NamedTuple):
 
 
 class Air(NamedTuple):
-    """The radio frames of two steps."""
+    """The radio frames of the last steps, and those that the air's models let through in this one."""
 
     frames: np.ndarray
-    """(2, n) FRAME: those sent in even and in odd steps."""
+    """(slots, n) FRAME: those sent in step s are in slot s % slots."""
     tables: np.ndarray
-    """(2, n, r, 5) rows of their tables."""
+    """(slots, n, r, 5) rows of their tables."""
     senders: np.ndarray
     """(n + 1,) agents that sent a frame in the step before; the last item is their number."""
+    arrived: np.ndarray
+    """(n, 2) scratch: sender and slot of each frame that an agent receives."""
     heard: np.ndarray
-    """(n,) scratch: senders that an agent hears."""
+    """(n,) scratch: senders of the frames that it reads."""
+    slots: np.ndarray
+    """(n,) scratch: the slots of these frames, by sender."""
+    carried: np.ndarray
+    """(receptions, 2) sender and slot of each frame that the models let through, by receiver."""
+    begins: np.ndarray
+    """(n + 1,) where each receiver's begin in `carried`."""
+    draws: np.ndarray
+    """Uniform draws of the loss of frames, one for each link in reach in each step."""
+    drawn: np.ndarray
+    """(1,) how many of them are used."""
+    newest: np.ndarray
+    """(n, n, 2) counter and step of the newest frame of each sender that each receiver has heard."""
 
 
 class Trees(NamedTuple):
@@ -306,6 +323,7 @@ TROUBLE = (
     "too many known events",
     "a radio frame above the limit",
     "more sensed or heard than an agent's frame has room for",
-    "too many bytes",
+    "too many bytes or frames at once",
+    "a radio frame that arrives too late",
 )
-CHILDREN, KNOWN, FRAME_SIZE, FRAME_ROOM, BUFFER = range(1, 6)
+CHILDREN, KNOWN, FRAME_SIZE, FRAME_ROOM, BUFFER, OLD_FRAME = range(1, 7)

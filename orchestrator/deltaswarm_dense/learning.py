@@ -4,6 +4,7 @@ from deltaswarm_agent.controllers.paper.frames import ATTENDING
 from deltaswarm_dense.arithmetic import squared_m2
 from deltaswarm_dense.compiled import compiled
 from deltaswarm_dense.finds import begin_activity, hear_averages, tells_averages, update_averages
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
 from deltaswarm_dense.returning import add_place
 from deltaswarm_dense.states import WALKING
@@ -31,31 +32,31 @@ def note(agent, news, now, sensed):
 @compiled
 def learn(swarm, agent, now, heard):
     """Take what the agent senses and hears: its new events, where they are, and the averages of others."""
-    settings, events, frames = swarm.settings[0], swarm.world.events, swarm.air.frames[(now - 1) % 2]
+    settings, events, air = swarm.settings[0], swarm.world.events, swarm.air
     new = swarm.news.new[: swarm.news.new[swarm.news.new.size - 1]]
     if new.size:
         update_averages(settings, agent, now)
         count = 0
         for k in range(new.size):
-            count += not _is_known(settings, events[new[k]], frames, heard)
+            count += not _is_known(settings, events[new[k]], air, heard)
         if agent.averaged_leg != NONE:
             agent.finds[agent.averaged_leg] += count
-    hear_averages(settings, agent, frames, now, heard)
+    hear_averages(settings, agent, air, now, heard)
     if not settings.returns:
         return
     for k in range(new.size):
         add_place(agent, events[new[k]].x_m, events[new[k]].y_m, now)
     if not agent.in_tree:
         met_cm = swarm.news.met_cm
-        for k in range(_note_met(settings, agent, frames, swarm.trail_m, now, heard, met_cm)):
+        for k in range(_note_met(settings, agent, air, swarm.trail_m, now, heard, met_cm)):
             add_place(agent, met_cm[k, 0] / 100, met_cm[k, 1] / 100, now)
 
 
 @compiled
-def _is_known(settings, event, frames, heard):
+def _is_known(settings, event, air, heard):
     """Return whether an agent that attends or is in a tree is near enough to an event to know it."""
     for k in range(heard.size):
-        frame = frames[heard[k]]
+        frame = heard_of(air, heard[k])
         if tells_averages(frame):
             dx_m, dy_m = frame.x_cm * 0.01 - event.x_m, frame.y_cm * 0.01 - event.y_m
             if squared_m2(dx_m, dy_m, settings.two) <= settings.sensing_m2:
@@ -64,11 +65,11 @@ def _is_known(settings, event, frames, heard):
 
 
 @compiled
-def _note_met(settings, agent, frames, trail_m, now, heard, met_cm):
+def _note_met(settings, agent, air, trail_m, now, heard, met_cm):
     """Write the places of the events of agents newly met, in order, each once; return their number."""
     count = 0
     for k in range(heard.size):
-        frame = frames[heard[k]]
+        frame = heard_of(air, heard[k])
         if frame.kind != ATTENDING or not is_newly_met(settings, agent, trail_m, now, frame):
             continue
         x_cm, y_cm, at = frame.event_x_cm, frame.event_y_cm, 0

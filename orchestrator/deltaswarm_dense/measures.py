@@ -22,6 +22,8 @@ def measure(settings, agents, measures, count, now):
     densest_x_m, densest_y_m = measures.densest_m[now]
     for i in range(agents.size):
         agent = agents[i]
+        if not agent.has_status:
+            continue
         count.deltas += agent.delta > 0
         count.deltas_sum += agent.delta
         if agent.role >= ROOT_ROLE:

@@ -3,6 +3,7 @@
 from deltaswarm_agent.controllers.paper.frames import ATTENDING, MAX_PATH, MAX_TABLE
 from deltaswarm_agent.controllers.paper.frames import MEMBER as MEMBER_FRAME
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import AGENT_ID, CHILDREN, NONE, PARENT, ROW_FIELDS, ROW_X_CM, ROW_Y_CM, SCORE
 from deltaswarm_dense.states import change
 
@@ -30,8 +31,8 @@ def enter_tree(swarm, agent, now, parent, cause):
     agent.pulse = 0
     agent.parents_rows = agent.heirs = agent.children = 0
     if parent != NONE:
-        _take_path(settings, agent, swarm.air, swarm.trees, now, parent)
-        agent.pulse = swarm.air.frames[(now - 1) % 2, parent].pulse
+        _take_path(settings, agent, swarm.air, swarm.trees, parent)
+        agent.pulse = heard_of(swarm.air, parent).pulse
     agent.pulse_step = agent.parent_heard = now
     stay(settings, agent)
     agent.contested_steps = 0
@@ -42,15 +43,15 @@ def enter_tree(swarm, agent, now, parent, cause):
 
 
 @compiled
-def _take_path(settings, agent, air, trees, now, parent):
-    frame = air.frames[(now - 1) % 2, parent]
+def _take_path(settings, agent, air, trees, parent):
+    frame = heard_of(air, parent)
     for k in range(frame.path_length):
         agent.path[k] = frame.path[k]
     agent.path[frame.path_length] = agent.id
     agent.path_length = frame.path_length + 1
     if settings.root_succession:
         agent.parents_rows = frame.rows
-        copy_rows(trees.parents_tables[agent.id], air.tables[(now - 1) % 2, parent], frame.rows)
+        copy_rows(trees.parents_tables[agent.id], air.tables[air.slots[parent], parent], frame.rows)
 
 
 @compiled
@@ -106,13 +107,13 @@ def beat(agent, now):
 @compiled
 def follow(settings, agent, air, trees, now, parent):
     """Take path and pulse from the parent's frame; return False if that would close a cycle."""
-    frame = air.frames[(now - 1) % 2, parent]
+    frame = heard_of(air, parent)
     if not fits_below(agent, frame):
         return False
     if frame.path[0] != agent.path[0] or frame.pulse > agent.pulse:
         agent.pulse, agent.pulse_step = frame.pulse, now
         agent.heirs = 0
-    _take_path(settings, agent, air, trees, now, parent)
+    _take_path(settings, agent, air, trees, parent)
     agent.parent_heard = now
     return True
 
@@ -150,11 +151,11 @@ def is_fresh(pulse, known, known_step, now, freshness):
 @compiled
 def hear_children(settings, agent, air, trees, now, heard):
     """Keep the branches: an agent that names this one as its parent is its child. Return the trouble, if there is."""
-    i, sent = agent.id, (now - 1) % 2
+    i = agent.id
     children, branches = trees.children[i], trees.branches[i]
     for k in range(heard.size):
         sender = heard[k]
-        frame = air.frames[sent, sender]
+        frame = heard_of(air, sender)
         at = _place_of_child(agent, children, branches, sender)
         names_us = frame.kind == MEMBER_FRAME and frame.path_length > 1 and frame.path[frame.path_length - 2] == i
         if names_us and not frame.orphan:
@@ -166,7 +167,7 @@ def hear_children(settings, agent, air, trees, now, heard):
             branch = branches[slot]
             branch.child, branch.x_cm, branch.y_cm = sender, frame.x_cm, frame.y_cm
             branch.score, branch.heard, branch.rows = frame.score, now, frame.rows
-            copy_rows(trees.branch_tables[i, slot], air.tables[sent, sender], frame.rows)
+            copy_rows(trees.branch_tables[i, slot], air.tables[air.slots[sender], sender], frame.rows)
         elif at != NONE and frame.kind != ATTENDING:
             _drop_child(agent, children, at)
     at = 0

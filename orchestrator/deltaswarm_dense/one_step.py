@@ -7,6 +7,7 @@ from deltaswarm_dense.commands import obey
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.dissolution import dissolve
 from deltaswarm_dense.growth import joins
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import KNOWN, ORDER_FIELDS
 from deltaswarm_dense.learning import learn, note
 from deltaswarm_dense.membership import beat, hear_children, parent_of, stay
@@ -29,7 +30,7 @@ def decide(swarm, agent, now, sensed, heard):
     if not agent.in_tree:
         hears_members = False
         for k in range(heard.size):
-            hears_members = hears_members or swarm.air.frames[(now - 1) % 2, heard[k]].kind == MEMBER_FRAME
+            hears_members = hears_members or heard_of(swarm.air, heard[k]).kind == MEMBER_FRAME
         if not founds(swarm, agent, now, sensed, hears_members):
             if not (hears_members and joins(swarm, agent, now, heard)):
                 if agent.attends:
@@ -45,7 +46,7 @@ def _step_in_tree(swarm, agent, now, sensed, heard):
     for k in range(ORDER_FIELDS):
         agent.carried[k] = agent.order[k]
     trouble = hear_children(settings, agent, air, trees, now, heard)
-    hear_tree(agent, swarm.beliefs, air.frames[(now - 1) % 2], now, heard)
+    hear_tree(agent, swarm.beliefs, air, now, heard)
     sense(settings, agent, swarm.beliefs, swarm.world.events, now, sensed)
     if is_full(agent, swarm.beliefs):
         trouble = KNOWN
@@ -72,7 +73,7 @@ def _step_member(swarm, agent, now, sensed, heard):
         if heard[k] == parent:
             if not hear_parent(settings, agent, swarm.air, swarm.trees, now, parent):
                 return
-            if hear_order(settings, agent, swarm.trees, swarm.air.frames[(now - 1) % 2, parent], now):
+            if hear_order(settings, agent, swarm.trees, heard_of(swarm.air, parent), now):
                 return
     if not misses_parent(swarm, agent, now):
         dissolve(settings, agent, now, sensed.size > 0)

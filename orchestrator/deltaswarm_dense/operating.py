@@ -1,13 +1,12 @@
 """The operator of a run in arrays: the console takes in the reports of its steps, and its orders leave the base."""
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from deltaswarm_dense.layout import MAX_ORDERS, Swarm
-from deltaswarm_dense.results import workloads
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import UncoveredError
 from deltaswarm_orchestrator.run.operating import Operating
@@ -17,17 +16,18 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import decode_command, decode_relayed
 from deltaswarm_wire.digest import COMMAND, HEAD
 from deltaswarm_wire.envelope import decode_sample
-from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.world import WorldCore
 
 
-def messages_of(data: memoryview) -> Iterator[bytes]:
-    """Yield the messages that a digest hashes, which come with their heads."""
+def messages_of(data: memoryview) -> Iterator[tuple[int, int, bytes]]:
+    """Yield agent, kind and bytes of the messages that a digest hashes."""
     at = 0
     while at < len(data):
-        *_, size = HEAD.unpack_from(data, at)
+        _, agent, kind, size = HEAD.unpack_from(data, at)
         at += HEAD.size + size
-        yield bytes(data[at - size : at])
+        yield agent, kind, bytes(data[at - size : at])
 
 
 class Operator:
@@ -36,7 +36,6 @@ class Operator:
     def __init__(self, scenario: Scenario, world: WorldCore, folder: Path | None) -> None:
         self._scenario, self._world = scenario, world
         self._operating = Operating(scenario, folder)
-        self.workloads: list[Workload] = []
         self._numbers: dict[bytes, int] = {}
         """The number of each command that has left the base, by its bytes."""
         step_s = scenario.run.step_s
@@ -61,8 +60,8 @@ class Operator:
             acts.append(int((console.budget.ordered_s + operator.budget.every_s) / step_s) - 1)
         return max(step, min(acts, default=self._scenario.run.steps))
 
-    def begin(self, swarm: Swarm, step: int) -> None:
-        """Before a step, let orders leave the base, and tell the arrays who hears them."""
+    def begin(self, swarm: Swarm, step: int, positions_m: Floats, listening: Sequence[bool]) -> None:
+        """Before a step, let orders leave the base, and tell the arrays who of the listening hears them."""
         if not self._scenario.has_commander:
             return
         world, step_s, commands = self._world, self._scenario.run.step_s, swarm.commands
@@ -70,9 +69,7 @@ class Operator:
         for signed in leaving:
             self._add(swarm, signed.body)
         world.downlink.send(step, leaving)
-        delivered = world.downlink.carry(
-            step, step * step_s, self._positions_m(swarm, step), [True] * len(swarm.agents)
-        )
+        delivered = world.downlink.carry(step, step * step_s, positions_m, listening)
         if not delivered:
             return
         commands.reached[[agent for agent, _ in delivered]] = True
@@ -84,14 +81,6 @@ class Operator:
         told = b"".join(HEAD.pack(step, agent, COMMAND, len(data)) + data for agent, _ in delivered)
         swarm.output.world[: len(told)] = np.frombuffer(told, np.uint8)
         swarm.output.ends[0] = len(told)
-
-    def _positions_m(self, swarm: Swarm, step: int) -> np.ndarray:
-        """Return where agents are in a step, before it is made (`step.move`)."""
-        agents, settings = swarm.agents, swarm.settings[0]
-        axes = (("x_m", "vx_mps", "width_m"), ("y_m", "vy_mps", "height_m"))
-        moved_s = settings["step_s"] if step else 0.0
-        places = [(agents[place] + agents[speed] * moved_s).clip(0.0, settings[size]) for place, speed, size in axes]
-        return np.stack(places, axis=1)
 
     def _add(self, swarm: Swarm, body: bytes) -> None:
         command = decode_command(body)
@@ -108,15 +97,12 @@ class Operator:
         swarm.commands.bodies[number, : len(body)] = np.frombuffer(body, np.uint8)
         swarm.commands.sent[0] = number + 1
 
-    def end(self, reports: np.ndarray, first: int, messages: list[memoryview]) -> None:
-        """Let the console take in the messages of the steps from `first` on; `reports` counts those of all steps."""
-        rows = workloads(self._scenario, reports, first)
+    def end(self, workloads: Sequence[Workload], reports: Iterable[Sequence[Report]]) -> None:
+        """Let the console take in the reports of some steps."""
         last_step = self._scenario.run.steps - 1
-        for workload, arrived in zip(rows, messages, strict=True):
+        for workload, arrived in zip(workloads, reports, strict=True):
             clock = Clock(workload.step, workload.time_s, workload.step == last_step)
-            turn = self._operating.close_step(clock, workload, list(map(decode_report, messages_of(arrived))))
-            self._world.turns.accept(turn)
-        self.workloads += rows
+            self._world.turns.accept(self._operating.close_step(clock, workload, arrived))
 
     def finish(self, outcome: Outcome) -> None:
         """Complete the operator's part of an outcome."""

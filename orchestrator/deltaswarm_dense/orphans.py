@@ -2,6 +2,7 @@
 
 from deltaswarm_agent.controllers.paper.frames import LEAVING, MEMBER
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
 from deltaswarm_dense.membership import adopts, follow, leave_tree
 from deltaswarm_dense.states import (
@@ -20,7 +21,7 @@ from deltaswarm_dense.whereabouts import is_legal, sender_m2
 @compiled
 def hear_parent(settings, agent, air, trees, now, sender):
     """Follow the parent's frame; return False if that ends this agent's membership as it was."""
-    kind = air.frames[(now - 1) % 2, sender].kind
+    kind = heard_of(air, sender).kind
     if kind == LEAVING:
         leave_tree(settings, agent, now, PARENT_LEFT)
     elif kind != MEMBER:
@@ -59,7 +60,7 @@ def find_parent(swarm, agent, now, heard, strict_steps, steps):
     settings, air, waited = swarm.settings[0], swarm.air, now - agent.since
     best, best_m2 = NONE, 0.0
     for k in range(heard.size):
-        frame = air.frames[(now - 1) % 2, heard[k]]
+        frame = heard_of(air, heard[k])
         if frame.kind != MEMBER:
             continue
         m2 = sender_m2(settings, agent, frame)

@@ -12,15 +12,17 @@ from deltaswarm_scenario.truth import UPLINK_REASONS, EventState, StepRecord
 from deltaswarm_wire.operator_messages import Workload
 
 
-def step_records(scenario: Scenario, counts: np.ndarray, reasons: Sequence[str]) -> list[StepRecord]:
-    """Return the world's record of each step (`Bookkeeping.enter`)."""
+def step_records(
+    scenario: Scenario, counts: np.ndarray, reasons: Sequence[str], changes: Sequence[Sequence[dict[str, Any]]]
+) -> list[StepRecord]:
+    """Return the world's record of each step (`Bookkeeping.enter`), with what models change in it."""
     others, step_s, agents = scenario.agents.count - 1, scenario.run.step_s, scenario.agents.count
     no_frames, no_reports = dict.fromkeys(reasons, 0), dict.fromkeys(UPLINK_REASONS, 0)
     records, on_air = [], 0
     for step, row in enumerate(counts.tolist()):
-        from_densest_m, asked, in_trees, roots, area_m2, sent, size, received, reports, _ = row[:10]
-        is_open, completed, deltas, deltas_sum = row[10:14]
-        out_of_range = on_air * others - received
+        from_densest_m, asked, in_trees, roots, area_m2, sent, size, received, lost, reports, _ = row[:11]
+        is_open, completed, deltas, deltas_sum = row[11:15]
+        dropped = {"range": on_air * others - received - lost, "loss": lost}
         on_air = sent
         records.append(
             StepRecord(
@@ -41,7 +43,7 @@ def step_records(scenario: Scenario, counts: np.ndarray, reasons: Sequence[str])
                 frames_received=received,
                 frames_duplicated=0,
                 frames_in_flight=sent * others,
-                frames_dropped={**no_frames, "range": out_of_range} if out_of_range else no_frames,
+                frames_dropped=no_frames | {reason: count for reason, count in dropped.items() if count},
                 reports_sent=reports,
                 reports_arrived=reports,
                 reports_in_flight=0,
@@ -50,6 +52,8 @@ def step_records(scenario: Scenario, counts: np.ndarray, reasons: Sequence[str])
                 transport_lost=0,
             )
         )
+    for of_steps in changes:
+        records = [record._replace(**change) for record, change in zip(records, of_steps, strict=True)]
     return records
 
 

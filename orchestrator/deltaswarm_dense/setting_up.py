@@ -1,7 +1,8 @@
 """Make the arrays of a run: bodies, arrivals, generators and settings are those that the Python engine makes."""
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from deltaswarm_agent.controllers.paper.recruitment import _cells_within
 from deltaswarm_agent.controllers.paper.settings import ALL, ANY, LEAVES
 from deltaswarm_agent.controllers.paper.timers import steps_of
 from deltaswarm_agent.controllers.paper.whereabouts import AT_EVENT_RADII, AT_PLACE_M, RANGE_MARGIN_M
+from deltaswarm_agent.core.agent_core import FORGET_SENDER_S
 from deltaswarm_agent.core.commands import ANSWERED_S, FIRST_INTERVAL_S, LONGEST_INTERVAL_S
 from deltaswarm_dense import layout
 from deltaswarm_dense.layout import NONE, Air, Beliefs, Commands, Measures, News, Output, Recruits, Swarm, Trees, World
@@ -25,35 +27,43 @@ from deltaswarm_wire.envelope import MAX_COMMANDS
 from deltaswarm_wire.messages import MAX_SENSED
 from deltaswarm_world.core.environment import COVERAGE_EVERY_S, Environment
 
+DRAWS = 100_000
+"""Draws of a random effect that are made at once."""
+
 BLOCK_BYTES = 4_000_000
 """Size of the buffers whose bytes are hashed at once."""
 
 
-def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs: int, orders: int) -> Swarm:
-    """Make the arrays of a run before its first step, with room for children, known events and orders.
+class Room(NamedTuple):
+    """What the arrays of a run have room for."""
+
+    branches: int = 16
+    """Children of an agent."""
+    beliefs: int = 64
+    """Events that an agent knows."""
+    slots: int = 2
+    """Steps whose frames are kept."""
+    orders: int = 0
+
+
+def set_up(scenario: Scenario, environment: Environment, has: Room, *, is_modelled: bool) -> Swarm:
+    """Make the arrays of a run before its first step.
 
     `environment` is that of a world in which nothing has happened; its arrivals are used up.
     """
     n = scenario.agents.count
-    controllers: list[Any] = [make_controller(i, scenario.for_agent(i)) for i in range(n)]
-    made: list[Agent] = [controller.agent for controller in controllers]
+    made = [_made(scenario, i) for i in range(n)]
     settings, events = _settings(scenario, made[0]), _events(scenario, environment)
+    loss = 0.0 if is_modelled else scenario.radio.loss
+    settings["is_modelled"], settings["loss"] = is_modelled, loss
     rows, e = min(MAX_TABLE, max(1, n - 1)), len(events)
-    agents = np.zeros(n, layout.AGENT)
+    agents = _rows(made)
     agents["id"] = np.arange(n)
     agents["x_m"], agents["y_m"] = environment.positions_m.T
-    for name in ("target", "followed_order", "previous_root", "leg_ends", "noted_step", "averaged_leg", "back_step"):
-        agents[name] = NONE
-    agents["finds"], agents["walked_s"] = FIRST_FINDS, FIRST_S
-    for row, agent in zip(agents, made, strict=True):
-        *row["words"], row["used"] = agent.rng.getstate()[1]
-        row["rank"], row["attends"] = agent.rank, agent.strategy.attends
-        row["adapts"] = agent.finds is not None and agent.strategy.adapts
-        row["founds_at"] = NONE if agent.strategy.founds_at is None else agent.strategy.founds_at
-    frames = np.zeros((2, n), layout.FRAME)
+    frames = np.zeros((has.slots, n), layout.FRAME)
     frames["kind"] = NONE
     cells = int(scenario.arena.width_m) + 1, int(scenario.arena.height_m) + 1
-    bits = np.zeros(1)
+    draws, bits = np.zeros(0 if loss == 0 else max(DRAWS, 2 * n * n)), np.zeros(1)
     sensed = min(e, MAX_SENSED) if settings["has_finds"][0] or settings["report_finds"][0] else 0
     room = max(BLOCK_BYTES, 2 * n * BYTES_PER_AGENT)
 
@@ -68,18 +78,34 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
         agents=agents,
         trail_m=np.zeros((int(settings["trail"][0]), n, 2)),
         world=World(events, numbers(e + 1), numbers(2), numbers(e), numbers(e), numbers(e)),
-        air=Air(frames, tables(2, n), numbers(n + 1), numbers(n)),
+        air=Air(
+            frames=frames,
+            tables=tables(has.slots, n),
+            senders=numbers(n + 1),
+            arrived=numbers(n, 2),
+            heard=numbers(n),
+            slots=numbers(n),
+            carried=numbers(2 * n * n if is_modelled else 0, 2),
+            begins=numbers(n + 1),
+            draws=draws,
+            drawn=np.array([len(draws)]),
+            newest=np.full((n, n, 2) if is_modelled else (0, 0, 2), NONE),
+        ),
         trees=Trees(
-            branches=np.zeros((n, branches), layout.BRANCH),
-            branch_tables=tables(n, branches),
-            children=numbers(n, branches),
+            branches=np.zeros((n, has.branches), layout.BRANCH),
+            branch_tables=tables(n, has.branches),
+            children=numbers(n, has.branches),
             parents_tables=tables(n),
             heirs=numbers(n, rows + 2),
             table=tables(),
             marks=numbers(n),
             stamp=numbers(1),
         ),
-        beliefs=Beliefs(np.zeros((n, beliefs), layout.UPDATE), np.zeros((n, beliefs), layout.PLACE), numbers(beliefs)),
+        beliefs=Beliefs(
+            updates=np.zeros((n, has.beliefs), layout.UPDATE),
+            places=np.zeros((n, has.beliefs), layout.PLACE),
+            sorted=numbers(has.beliefs),
+        ),
         news=News(numbers(n, sensed), numbers(sensed + 1), numbers(n, 2)),
         recruits=Recruits(
             until=numbers(n, n),
@@ -97,10 +123,10 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
             ),
         ),
         commands=Commands(
-            given=np.zeros(orders, layout.COMMAND),
-            bodies=np.zeros((orders, MAX_COMMAND_BYTES), np.uint8),
+            given=np.zeros(has.orders, layout.COMMAND),
+            bodies=np.zeros((has.orders, MAX_COMMAND_BYTES), np.uint8),
             sent=numbers(1),
-            relays=np.zeros((n, orders), layout.RELAY),
+            relays=np.zeros((n, has.orders), layout.RELAY),
             base=numbers(2 * MAX_COMMANDS + 1),
             reached=np.zeros(n, np.bool_),
             new=numbers(MAX_COMMANDS * (n + 1) + 1),
@@ -114,6 +140,39 @@ def set_up(scenario: Scenario, environment: Environment, branches: int, beliefs:
         ),
         trouble=numbers(1),
     )
+
+
+def _made(scenario: Scenario, agent: int, restart: int = 0) -> Agent:
+    controller: Any = make_controller(agent, scenario.for_agent(agent), restart)
+    made: Agent = controller.agent
+    return made
+
+
+def _rows(made: Sequence[Agent]) -> np.ndarray:
+    """Return the rows of agents that have just been made, without their ids and places."""
+    rows = np.zeros(len(made), layout.AGENT)
+    for name in ("target", "followed_order", "previous_root", "leg_ends", "noted_step", "averaged_leg", "back_step"):
+        rows[name] = NONE
+    rows["finds"], rows["walked_s"] = FIRST_FINDS, FIRST_S
+    rows["takes_part"] = rows["sees"] = True
+    for row, agent in zip(rows, made, strict=True):
+        *row["words"], row["used"] = agent.rng.getstate()[1]
+        row["rank"], row["attends"] = agent.rank, agent.strategy.attends
+        row["adapts"] = agent.finds is not None and agent.strategy.adapts
+        row["founds_at"] = NONE if agent.strategy.founds_at is None else agent.strategy.founds_at
+    return rows
+
+
+def begin_again(scenario: Scenario, swarm: Swarm, agent: int, restart: int, step: int) -> None:
+    """Put a new process in an agent's body, which stands still; this is its n-th `restart`."""
+    kept = {name: swarm.agents[agent][name] for name in ("id", "x_m", "y_m")}
+    swarm.agents[agent] = _rows([_made(scenario, agent, restart)])[0]
+    for name, value in kept.items():
+        swarm.agents[agent][name] = value
+    swarm.agents[agent]["began"] = step
+    swarm.recruits.until[agent] = 0
+    swarm.commands.relays[agent] = 0
+    swarm.air.newest[agent] = NONE
 
 
 def _densest_m(scenario: Scenario, environment: Environment) -> np.ndarray:
@@ -167,6 +226,9 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "returns": agent.found is not None,
         "has_delta": strategy.has_delta,
         "ask_every_step": scenario.run.ask_every_step,
+        "forget_sender": round(FORGET_SENDER_S / shared.step_s),
+        "is_modelled": False,
+        "loss": 0.0,
     }
     for name in layout.SETTINGS.names or ():
         made[name] = values[name] if name in values else getattr(timers, name)

@@ -9,13 +9,13 @@ from deltaswarm_dense.commands import hear_commands, relay_commands
 from deltaswarm_dense.compiled import compiled, entry, inlined
 from deltaswarm_dense.decision import act, compose, motion, observe, report, role_of
 from deltaswarm_dense.frames import send, write_payload
+from deltaswarm_dense.hearing import drop_old, has_room, hear, note_senders, read, slot_of
 from deltaswarm_dense.layout import BUFFER, FRAME_ROOM, FRAME_SIZE, NONE
 from deltaswarm_dense.learning import begin
 from deltaswarm_dense.measures import measure
 from deltaswarm_dense.one_step import decide
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
-from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_POSES, MAX_SENSED, SENSED_BYTES
-from deltaswarm_world.core.world import HEARD_BYTES
+from deltaswarm_wire.messages import MAX_POSES
 
 BYTES_PER_AGENT = 20_000
 """Room for what an agent says in a step."""
@@ -47,6 +47,8 @@ def sense_events(settings, agent, world, time_s):
     Note when an event is first sensed.
     """
     count = 0
+    if not agent.sees:
+        return count
     for k in range(world.active[world.active.size - 1]):
         event = world.events[world.active[k]]
         dx, dy = agent.x_m - event.x_m, agent.y_m - event.y_m
@@ -55,19 +57,6 @@ def sense_events(settings, agent, world, time_s):
             count += 1
             if np.isnan(event.sensed_s):
                 event.sensed_s = time_s
-    return count
-
-
-@inlined
-def hear(settings, agent, agents, air):
-    """Write the senders of the step before within radio range of an agent to `heard`; return their number."""
-    count = 0
-    for k in range(air.senders[agents.size]):
-        other = agents[air.senders[k]]
-        dx, dy = agent.x_m - other.x_m, agent.y_m - other.y_m
-        if dx * dx + dy * dy <= settings.range_m2 and other.id != agent.id:
-            air.heard[count] = other.id
-            count += 1
     return count
 
 
@@ -111,10 +100,10 @@ def step_agent(swarm, agent, now, time_s, sensed, heard):
     if settings.has_finds:
         begin(settings, agent, observed > 0, now)
     compose(swarm, agent, now, sensed.size)
-    frame, length = swarm.air.frames[now % 2, agent.id], 0
+    frame, length = swarm.air.frames[slot_of(swarm.air, now), agent.id], 0
     if frame.kind != NONE:
         until = now + 1
-        table = swarm.air.tables[now % 2, agent.id]
+        table = swarm.air.tables[slot_of(swarm.air, now), agent.id]
         length = write_payload(swarm.output.payload, frame, table, world.events, settings.has_finds)
     if agent.knows:
         wake = relay_commands(swarm, agent, frame, now, MAX_RADIO_BYTES - ENVELOPE_BYTES - length)
@@ -143,42 +132,24 @@ def claim(world, observed, sensed):
 
 
 @inlined
-def has_room(sensed, heard, frames):
-    """Return whether all that an agent senses and hears fits into its frame; the world would cut the rest."""
-    room_bytes = FRAME_ROOM_BYTES - SENSED_BYTES * sensed.size
-    for k in range(heard.size):
-        room_bytes -= frames[heard[k]].size_bytes + HEARD_BYTES
-    return sensed.size <= MAX_SENSED and room_bytes >= 0
+def silence(agent, air, now):
+    """Let an agent say nothing in this step."""
+    frame = air.frames[slot_of(air, now), agent.id]
+    frame.kind, frame.size_bytes = NONE, 0
 
 
 @inlined
-def with_payload(frames, heard):
-    """Keep the senders whose frames do more than relay commands; return their number."""
-    count = 0
-    for k in range(heard.size):
-        if frames[heard[k]].kind != NONE:
-            heard[count] = heard[k]
-            count += 1
-    return count
-
-
-@inlined
-def note_senders(settings, agents, trail_m, air, now):
-    """Note who sent a frame in this step, and where everybody was."""
-    senders = 0
+def note_places(settings, agents, trail_m, now):
+    """Note where everybody is in this step."""
     for i in range(agents.size):
         trail_m[now % settings.trail, i, 0], trail_m[now % settings.trail, i, 1] = agents[i].x_m, agents[i].y_m
-        if air.frames[now % 2, i].size_bytes > 0:
-            air.senders[senders] = i
-            senders += 1
-    air.senders[agents.size] = senders
 
 
 @entry
 def advance(swarm, first, steps, all_steps, counts):
     """Do `steps` steps from `first` on; add their bytes to the buffers of both digests. Return those done.
 
-    It ends early when a buffer is full, and with `swarm.trouble` when the run cannot go on here.
+    It ends early when a buffer is full or all draws are used, and with `swarm.trouble` when the run cannot go on here.
     """
     settings, agents, world = swarm.settings[0], swarm.agents, swarm.world
     air, output, commands = swarm.air, swarm.output, swarm.commands
@@ -188,32 +159,46 @@ def advance(swarm, first, steps, all_steps, counts):
             if done == 0:
                 swarm.trouble[0] = BUFFER
             return done
+        if settings.loss > 0.0 and air.drawn[0] + agents.size * agents.size > air.draws.size:
+            return done
         now = first + done
         time_s, is_last = now * settings.step_s, now == all_steps - 1
         count = counts[done]
         count.asked = count.frames_sent = count.bytes_sent = count.frames_received = count.reports = 0
-        count.refused_claims = 0
-        if now > 0:
+        count.refused_claims = count.frames_lost = 0
+        if now > 0 and not settings.is_modelled:
             move(settings, agents)
         arrive(world, now)
         for i in range(agents.size):
             agent = agents[i]
+            if not agent.takes_part:
+                agent.sensed_before = agent.has_status = False
+                silence(agent, air, now)
+                continue
             sensed = world.sensed[: sense_events(settings, agent, world, time_s)]
-            heard = air.heard[: hear(settings, agent, agents, air)]
-            count.frames_received += heard.size
-            has_news = sensed.size > 0 or heard.size > 0 or agent.sensed_before or commands.reached[i]
+            if settings.is_modelled:
+                arrived = air.carried[air.begins[i] : air.begins[i + 1]]
+            else:
+                received, lost = hear(settings, agent, agents, air, now)
+                arrived = air.arrived[:received]
+                count.frames_lost += lost
+            count.frames_received += arrived.shape[0]
+            has_news = sensed.size > 0 or arrived.shape[0] > 0 or agent.sensed_before or commands.reached[i]
             agent.sensed_before = sensed.size > 0
             if not (has_news or is_last or settings.ask_every_step or agent.until <= now):
-                air.frames[now % 2, i].kind, air.frames[now % 2, i].size_bytes = NONE, 0
+                silence(agent, air, now)
                 continue
-            if not has_room(sensed, heard, air.frames[(now - 1) % 2]):
+            if not has_room(sensed, arrived, air.frames):
                 swarm.trouble[0] = FRAME_ROOM
                 return done
+            if settings.is_modelled:
+                arrived = arrived[: drop_old(settings, agent, air, arrived, now)]
             if commands.sent[0]:
-                hear_commands(swarm, agent, now, heard)
-                heard = heard[: with_payload(air.frames[(now - 1) % 2], heard)]
+                hear_commands(swarm, agent, now, arrived)
+            heard = air.heard[: read(air, arrived)]
             count.asked += 1
             reports, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
+            agent.has_status = True
             if size > MAX_RADIO_BYTES:
                 swarm.trouble[0] = FRAME_SIZE
             if swarm.trouble[0]:
@@ -223,7 +208,8 @@ def advance(swarm, first, steps, all_steps, counts):
             count.frames_sent += size > 0
             count.bytes_sent += size
         commands.reached[:] = False
-        note_senders(settings, agents, swarm.trail_m, air, now)
+        note_senders(agents, air, now)
+        note_places(settings, agents, swarm.trail_m, now)
         measure(settings, agents, swarm.measures, count, now)
         work(settings, world, time_s)
         count.events_open, count.events_completed = world.active[world.active.size - 1], world.arrived[1]

@@ -22,7 +22,7 @@ def is_newly_met(settings, agent, trail_m, now, frame):
     if sender_m2(settings, agent, frame) > settings.range_m2:
         return False
     x_m, y_m = frame.x_cm * 0.01, frame.y_cm * 0.01
-    for back in range(1, min(settings.trail, now) + 1):
+    for back in range(1, min(settings.trail, now - agent.began) + 1):
         there = trail_m[(now - back) % settings.trail, agent.id]
         if squared_m2(x_m - there[0], y_m - there[1], settings.two) > settings.range_m2:
             return True

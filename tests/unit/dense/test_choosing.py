@@ -26,7 +26,8 @@ LONG = "run.duration_s=900"
     [
         ([LONG], ""),
         (["run.duration_s=100"], "the run is too short to be worth loading it"),
-        ([LONG, "radio.loss=0.1"], "radio.loss = 0.1"),
+        ([LONG, "radio.loss=0.1"], ""),
+        ([LONG, "downlink.latency_s=0.1"], "downlink.latency_s = 0.1"),
         ([LONG, "control.mode=potential"], "control.mode = 'potential'"),
         ([LONG, "world.dynamics=physics"], "world.dynamics = 'physics'"),
         ([LONG, "run.bound=density"], "run.bound = 'density'"),
@@ -61,8 +62,8 @@ def test_each_engine_can_be_insisted_on() -> None:
     short = load_scenario("smoke", [])
     assert planned_by(short, asked=DENSE).engine == DENSE
     assert planned_by(load_scenario("paper-25", [LONG]), asked=PYTHON).engine == PYTHON
-    with pytest.raises(CommandError, match=r"radio\.loss = 0\.1"):
-        planned_by(load_scenario("smoke", ["radio.loss=0.1"]), asked=DENSE)
+    with pytest.raises(CommandError, match=r"downlink\.jitter_s = 0\.1"):
+        planned_by(load_scenario("smoke", ["downlink.jitter_s=0.1"]), asked=DENSE)
 
 
 def test_without_numba_the_python_engine_does_all(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,8 +97,8 @@ def test_results_say_which_engine_made_them(tmp_path: Path, capsys: Printed) -> 
     capsys.readouterr()
     assert main(["run", "smoke", "--engine", DENSE, "--out", str(tmp_path / "other")]) == 2
     assert "--engine dense must be given with --in-process" in capsys.readouterr().err
-    assert main([*command, "--engine", DENSE, "--set", "radio.loss=0.1", "--out", str(tmp_path / "lossy")]) == 2
-    assert "--engine dense cannot do this run: radio.loss = 0.1" in capsys.readouterr().err
+    assert main([*command, "--engine", DENSE, "--set", "downlink.jitter_s=0.1", "--out", str(tmp_path / "lossy")]) == 2
+    assert "--engine dense cannot do this run: downlink.jitter_s = 0.1" in capsys.readouterr().err
     for more in (["--record", "views"], ["--debug"], ["--live", "foxglove", "--live-port", "0"]):
         assert main([*command, "--engine", DENSE, *more, "--out", str(tmp_path / "shown")]) == 2
         assert capsys.readouterr().err.startswith("deltaswarm: --engine dense must be given with")

@@ -18,6 +18,7 @@ from deltaswarm_dense.arithmetic import distance_m
 from deltaswarm_dense.coverage import _flat, not_covered, rule
 from deltaswarm_dense.engine import run_dense
 from deltaswarm_dense.measures import sum_as_numpy
+from deltaswarm_dense.setting_up import Room
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.engine import Wanted
@@ -42,6 +43,26 @@ OPERATORS: list[dict[str, Any]] = [
     {"person": {"policy": "threshold", "delta_limit": 1, "command_every_s": 20.0}, "threshold_hz": 0.5},
     {"autonomy": {"sets_delta": "budget"}, "budget": {"every_s": 12.0}, "threshold_hz": 0.5},
     {"autonomy": {"sets_delta": "system", "every_s": 15.0, "veto_s": 3.0, "delta_limit": 1}, "threshold_hz": 0.5},
+]
+
+UPLINKS: list[dict[str, Any]] = [
+    {"loss": 0.3, "outages": [{"from_s": 20.0, "until_s": 40.0}]},
+    {"latency_s": 1.5, "jitter_s": 2.0, "burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0.2}},
+    {"base_m": (0.0, 0.0), "range_m": 20.0},
+    {"base_m": (0.0, 0.0), "range_m": 20.0, "relay": True, "loss": 0.1, "bandwidth": {"sender_bytes_per_s": 90.0}},
+]
+
+FAULTS: list[dict[str, Any]] = [
+    {"kind": "kill", "at_s": 20.0, "fraction": 0.3},
+    {"kind": "kill", "at_s": 30.0, "roots": True},
+    {"kind": "restart", "at_s": 25.0, "fraction": 0.5},
+    {"kind": "restart", "at_s": 20.0, "duration_s": 30.0, "roots": True},
+    {"kind": "freeze", "at_s": 20.0, "duration_s": 15.0, "fraction": 0.4},
+    {"kind": "freeze", "at_s": 10.0, "duration_s": 140.0, "agents": [0]},
+    {"kind": "actuator-slow", "at_s": 5.0, "factor": 0.4, "fraction": 0.5},
+    {"kind": "actuator-stuck", "at_s": 20.0, "duration_s": 30.0, "roots": True},
+    {"kind": "radio-dead", "at_s": 15.0, "duration_s": 20.0, "fraction": 0.5},
+    {"kind": "sensor-blind", "at_s": 15.0, "fraction": 0.3},
 ]
 
 scenarios = st.fixed_dictionaries(
@@ -86,7 +107,25 @@ scenarios = st.fixed_dictionaries(
             {"count": st.integers(1, 40)},
             optional={"speed_mps": st.sampled_from([0.5, 3.0]), "sensing_range_m": st.sampled_from([2.0, 6.5])},
         ),
-        "radio": st.fixed_dictionaries({"range_m": st.sampled_from([6.5, 9.0, 25.0])}),
+        "radio": st.fixed_dictionaries(
+            {"range_m": st.sampled_from([6.5, 9.0, 25.0]), "loss": st.sampled_from([0.0, 0.0, 0.2, 0.6])},
+            optional={
+                "latency_s": st.sampled_from([0.4, 2.5]),
+                "jitter_s": st.sampled_from([0.7, 3.0]),
+                "duplication": st.just(0.3),
+                "contention_bytes_per_s": st.just(300.0),
+                "burst": st.just({"p_good_to_bad": 0.1, "p_bad_to_good": 0.2}),
+                "bandwidth": st.sampled_from([{"sender_bytes_per_s": 40.0}, {"receiver_bytes_per_s": 200.0}]),
+                "asymmetry": st.just({"dead_share": 0.2, "range_factor_low": 0.7}),
+                "ranges": st.just([{"agents": [0], "range_m": 15.0}]),
+                "reception": st.just("log-distance"),
+                "walls": st.just([{"a_m": (10.0, 0.0), "b_m": (10.0, 20.0)}]),
+                "jammers": st.just([{"center_m": (10.0, 10.0), "radius_m": 8.0, "from_s": 5.0}]),
+                "blackouts": st.just([{"from_s": 20.0, "until_s": 30.0}]),
+            },
+        ),
+        "uplink": st.sampled_from([{}, {}, *UPLINKS]),
+        "fault": st.lists(st.sampled_from(FAULTS), max_size=3),
         "operator": st.sampled_from([{}, *OPERATORS]),
         "downlink": st.sampled_from([{}, {"loss": 0.5, "range_m": 20.0, "base_m": (0.0, 0.0), "repeat_s": 2.0}]),
         "command": st.lists(
@@ -163,9 +202,14 @@ print(run_dense(load_scenario("smoke", {settings})).digest)
 
 def test_a_run_that_needs_more_room_gets_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Begun with room for one child and one event, it is begun again, with the same outcome."""
-    monkeypatch.setattr(engine, "BRANCHES", 1)
-    monkeypatch.setattr(engine, "BELIEFS", 1)
+    monkeypatch.setattr(engine, "Room", lambda **room: Room(1, 1, **room))
     assert differences(load_scenario("paper-25", ["run.duration_s=600.0", "events.rate_hz=0.2"])) == []
+
+
+def test_frames_that_wait_for_long_are_kept_for_longer() -> None:
+    """Than those of the steps for which there was room at first."""
+    sets = ["run.duration_s=300.0", "radio.bandwidth.sender_bytes_per_s=20", "radio.bandwidth.queue_bytes=400"]
+    assert differences(load_scenario("paper-25", sets)) == []
 
 
 def test_a_run_that_is_stopped_says_how_far_it_came() -> None:
@@ -183,8 +227,8 @@ def test_the_first_difference_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """With its step, its agent and its kind: here of agents that walk a little faster in one engine."""
     real = engine.set_up
 
-    def faster(*arguments: Any) -> Any:
-        swarm = real(*arguments)
+    def faster(*arguments: Any, **named: Any) -> Any:
+        swarm = real(*arguments, **named)
         swarm.settings["speed_mps"] *= 1.0 + 1e-15
         return swarm
 
@@ -203,9 +247,6 @@ def test_every_key_has_a_rule() -> None:
     "key",
     [
         "control.mode=potential",
-        "radio.loss=0.1",
-        "radio.latency_s=2.0",
-        "uplink.loss=0.1",
         "run.clock=realtime",
         "run.bound=density",
         "downlink.latency_s=2.0",
@@ -217,6 +258,13 @@ def test_what_is_not_covered_is_named(key: str) -> None:
     (found, *more) = not_covered(load_scenario("paper-25", [key]))
     assert found.startswith(key.partition("=")[0])
     assert not more
+
+
+@pytest.mark.parametrize("kind", ["lying", "sensor-noisy"])
+def test_false_sensors_are_not_covered(kind: str) -> None:
+    option = {"lying": "phantoms=2", "sensor-noisy": "noise_m=1.0"}[kind]
+    fault = f'fault=[{{kind="{kind}", at_s=5.0, agents=[0], {option}}}]'
+    assert not_covered(load_scenario("paper-25", [fault])) == [f"fault.kind = {kind!r}"]
 
 
 def test_other_orders_are_not_covered() -> None:
