@@ -1,9 +1,7 @@
 """Actions that a controller repeats at an interval in seconds, whatever the length of a step."""
 
-from deltaswarm_wire.saved import Saved
 
-
-class Recurring(Saved):
+class Recurring:
     """Says when something is due again, from `first_s` on: at most a step late, and without drift.
 
     With steps longer than `every_s` it occurs once a step.

@@ -7,8 +7,6 @@ hash of both parts.
 import hashlib
 import struct
 
-from deltaswarm_wire.saved import Saved
-
 HEAD = struct.Struct("<IHBI")
 """What comes before each message: step, agent, kind, length [bytes]."""
 
@@ -16,7 +14,7 @@ ACT, RADIO, REPORT, COMMAND = 0, 1, 2, 3
 SIZE_BYTES = 16
 
 
-class Digest(Saved):
+class Digest:
     """A hash chain over (step, agent, kind, bytes) in step and agent order, one link per step.
 
     `state` suffices to resume later; it excludes messages since the last `end_step`.

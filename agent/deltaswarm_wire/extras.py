@@ -12,7 +12,6 @@ DISTRIBUTIONS = ("deltaswarm", "deltaswarm-agent")
 NAMES = {
     "dask": "distributed",
     "foxglove": "foxglove-sdk",
-    "mypyc": "mypy",
     "rerun": "rerun-sdk",
     "serial": "pyserial",
 }

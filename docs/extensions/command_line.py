@@ -15,9 +15,8 @@ HEAD = """\
 # Commands
 
 With `--json` a command prints its result as one JSON document on standard output, and nothing else there; progress,
-notices and errors are on standard error. Three commands have no result to read:
-`deltaswarm replay` serves a page until it is interrupted, `deltaswarm completion` prints a script, and
-`deltaswarm compile` changes the installation.
+notices and errors are on standard error. Two commands have no result to read: `deltaswarm replay` serves a page until
+it is interrupted, and `deltaswarm completion` prints a script.
 """
 
 WIDTH = 100

@@ -1,4 +1,4 @@
-"""Commands about this installation: `compile`, `completion`, `doctor` and `list`."""
+"""Commands about this installation: `completion`, `doctor` and `list`."""
 
 import argparse
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from deltaswarm_cli.arguments import add_json, show
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, aligned
+from deltaswarm_orchestrator.base.exits import FAILED, OK, aligned
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.scenarios import BUILT_IN, DEFAULT_SCENARIO
 
@@ -19,27 +19,6 @@ examples:
   source <(deltaswarm completion bash)
   deltaswarm completion zsh > ~/.zfunc/_deltaswarm
 """
-
-
-def add_compile(command: argparse.ArgumentParser) -> None:
-    command.description = (
-        "Compile the cores of this installation with mypyc, which takes about a minute and needs a C compiler. Results "
-        "stay the same. The next version of deltaswarm has to be compiled anew."
-    )
-    command.add_argument("--remove", action="store_true", help="remove the compiled modules: pure Python again")
-    command.set_defaults(func=compile_cores)
-
-
-def compile_cores(arguments: argparse.Namespace) -> int:
-    from deltaswarm_orchestrator import compiling
-
-    try:
-        files = compiling.remove() if arguments.remove else compiling.install()
-    except compiling.CompileError as error:
-        raise CommandError(str(error), FAILED) from None
-    done = "removed" if arguments.remove else "compiled"
-    print_result(f"{done} {len(files)} files" if files else "nothing was compiled")
-    return OK
 
 
 def add_completion(command: argparse.ArgumentParser) -> None:

@@ -31,7 +31,6 @@ COMMANDS = {
     "top": "watch a run in progress in the terminal",
     "why": "explain how a run ended, or why one agent could not hear another at a given time",
     "export": "export a run's recording as tables, MCAP, ROS 2 bag, Rerun file or video",
-    "compile": "compile the cores of this installation, for faster runs",
     "doctor": "check whether this machine has what runs need",
     "completion": "print a script with which a shell completes commands and options",
 }
@@ -39,7 +38,7 @@ COMMANDS = {
 
 MODULES = {
     **dict.fromkeys(("export", "info", "replay", "station", "top", "why"), "one_run"),
-    **dict.fromkeys(("compile", "completion", "doctor", "list"), "installation"),
+    **dict.fromkeys(("completion", "doctor", "list"), "installation"),
 }
 
 
@@ -50,7 +49,7 @@ GROUPS = {
     "participants": ("session", "verify"),
     "extensions": ("list", "new"),
     "boards": ("bundle", "certificates"),
-    "this installation": ("doctor", "compile", "completion"),
+    "this installation": ("doctor", "completion"),
     "parts by hand": ("agent", "world", "operator"),
 }
 """How `--help` groups the commands; those of other packages follow."""

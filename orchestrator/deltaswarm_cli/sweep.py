@@ -78,17 +78,9 @@ def conduct_for(
 ) -> "SweepResult":
     """Do a sweep as the command line says, and print what went wrong on standard error."""
     from deltaswarm import sweeps
-    from deltaswarm_orchestrator import compiling
-    from deltaswarm_orchestrator.base.provenance import build
-    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, default_workers
 
     means = _means(arguments)
     make_engine = sweeps.engine_maker(arguments.engine, arguments.scheduler, arguments.jobs, means)
-    if means == IN_PROCESS and arguments.engine == "local":
-        workers = arguments.jobs or default_workers(means)
-        planned_s = compiling.rough_s(job.scenario for job in loaded.jobs()) / workers
-        if line := compiling.hint(planned_s, build()):
-            notice(line)
     result = sweeps.conduct(
         loaded,
         folder,

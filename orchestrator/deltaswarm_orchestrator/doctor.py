@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from deltaswarm_orchestrator.base import limits, provenance
+from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_wire.extras import extras, install, needed
 
@@ -36,7 +36,6 @@ def examine(agents: int) -> list[CheckResult]:
         CheckResult("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
         *packages,
         *map(_extra, extras()),
-        CheckResult("build", provenance.build(), True),
         CheckResult("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
         *(
             CheckResult(

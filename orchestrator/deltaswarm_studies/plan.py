@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from deltaswarm_orchestrator.base.provenance import build
-from deltaswarm_orchestrator.compiling import hint
 from deltaswarm_orchestrator.processes.elsewhere import DENSE, PYTHON
 from deltaswarm_orchestrator.run.choosing import planned_by
 from deltaswarm_orchestrator.run.in_process import InProcess
@@ -49,7 +47,6 @@ def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
         "workers": workers,
         "wall_s": planned_s,
         "engines": engines,
-        "compiling": hint(planned_s, build()) if not engines[DENSE] else None,
         "families": _families(study, effects),
         "note": note if study.file.contrast else None,
         "sensitivity": _sensitivity(study) if study.ranges else None,
@@ -77,7 +74,6 @@ def text(planned: dict[str, Any]) -> str:
             planned["size"],
             f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
             _engines_line(planned["engines"]),
-            *([f"  {planned['compiling']}"] if planned["compiling"] else []),
             *map(_line, planned["families"]),
             *([f"  {planned['note']}"] if planned["note"] else []),
             *([f"  {planned['sensitivity']}"] if planned["sensitivity"] else []),

@@ -20,7 +20,6 @@ from deltaswarm_wire.operator_messages import (
     keep_report,
 )
 from deltaswarm_wire.plugin_errors import defined_at, described, is_interrupt
-from deltaswarm_wire.saved import Saved
 
 ENVELOPE_BYTES = 16
 """What a radio frame takes besides its payload and the commands that it relays."""
@@ -50,7 +49,7 @@ class StepOutput(NamedTuple):
     report_bytes: bytes | None
 
 
-class Receiver(Saved):
+class Receiver:
     """Decodes the envelopes of radio frames and keeps the newest frame of each sender."""
 
     def __init__(self, agent: int, step_s: float) -> None:
@@ -85,7 +84,7 @@ class Receiver(Saved):
         return sorted(newest.items()), relayed
 
 
-class AgentCore(Saved):
+class AgentCore:
     """One agent without input and output. `step`, or its two halves in turn, are its only mutating methods.
 
     `verify` says whether a command's signature is the operator's; without it every command is believed.

@@ -21,7 +21,6 @@ from deltaswarm_wire.commands import (
 )
 from deltaswarm_wire.envelope import fitting
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, SUPERSEDED, Answer
-from deltaswarm_wire.saved import Saved
 
 FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
 """Interval between the first two frames with a command; further intervals double, up to the longest."""
@@ -39,7 +38,7 @@ Verify = Callable[[Signed], bool]
 
 
 @dataclass
-class _Known(Saved):
+class _Known:
     """A command that is relayed or acknowledged."""
 
     signed: Signed
@@ -53,7 +52,7 @@ class _Known(Saved):
     state: int = HEARD
 
 
-class CommandRelay(Saved):
+class CommandRelay:
     """The commands that one agent knows. Steps are the agent's own.
 
     Args:

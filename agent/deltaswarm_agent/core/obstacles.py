@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 from deltaswarm_wire.obstacles import signed_area_m2
-from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 EDGE_M = 1e-5
@@ -35,7 +34,7 @@ class Stride(NamedTuple):
     dy_m: float
 
 
-class ObstacleMap(Saved):
+class ObstacleMap:
     """The obstacles of an agent's map, and the edge of the arena around them.
 
     For a body, edges stand out by its radius, and are longer by it at both ends.

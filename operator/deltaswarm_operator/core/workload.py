@@ -13,7 +13,6 @@ from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import REPORT, Digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Report, Workload, decode_forwarded, decode_report
-from deltaswarm_wire.saved import Saved
 
 SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 
@@ -29,7 +28,7 @@ _Held = tuple[int, int, Report, bytes]
 _agent_and_sequence = itemgetter(0, 1)
 
 
-class SlidingRate(Saved):
+class SlidingRate:
     """Messages per second over the last `window_s` of simulated time, or over the time so far if that is less.
 
     The window is a whole number of steps, at least one.
@@ -51,7 +50,7 @@ class SlidingRate(Saved):
         return self._sum / (len(counts) * self._step_s)
 
 
-class WorkloadMeter(Saved):
+class WorkloadMeter:
     """Takes reports as they arrive and closes steps by the clock; a report counts in the next closed step."""
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:

@@ -109,14 +109,6 @@ def _git(beside: Path, *arguments: str) -> str:
 
 
 @cache
-def build() -> str:
-    """Return whether the cores are "compiled" or "pure Python"; the results do not depend on it."""
-    spec = importlib.util.find_spec("deltaswarm_agent.core.agent_core")
-    assert spec is not None
-    return "pure Python" if str(spec.origin).endswith(".py") else "compiled"
-
-
-@cache
 def code_digest() -> str:
     """Return a digest of all sources of deltaswarm; it tells different code of one version number apart."""
     digest = hashlib.blake2b(digest_size=8)

@@ -59,7 +59,6 @@ def new_manifest(scenario: Scenario, engine: str, record: str, known: inputs.Inp
         "commit": provenance.commit(),
         "host": provenance.host(),
         "code": provenance.code_digest(),
-        "build": provenance.build(),
         "controller": provenance.controller_of(scenario),
         "extensions": [source._asdict() for source in sources(scenario) if source.what != CONTROLLERS.what],
         "inputs": {**(known or inputs.identify(scenario))},

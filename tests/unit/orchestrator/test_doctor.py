@@ -74,7 +74,7 @@ for command in json.loads(sys.argv[2]):
         ("rerun-sdk", "export"): (["export", "a", "--format", "rrd"],),
     }
     commands = [*well, *(command for each in refusals.values() for command in each)]
-    hidden = ",".join({module for extra in extras() for module in (*needed(extra), *MODULES)} - {"setuptools"})
+    hidden = ",".join({module for extra in extras() for module in (*needed(extra), *MODULES)})
     command = [sys.executable, "-c", program, hidden, json.dumps(commands)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -10,7 +10,6 @@ from deltaswarm_scenario.truth import DEAD, UPLINK_REASONS, AgentState, EventSta
 from deltaswarm_wire.controller_metrics import PREFIX, mean_of
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import NOBODY, Act, TreeStatus, encode_act
-from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.reception import Reception
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.density import Places
@@ -53,7 +52,7 @@ class ClosedStep(NamedTuple):
     events_completed: int
 
 
-class Bookkeeping(Saved):
+class Bookkeeping:
     """Keeps the digest of a run, and makes the record of each closed step, in order."""
 
     def __init__(self, scenario: Scenario, density: Places, reasons: Sequence[str], metrics: Sequence[str]) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import BASE_ID, Relayed, Signed, decode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
-from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.channel.queues import Packet, delays_of
 from deltaswarm_world.core.air.channel.zones import is_on
 from deltaswarm_world.core.arrays import Floats, generator
@@ -29,14 +28,14 @@ NEVER = -1
 
 
 @dataclass
-class _Alive(Saved):
+class _Alive:
     signed: Signed
     ends: int
     sent_at: int = NEVER
     """The step of the newest frame with it."""
 
 
-class Downlink(Saved):
+class Downlink:
     """The downlink of one run; `carry` is called once a step, in order."""
 
     def __init__(self, scenario: Scenario) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.arrays import Floats, generator, near
 from deltaswarm_world.core.arrivals import Arrivals, EventClasses
 from deltaswarm_world.core.density import Places
@@ -24,7 +23,7 @@ MAX_TRIES = 10_000
 
 
 @dataclass
-class EventRecord(Saved):
+class EventRecord:
     """One event's life. Position in m, world frame; times in s."""
 
     event: int
@@ -45,7 +44,7 @@ class EventRecord(Saved):
         return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
 
 
-class Environment(Saved):
+class Environment:
     """Positions (n, 2) [m; world frame] and velocities (one pair each) [m/s] of the agents, and all events."""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -199,7 +198,7 @@ def _by_arrival(record: EventRecord) -> tuple[float, int]:
     return record.arrived_s, record.event
 
 
-class Coverage(Saved):
+class Coverage:
     """The area within sensing range of a tree's members, on a 1 m grid over the arena."""
 
     def __init__(self, scenario: Scenario) -> None:

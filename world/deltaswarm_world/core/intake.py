@@ -15,7 +15,6 @@ from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, decode_act
 from deltaswarm_wire.operator_messages import Report, decode_report
 from deltaswarm_wire.orders import decode_taken
-from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.participants import Participants
 
 
@@ -24,7 +23,7 @@ def by_agent(counts: Mapping[int, int]) -> dict[str, int]:
     return {str(agent): count for agent, count in sorted(counts.items()) if count}
 
 
-class SequenceNumbers(Saved):
+class SequenceNumbers:
     """Checks the numbers of one kind of message, which count up from 0: a gap is a loss."""
 
     def __init__(self) -> None:
@@ -49,7 +48,7 @@ class SequenceNumbers(Saved):
         self._due[agent] = None
 
 
-class Intake(Saved):
+class Intake:
     """The samples of one step, and the counts of a run. What takes a sample returns the reason if it is dropped."""
 
     def __init__(self, participants: Participants) -> None:

@@ -18,8 +18,6 @@ from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass
 from enum import StrEnum
 
-from deltaswarm_wire.saved import Saved
-
 MAX_RETURNS = 20
 """Number of times that an agent, unless it is a board, may come back after its process died."""
 
@@ -70,7 +68,7 @@ TRANSITIONS: dict[tuple[Condition, ConditionCause], Condition] = {
 
 
 @dataclass
-class Attendance(Saved):
+class Attendance:
     late_steps: int = 0
     """Steps that the board missed while present."""
     absences: int = 0
@@ -78,7 +76,7 @@ class Attendance(Saved):
 
 
 @dataclass
-class Missed(Saved):
+class Missed:
     """The agent-steps that an agent missed for one cause."""
 
     step: int
@@ -104,7 +102,7 @@ def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
     ]
 
 
-class Participants(Saved):
+class Participants:
     """Keeps each agent's condition, and which acts are due. It has no clock; the caller has."""
 
     def __init__(self, agents: Iterable[int], boards: Iterable[int] = ()) -> None:

@@ -5,10 +5,9 @@ from collections.abc import Collection, Sequence
 from itertools import islice
 
 from deltaswarm_wire.messages import MAX_POSES, Act, Event, Heard, Pose
-from deltaswarm_wire.saved import Saved
 
 
-class SleepSchedule(Saved):
+class SleepSchedule:
     """Keeps until when each agent's last act holds, and the step of its last frame."""
 
     def __init__(self, agents: int, *, ask_all: bool) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_wire.commands import MAX_IN_TURN, Signed, Turn, decode_command
-from deltaswarm_wire.saved import Saved
 
 OFF, AWAITED, LIVE = "off", "awaited", "live"
 
@@ -18,7 +17,7 @@ MAX_WAITING = 256
 """Maximum number of commands that wait for a step."""
 
 
-class Turns(Saved):
+class Turns:
     """The operator's part in the lock-step."""
 
     def __init__(self, mode: str = OFF) -> None:

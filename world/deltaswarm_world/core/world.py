@@ -19,7 +19,6 @@ from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
-from deltaswarm_wire.saved import Saved
 from deltaswarm_world.core.air.channel.links import Diagnosis
 from deltaswarm_world.core.air.radio import Air
 from deltaswarm_world.core.air.reception import Reception
@@ -43,7 +42,7 @@ def untimed(phase: str) -> None:
     """Do not measure."""
 
 
-class WorldCore(Saved):
+class WorldCore:
     """The world of one run, with `scenario.agents.count` agents numbered from 0."""
 
     def __init__(self, scenario: Scenario, boards: Iterable[int] = (), metrics: Sequence[str] = ()) -> None:

@@ -15,13 +15,12 @@ from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.messages import Event, Pose
-from deltaswarm_wire.saved import Saved
 
 GOLDEN_RATIO = (5**0.5 - 1) / 2
 """Its multiples, modulo 1, are the most even sequence of their kind."""
 
 
-class Agent(Saved):
+class Agent:
     def __init__(self, context: ControllerContext) -> None:
         settings: PaperSettings = context.settings
         self.id = context.agent

@@ -3,7 +3,6 @@
 from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, Gone, Member, PaperFrame, Sighting, sighting
 from deltaswarm_agent.controllers.paper.timers import Timers
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.saved import Saved
 
 GONE_MARGIN_M = 0.05
 """An event this far within sensing range, and not sensed, is gone: positions are rounded to centimetres."""
@@ -14,7 +13,7 @@ def to_cm(metres: float) -> int:
     return round(metres * 100.0)
 
 
-class Beliefs(Saved):
+class Beliefs:
     """Events by the freshest information about each: seen at a position in some step, or found missing."""
 
     def __init__(self, sensing_range_m: float, timers: Timers) -> None:

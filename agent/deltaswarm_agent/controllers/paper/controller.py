@@ -18,7 +18,7 @@ REPORTING_ROLES = ("attending", "leaving", "root")
 class PaperController:
     """One agent of a decentralised, hierarchical or hybrid swarm. `step` is its only mutating method.
 
-    It is the plug-in around `one_step.py`, and may be subclassed, also where the rest is compiled.
+    It is the plug-in around `one_step.py`, and may be subclassed.
     """
 
     Settings: ClassVar[type[PaperSettings]] = PaperSettings

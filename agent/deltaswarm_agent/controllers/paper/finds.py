@@ -8,7 +8,6 @@ import math
 
 from deltaswarm_agent.controllers.paper.frames import Attending, Averages, Member, PaperFrame
 from deltaswarm_wire.codec import MAX_ID
-from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 FADING_S = 1000.0
@@ -27,7 +26,7 @@ RANDOM, RETURNING = 0, 1
 """The kinds of legs of a walk (`walk.py`, `returning.py`)."""
 
 
-class Finds(Saved):
+class Finds:
     """Averages of one agent.
 
     They are brought up to date when the agent's activity changes or it hears or senses something, and not in between,

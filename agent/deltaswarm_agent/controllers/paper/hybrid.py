@@ -8,11 +8,10 @@ hierarchical swarm does at rho. So delta sets how much of the swarm is centralis
 from dataclasses import dataclass
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_wire.saved import Saved
 
 
 @dataclass(frozen=True)
-class Strategy(Saved):
+class Strategy:
     """The difference between the modes; trees are equal in all of them.
 
     `founds_at` is the number of events sensed at once that makes a free agent a root (None: never).

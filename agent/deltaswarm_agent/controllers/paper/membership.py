@@ -6,10 +6,9 @@ rules: "Trees by message" in `TREES.md`.
 
 from deltaswarm_agent.controllers.paper.frames import MAX_PATH, MAX_TABLE, Attending, Descendant, Member, PaperFrame
 from deltaswarm_agent.controllers.paper.timers import Timers
-from deltaswarm_wire.saved import Saved
 
 
-class Branch(Saved):
+class Branch:
     __slots__ = ("heard", "row", "table")
 
     def __init__(self, row: Descendant, table: tuple[Descendant, ...], heard: int) -> None:
@@ -18,7 +17,7 @@ class Branch(Saved):
         self.heard = heard
 
 
-class PreviousTree(Saved):
+class PreviousTree:
     """The tree that an agent has just left."""
 
     __slots__ = ("_timers", "freed", "pulse", "pulse_step", "root")
@@ -39,7 +38,7 @@ class PreviousTree(Saved):
         )
 
 
-class Membership(Saved):
+class Membership:
     """One agent's place in one tree, as a root (path of one) or below a parent."""
 
     def __init__(self, agent: int, parent: Member | None, now: int, timers: Timers) -> None:

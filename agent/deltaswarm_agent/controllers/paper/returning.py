@@ -10,7 +10,6 @@ from collections import deque
 from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_wire.messages import Pose
-from deltaswarm_wire.saved import Saved
 
 MAX_PLACES = 32
 """Maximum number of places that an agent remembers."""
@@ -27,7 +26,7 @@ def return_probability(ratio: float) -> float:
     return max(LEAST, MOST * (1.0 - ratio**2))
 
 
-class FoundPlaces(Saved):
+class FoundPlaces:
     """The places at which an agent newly sensed an event, or met an attending agent, each for `memory_steps`."""
 
     def __init__(self, memory_steps: int, finds: Finds, context: ControllerContext) -> None:

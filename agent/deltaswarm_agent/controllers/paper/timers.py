@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from deltaswarm_wire.saved import Saved
-
 SILENCE_S = 12.0
 """A parent or a child that has not been heard for this long is lost."""
 
@@ -51,7 +49,7 @@ def steps_of(time_s: float, step_s: float, least: int = 1) -> int:
 
 
 @dataclass(frozen=True)
-class Timers(Saved):
+class Timers:
     """All timers, in steps.
 
     A message travels one hop per step, so timers that wait for messages have a minimum number of steps.

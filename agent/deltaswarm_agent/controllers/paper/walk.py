@@ -12,7 +12,6 @@ from deltaswarm_agent.controllers.paper.finds import RANDOM, RETURNING
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
 from deltaswarm_agent.core.obstacles import ObstacleMap, Stride
 from deltaswarm_wire.messages import MAX_POSES
-from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 LEVY_MIN_S = 1.0
@@ -30,7 +29,7 @@ def leg_s(rng: Random, leg_max_s: float, exponent: float) -> float:
     return float((least_s**power + share * (leg_max_s**power - least_s**power)) ** (1 / power))
 
 
-class Walk(Saved):
+class Walk:
     """Straight legs, a uniform new heading, specular walls and obstacles.
 
     Some legs lead back to where events were `found` (`returning.py`), unless an obstacle is in the way. On a straight

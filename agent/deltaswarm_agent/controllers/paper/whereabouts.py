@@ -5,7 +5,6 @@ from collections import deque
 from deltaswarm_agent.controllers.paper.frames import PaperFrame
 from deltaswarm_agent.core.obstacles import ObstacleMap
 from deltaswarm_wire.messages import Pose
-from deltaswarm_wire.saved import Saved
 from deltaswarm_wire.settings import AgentSettings
 
 RANGE_MARGIN_M = 0.02
@@ -18,7 +17,7 @@ AT_EVENT_RADII = 3.0
 """A body has arrived at an event within this many radii: there is room beside a body that stands on the event."""
 
 
-class Whereabouts(Saved):
+class Whereabouts:
     """The agent's place and its last ones [m; world frame]; places of others are as their frames say."""
 
     def __init__(self, shared: AgentSettings, d_min_m: float, trail_steps: int) -> None:
