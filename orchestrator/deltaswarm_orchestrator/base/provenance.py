@@ -85,13 +85,37 @@ def commit() -> str | None:
 
     In a checkout git says it; an installation has it in a file, which the build wrote.
     """
+    here, changed = Path(__file__), uncommitted()
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        if changed is not None:
+            return _git(here, "rev-parse", "HEAD") + "-dirty" * bool(changed)
+    installed = here.parents[1] / "commit.txt"
+    return installed.read_text(encoding="ascii").strip() if installed.exists() else None
+
+
+def uncommitted() -> list[str] | None:
+    """List the files of deltaswarm's packages that git does not have as they are; None if git has none of them."""
     here = Path(__file__)
     try:
         _git(here, "ls-files", "--error-unmatch", here.name)
-        return _git(here, "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
+        lines = _git(here, "status", "--porcelain", "--", *(str(folder) for _, folder in _folders())).splitlines()
     except (OSError, subprocess.SubprocessError):
-        installed = here.parents[1] / "commit.txt"
-        return installed.read_text(encoding="ascii").strip() if installed.exists() else None
+        return None
+    return [line.strip().partition(" ")[2].strip() for line in lines]
+
+
+def is_tracked(folder: Path) -> bool:
+    """Return whether git tracks a file of a folder, which is then published."""
+    try:
+        return bool(_git(folder / "any", "ls-files"))
+    except (OSError, subprocess.SubprocessError):
+        return False
+
+
+def at_commit(folder: Path, commit: str) -> bytes:
+    """Return a folder as it was at a commit of its repository, as a ZIP archive. Raises OSError, SubprocessError."""
+    command = ["git", "-C", str(folder), "archive", "--format=zip", commit, "."]
+    return subprocess.run(command, capture_output=True, check=True, timeout=GIT_WITHIN_S).stdout
 
 
 def commit_of(file: Path) -> tuple[str | None, bool]:
@@ -116,17 +140,32 @@ def build() -> str:
     return "pure Python" if str(spec.origin).endswith(".py") else "compiled"
 
 
+def _folders() -> Iterator[tuple[str, Path]]:
+    for package in sorted(PACKAGES):
+        spec = importlib.util.find_spec(package)
+        assert spec is not None, package
+        yield from ((package, Path(folder)) for folder in spec.submodule_search_locations or ())
+
+
+def _code() -> Iterator[tuple[str, bytes]]:
+    for package, folder in _folders():
+        for file in sorted(folder.rglob("*.py")):
+            yield f"{package}/{file.relative_to(folder)}", file.read_bytes()
+
+
 @cache
 def code_digest() -> str:
     """Return a digest of all sources of deltaswarm; it tells different code of one version number apart."""
     digest = hashlib.blake2b(digest_size=8)
-    for package in sorted(PACKAGES):
-        spec = importlib.util.find_spec(package)
-        assert spec is not None, package
-        for folder in spec.submodule_search_locations or ():
-            for file in sorted(Path(folder).rglob("*.py")):
-                digest.update(f"{package}/{file.relative_to(folder)}\n".encode() + file.read_bytes())
+    for name, content in _code():
+        digest.update(f"{name}\n".encode() + content)
     return digest.hexdigest()
+
+
+@cache
+def code_files() -> dict[str, str]:
+    """Return a short digest of each source file of deltaswarm, which tells what has changed."""
+    return {name: hashlib.blake2b(content, digest_size=4).hexdigest() for name, content in _code()}
 
 
 class Source(NamedTuple):
@@ -180,6 +219,13 @@ def data_of(cls: type[Any]) -> dict[str, Path]:
         must = f"{name_of(cls)}.data_files must be a tuple of paths (got {names!r:.80})"
         raise PluginError(f"{must} ({defined_at(cls)})")
     return {name: folder / name for name in names}
+
+
+def plugin_files(scenario: Scenario) -> set[Path]:
+    """Return the files of all third-party extensions of a scenario, and the data that they declare."""
+    found = [cls for *_, cls in extensions(scenario)]
+    modules = (file for cls in found for file, _ in modules_of(cls).values())
+    return {*modules, *(file for cls in found for file in data_of(cls).values())}
 
 
 def controller_of(scenario: Scenario) -> dict[str, Any]:

@@ -10,9 +10,9 @@ import pytest
 from deltaswarm_cli.main import main
 from deltaswarm_studies.design import design
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.fixed import content, differences
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.plan import plan, text
-from deltaswarm_studies.protocol import content, differences
 from deltaswarm_studies.sensitivity_page import matrix, turning
 from deltaswarm_wire.checked import SettingsError
 from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
