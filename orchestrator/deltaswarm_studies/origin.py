@@ -1,6 +1,6 @@
 """Where a study's runs come from, and whether its file or the code have changed since then."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,11 @@ def plugin_digests(study: Study) -> dict[str, str]:
     scenarios = [variant.scenario for variant in study.sweep.variants]
     found = [source for scenario in scenarios for source in provenance.sources(scenario)]
     return {f"{source.what} {source.name}": source.digest for source in found}
+
+
+def plugins_of(digests: Mapping[str, str]) -> str:
+    """Return plug-ins with the digests of their code in a line."""
+    return ", ".join(f"{name} {digest}" for name, digest in sorted(digests.items()))
 
 
 def provenance_of(study: Study, manifest: dict[str, Any], changed: Sequence[str] = ()) -> pd.DataFrame:
