@@ -28,7 +28,7 @@ from deltaswarm_studies.load import OF_A_STUDY, load_study
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, provenance_of, sealed_tables
 from deltaswarm_studies.page import write
 from deltaswarm_studies.plan import too_few
-from deltaswarm_studies.protocol import Protocol, protocol_of, seeded
+from deltaswarm_studies.protocol import Protocol, protocol_of, seeded, some
 from deltaswarm_studies.settings import CONFIRMATORY
 from deltaswarm_studies.study import Study
 
@@ -170,7 +170,13 @@ def beforehand(study: Study, folder: Path) -> tuple[list[str], list[str]]:
     if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
         freeze = "`deltaswarm study --freeze` fixes what it asks and expects before its first run"
         notes.append(f"{study.name}: not frozen ({freeze})")
-    return [f"{study.name}: {line}" for line in protocol.problems], notes + too_few(study)
+    problems, changed = protocol.problems, protocol.changed_files()
+    if changed:
+        problems = [
+            *problems,
+            f"the code changed since its protocol ({some(changed)}); --amend before the runs says why",
+        ]
+    return [f"{study.name}: {line}" for line in problems], notes + too_few(study)
 
 
 def file_of(study: Study, given: str) -> Path | None:

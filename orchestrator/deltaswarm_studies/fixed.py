@@ -50,9 +50,9 @@ def content(study: Study, entry_format: int = FORMAT) -> Table:
         label: {name: value for name, value in table.items() if name not in shared} for label, table in tables.items()
     }
     runs: Table = {"repeats": swept.repeats}
-    runs |= {"seed": swept.seed, "seeds": study.sweep.seeds} if entry_format < FORMAT else {}
+    if entry_format < FORMAT:
+        runs |= {"seed": swept.seed, "seeds": study.sweep.seeds, "extensions": plugin_digests(study)}
     runs |= {"series_every_s": swept.series_every_s, **({"repeats_of": swept.repeats_of} if swept.repeats_of else {})}
-    runs["extensions"] = plugin_digests(study)
     asked = {
         name: _rows(value) if isinstance(value, tuple) else _fixed(value)
         for name, value in vars(study.file).items()

@@ -15,7 +15,17 @@ from deltaswarm_orchestrator.base.frozen import HASH, Table
 from deltaswarm_orchestrator.sweeps.table import read_table
 from deltaswarm_studies.fixed import FORMAT
 from deltaswarm_studies.origin import PROVENANCE, facts_of, sealed_tables
-from deltaswarm_studies.protocol import EDITED, FILE, MAX_NAMED, Protocol, ProtocolError, format_of, protocol_of, read
+from deltaswarm_studies.protocol import (
+    EDITED,
+    FILE,
+    Protocol,
+    ProtocolError,
+    code_of,
+    format_of,
+    protocol_of,
+    read,
+    some,
+)
 from deltaswarm_studies.settings import EXPLORATORY
 from deltaswarm_studies.study import Study
 
@@ -100,11 +110,8 @@ def refuse_uncommitted(study: Study, file: Path | None) -> None:
         commit, is_committed = provenance.commit_of(path)
         changed += [str(path)] if commit and not is_committed else []
     if changed:
-        more = f" and {len(changed) - MAX_NAMED} more" if len(changed) > MAX_NAMED else ""
-        named = f"{', '.join(changed[:MAX_NAMED])}{more}"
-        raise ProtocolError(
-            f"{study.name}: code and study file must be committed, so that all can see them (got {named})"
-        )
+        must = "code and study file must be committed, so that all can see them"
+        raise ProtocolError(f"{study.name}: {must} (got uncommitted {some(changed)})")
 
 
 def _refuse_edited(known: Protocol, folder: Path) -> None:
@@ -165,7 +172,7 @@ def _add(known: Protocol, folder: Path, file: Path | None, reason: str, replaces
         "protocol": known.now,
     }
     if not known.entries or format_of(known.entries[0]) >= FORMAT:
-        code = {"digest": provenance.code_digest(), "files": provenance.code_files()}
+        code = code_of(known.study)
         entry |= {"format": FORMAT, "code": code, "runs": len(_runs(folder)), "replaces": list(replaces)}
     before = known.entries[-1][HASH] if known.entries else ""
     entry[HASH] = frozen.hash_of(entry, known.study.name, before)

@@ -20,7 +20,7 @@ from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.frozen import HASH, Difference, Entry, Table, changed_keys, time_of
 from deltaswarm_orchestrator.sweeps.plan import replicate_seed
 from deltaswarm_studies.fixed import FORMAT, content, differences
-from deltaswarm_studies.origin import BEGUN, CHANGED, CODE, PLUGINS, facts_of, plugins_of
+from deltaswarm_studies.origin import BEGUN, CHANGED, CODE, PLUGINS, facts_of, plugin_digests, plugins_of
 from deltaswarm_studies.settings import EXPLORATORY
 from deltaswarm_studies.study import Study
 
@@ -154,31 +154,33 @@ class Protocol:
 
     def _changed(self) -> Iterator[Breach]:
         """Yield what has changed between the protocol and the runs, or since."""
-        entry = (self.timely or self.entries)[-1]
-        codes = [code for code in self.origin.get(CODE, "").split(", ") if code]
-        if "code" in entry and any(code != entry["code"]["digest"] for code in codes):
-            files = [file for file in self.origin.get(CHANGED, "").split(", ") if file]
-            which = f"{len(files)} files: {_some(files, ', ')}" if files else "which files is not known"
-            brief = f"the code changed ({which})"
-            line = f"{'; '.join(codes)} instead of {entry['code']['digest']}"
-            yield Breach(CODE_CHANGED, brief, f"Frozen, then {brief}: the runs are by {line}, without an amendment.")
-        was, now = plugins_of(entry["protocol"]["runs"].get("extensions", {})), self.origin.get(PLUGINS, "")
-        if "code" in entry and codes and was != now:
-            brief = f"plug-ins changed ({now or 'none'} instead of {was or 'none'})"
-            yield Breach(PLUGINS_CHANGED, brief, f"Frozen, then {brief} before the runs, without an amendment.")
+        if (code := (self.timely or self.entries)[-1].get("code")) and self.origin:
+            yield from self._by_other_code(code)
         if found := self.unamended:
             last = f"its protocol of {self.entries[-1]['date']}, without an amendment"
-            line = f"The study file differs from {last}: {_some(list(map(str, found)), '; ')}."
-            keys = _some([change.key for change in found], ", ")
+            line = f"The study file differs from {last}: {some([*map(str, found)], '; ')}."
+            keys = some([change.key for change in found])
             yield Breach(FILE_CHANGED, f"its file changed without an amendment ({keys})", line)
         if self.runs is not None and not self.is_sealed:
             line = "The tables are not sealed, so nobody can tell whether they were changed after the runs."
             yield Breach(UNSEALED, "its tables lost their seal", line)
 
+    def _by_other_code(self, code: Table) -> Iterator[Breach]:
+        files = [file for file in self.origin.get(CHANGED, "").split(", ") if file]
+        which = f"{len(files)} files: {some(files)}" if files else "which files is not known"
+        for kind, what, was, now in (
+            (CODE_CHANGED, f"the code changed ({which})", code["digest"], self.origin.get(CODE, "")),
+            (PLUGINS_CHANGED, "plug-ins changed", plugins_of(code["plug-ins"]), self.origin.get(PLUGINS, "")),
+        ):
+            if was != now:
+                line = f"the runs are by {now or 'none'} instead of {was or 'none'}, without an amendment"
+                yield Breach(kind, what, f"Frozen, then {what}: {line}.")
+
     def changed_files(self) -> list[str]:
-        """List the source files of deltaswarm that have changed since the protocol."""
-        entry = (self.timely or self.entries or [{}])[-1]
-        return changed_keys(entry["code"]["files"], provenance.code_files()) if "code" in entry else []
+        """List the source files of deltaswarm, and the plug-ins, that have changed since the protocol."""
+        code = (self.timely or self.entries or [{}])[-1].get("code")
+        names = ("files", "plug-ins")
+        return [key for name in names for key in changed_keys(code[name], code_of(self.study)[name])] if code else []
 
     @property
     def amendments(self) -> list[tuple[str, list[Difference]]]:
@@ -187,7 +189,7 @@ class Protocol:
         for before, entry in itertools.pairwise(self.entries):
             when = "after the runs began" if _is_late(entry, self.begun) else "before the runs"
             line = f"{entry['date']} ({_commit(entry)}), {when if self.begun else 'runs not known'}: {entry['reason']}"
-            was, now = ({"code": one["code"]["files"]} if "code" in one else {} for one in (before, entry))
+            was, now = ({"code": {**one["code"], "digest": None}} if "code" in one else {} for one in (before, entry))
             changes = [*differences(before["protocol"], entry["protocol"]), *frozen.differences(was, now)]
             amendments.append((line, changes))
         return amendments
@@ -218,7 +220,14 @@ def _is_late(entry: Entry, begun: str) -> bool:
     return bool(entry.get("runs")) or (bool(begun) and time_of(entry["date"]) > time_of(begun))
 
 
-def _some(words: Sequence[str], separator: str) -> str:
+def code_of(study: Study) -> Table:
+    """Return the digests of all code that decides a study's runs and results: deltaswarm's, by file, and plug-ins'."""
+    digests = {"digest": provenance.code_digest(), "files": provenance.code_files()}
+    return {**digests, "plug-ins": plugin_digests(study)}
+
+
+def some(words: Sequence[str], separator: str = ", ") -> str:
+    """List the first of some words, and the number of the others."""
     more = [f"and {len(words) - MAX_NAMED} more"] if len(words) > MAX_NAMED else []
     return separator.join([*words[:MAX_NAMED], *more])
 

@@ -53,8 +53,8 @@ def changed(folder: Path, own: str = ASKED, sweep: str = SWEEP) -> list[str]:
 
 
 def origin(begun: str) -> pd.DataFrame:
-    """Say when the runs began."""
-    return pd.DataFrame({"what": ["begun"], "value": [begun]})
+    """Say when the runs began, by the code of now."""
+    return pd.DataFrame({"what": ["begun", "digest of the code"], "value": [begun, provenance.code_digest()]})
 
 
 def edited(folder: Path, edit: Callable[[dict[str, Any]], object]) -> None:
@@ -74,7 +74,8 @@ def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
     assert told["condition"]["loss=0.5, hybrid 3"] == {"radio.loss": 0.5, "control.mode": "hybrid"}
     assert told["scenario"]["run.duration_s"] == 1000.0
     assert (told["runs"]["repeats"], {"seed", "seeds"} & {*told["runs"]}) == (10, set())
-    assert entry["code"] == {"digest": provenance.code_digest(), "files": provenance.code_files()}
+    digests = {"digest": provenance.code_digest(), "files": provenance.code_files(), "plug-ins": {}}
+    assert entry["code"] == digests
     assert told["study"]["metrics"] == ["waiting_all", "messages"]
     assert told["contrast"]["limit"]["margin"] == 1.1
     assert (told["claim"]["c"]["at_least"], told["claim"]["c"]["expect"]) == (1.5, "undecided")
