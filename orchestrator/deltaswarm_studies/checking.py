@@ -106,7 +106,7 @@ def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> 
     places = {jobs[row].name: place for place, row in enumerate(rows)}
     chosen = drawn([jobs[row] for row in rows], count, seed)
     was = _done_by(folder)
-    tasks = [Task(job, engine=_other(job.scenario, was)) for job in chosen]
+    tasks = [Task(job, engine=other_engine(job.scenario, was)) for job in chosen]
     engines: Counter[str] = Counter()
     differing: list[Differing] = []
     for done in engine.run(tasks):
@@ -146,7 +146,7 @@ def _done_by(folder: Path) -> str:
     return engines[0] if len(engines) == 1 else ""
 
 
-def _other(scenario: Scenario, was: str) -> str:
+def other_engine(scenario: Scenario, was: str) -> str:
     """Return an engine that can do a run and is not the one that did it; else that one."""
     if (was or planned_by(scenario).engine) == DENSE:
         return PYTHON

@@ -128,6 +128,7 @@ def test_a_figure_that_cannot_be_drawn_is_named_last(done: Path, tmp_path: Path,
     assert "The figure 'waiting' is missing" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("checked_by_python")
 def test_a_published_run_is_repeated_and_compared(done: Path, tmp_path: Path, capsys: Printed) -> None:
     """Exit code 0 if every number is the same, 3 if one differs in its last digit, 1 without tables."""
     command = ["study", str(done / "own.toml"), "--check", "3", "--seed", "5", "--json", "--out"]

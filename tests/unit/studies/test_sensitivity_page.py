@@ -150,6 +150,7 @@ def test_the_plan_says_what_so_many_points_could_show(tmp_path: Path, monkeypatc
     assert "to within 13 percentage points; of 8 rank correlations" in lines
 
 
+@pytest.mark.usefixtures("checked_by_python")
 def test_a_study_is_looked_at_first_and_then_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Four points, then eight, which take over the first; one of them repeats, and the page is made again."""
     file, out = tmp_path / "made-up.toml", tmp_path / "out"
