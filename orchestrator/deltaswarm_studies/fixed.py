@@ -54,17 +54,17 @@ def content(study: Study, entry_format: int = FORMAT) -> Table:
         runs |= {"seed": swept.seed, "seeds": study.sweep.seeds, "extensions": plugin_digests(study)}
     runs |= {"series_every_s": swept.series_every_s, **({"repeats_of": swept.repeats_of} if swept.repeats_of else {})}
     asked = {
-        name: _rows(value) if isinstance(value, tuple) else _fixed(value)
+        name: _rows(value) if isinstance(value, tuple) else fixed_keys(value)
         for name, value in vars(study.file).items()
         if name not in SHOWN_ONLY
     }
-    sensitivity = {"sensitivity": _fixed(drawn) | {"range": _rows(drawn.range)}} if drawn else {}
+    sensitivity = {"sensitivity": fixed_keys(drawn) | {"range": _rows(drawn.range)}} if drawn else {}
     return as_read(
         {"scenario": shared, "condition": own, "runs": runs, **sensitivity, "tests": {"alpha": ALPHA}} | asked
     )
 
 
-def _fixed(settings: Any) -> Table:
+def fixed_keys(settings: Any) -> Table:
     return {name: value for name, value in checked.plain(settings).items() if name not in WORDS_ONLY}
 
 
@@ -73,7 +73,7 @@ def _rows(tables: Sequence[Any]) -> dict[str, Table]:
     rows: dict[str, Table] = {}
     for place, settings in enumerate(tables, start=1):
         name = next((text for key in ("id", "name", "text") if (text := getattr(settings, key, ""))), "")
-        rows[name if name and name not in rows else f"{name} {place}".strip()] = _fixed(settings)
+        rows[name if name and name not in rows else f"{name} {place}".strip()] = fixed_keys(settings)
     return rows
 
 
@@ -108,10 +108,10 @@ def completed(protocol: Table) -> Table:
     for name, kind in get_type_hints(StudyFile).items():
         told = protocol.get(name, {})
         if get_origin(kind) is tuple:
-            defaults = as_read(_fixed(get_args(kind)[0]()))
+            defaults = as_read(fixed_keys(get_args(kind)[0]()))
             completed[name] = {row: {**defaults, **table} for row, table in told.items()}
         else:
-            completed[name] = {**as_read(_fixed(kind())), **told}
+            completed[name] = {**as_read(fixed_keys(kind())), **told}
     return completed
 
 

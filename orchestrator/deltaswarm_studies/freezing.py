@@ -144,12 +144,12 @@ def _record(name: str, folder: Path, reason: str) -> Table:
     }
 
 
-def _at_commit(name: str, folder: Path, commit: str, reason: str) -> Table:
+def _at_commit(name: str, folder: Path, revision: str, reason: str) -> Table:
     """Return the same of a protocol that the folder had at a commit of its repository."""
     try:
-        packed = provenance.at_commit(folder, commit)
+        commit, packed = provenance.at_commit(folder, revision)
     except (OSError, subprocess.SubprocessError):
-        raise ProtocolError(f"--replaces-at must be a commit that has {folder} (got {commit!r})") from None
+        raise ProtocolError(f"--replaces-at must be a commit that has {folder} (got {revision!r})") from None
     with TemporaryDirectory() as temporary:
         zipfile.ZipFile(io.BytesIO(packed)).extractall(temporary)
         return _record(name, Path(temporary), f"{reason} (as of commit {commit})")

@@ -9,7 +9,7 @@ import pandas as pd
 
 from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies import event_page, protocol_page, sensitivity_page, style, verdicts
+from deltaswarm_studies import event_page, sensitivity_page, style, verdicts
 from deltaswarm_studies import events as event_tables
 from deltaswarm_studies.ceilings import shown
 from deltaswarm_studies.design import design
@@ -18,6 +18,7 @@ from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
 from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, run_s, seal_tables, since_the_runs
 from deltaswarm_studies.protocol import Protocol, protocol_of
+from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
@@ -36,6 +37,7 @@ def pages(
     a warning of the page and of the evidence: a page without a figure is better than none.
     """
     protocol = protocol or Protocol(study)
+    record = Record(protocol, evidence)
     pictures, evidence.undrawn = [], []
     for figure in study.file.figure:
         try:
@@ -45,15 +47,15 @@ def pages(
             continue
         caption = " ".join(" ".join([figure.caption, *drawing.notes]).split())
         pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
-    sections = list(_sections(study, evidence, pictures, provenance, sealed, protocol))
+    sections = list(_sections(study, evidence, pictures, provenance, sealed, record))
     context: dict[str, Any] = {
         "title": study.title,
-        "status": protocol_page.lead(protocol, evidence),
+        "status": record.lead,
         "question": " ".join(study.file.study.question.split()),
         "design": design(study),
         "findings": verdicts.supported(study, evidence),
         "warnings": [*protocol.problems, *evidence.warnings],
-        "replaced": list(protocol_page.replaced_tables(protocol, evidence)),
+        "replaced": list(record.replaced),
         "sections": sections,
         "facts": {
             "verdicts": verdicts.counts(evidence.claims, is_calibrated=False),
@@ -77,7 +79,7 @@ def _sections(
     pictures: list[CaptionedFigure],
     provenance: pd.DataFrame,
     sealed: str,
-    protocol: Protocol,
+    record: Record,
 ) -> Iterator[dict[str, Any]]:
     parts: tuple[tuple[str, pd.DataFrame, Callable[..., Iterator[Table]]], ...] = (
         ("Contrasts", evidence.contrasts, _contrasts),
@@ -92,15 +94,15 @@ def _sections(
         yield {"heading": "Verdicts", "tables": tables, "pictures": []}
     if evidence.sensitivity:
         yield sensitivity_page.section(study, evidence.sensitivity)
-    yield {"heading": "Protocol", "tables": list(protocol_page.tables(protocol, evidence)), "pictures": []}
+    yield {"heading": "Protocol", "tables": list(record.tables), "pictures": []}
     if pictures:
         yield {"heading": "Figures", "tables": [], "pictures": pictures}
     for heading, rows, made in parts:
         if len(rows):
             yield {"heading": heading, "tables": list(made(study, rows)), "pictures": []}
     yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
-    if protocol.amendments:
-        yield {"heading": "Amendments", "tables": protocol_page.amendment_tables(protocol), "pictures": []}
+    if record.amendments:
+        yield {"heading": "Amendments", "tables": record.amendments, "pictures": []}
     origin = pd.concat([provenance, since_the_runs(study, provenance, sealed)], ignore_index=True)
     yield {"heading": "Where this comes from", "tables": [table(origin, PROVENANCE)], "pictures": []}
 

@@ -1,16 +1,17 @@
 """What a page says of its protocol: the first line, surprises among all claims ever frozen, and what it replaces."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import fields, replace
+from functools import cached_property
 from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator.base.frozen import HASH, Table
+from deltaswarm_orchestrator.base.frozen import HASH, Table, as_read
 from deltaswarm_studies.ceilings import undecided
 from deltaswarm_studies.claims import claims_of
 from deltaswarm_studies.evidence import Evidence
-from deltaswarm_studies.fixed import completed
+from deltaswarm_studies.fixed import completed, fixed_keys
 from deltaswarm_studies.origin import BEGUN, PROVENANCE
 from deltaswarm_studies.protocol import Protocol, timely
 from deltaswarm_studies.rendering import Table as Shown
@@ -25,63 +26,118 @@ Row = dict[Any, Any]
 NOT_JUDGED = "cannot be judged"
 """The verdict of a claim that was frozen and is not asked any more, of runs that do not have its metric or variants."""
 
+HEADINGS = {
+    "text": "Claim",
+    "metric": "Metric",
+    "expected": "Expected",
+    "then": "Verdict then",
+    "found then": "Found then",
+    "now": "By the same criterion now",
+    "found now": "Found now",
+    "asked": "Verdict of this study",
+}
+
 WHEN = ("from_s", "until_s")
 """Keys of `[study]` without which a metric of one protocol is not that of another."""
 
 
-def lead(protocol: Protocol, evidence: Evidence) -> str:
-    """Return the first line of a study's page: its status, what it replaces, and the surprises."""
-    lines = [protocol.status]
-    if records := protocol.replaced:
-        dates = ", ".join(record["entries"][0]["date"] for record in records)
-        lines.append(f"It replaces what was frozen on {dates}: see below what that asked and found.")
-    for what, rows in (
-        ("Surprises", surprises(protocol, evidence)),
-        ("Of the claims that it replaces", old(protocol, evidence)),
-    ):
-        if len(rows):
-            lines.append(f"{what}: {share(rows)}.")
-    return " ".join(lines)
+class Record:
+    """A study's protocol with its evidence: every claim ever frozen, judged by the criterion that was frozen."""
+
+    def __init__(self, protocol: Protocol, evidence: Evidence) -> None:
+        self._protocol, self._evidence = protocol, evidence
+
+    @cached_property
+    def surprises(self) -> pd.DataFrame:
+        """A row per claim ever frozen before the runs: claim, text, `expected`, verdict, `is_surprise`.
+
+        Expectation and criterion are those of the newest entry from before the runs that has the claim; of a study that
+        is not frozen, those of its file.
+        """
+        protocol, rows = self._protocol, dict[str, Row]()
+        for asked in [entry["protocol"] for entry in reversed(protocol.timely)] or [protocol.now]:
+            is_asked_now = completed(asked)["claim"] == completed(protocol.now)["claim"]
+            judged = self._evidence.claims if is_asked_now else by_criteria(protocol.study, asked, self._evidence)
+            rows = _rows(asked, _by_claim(judged)) | rows
+        return _judged(rows.values())
+
+    @cached_property
+    def of_replaced(self) -> pd.DataFrame:
+        """The same rows of all claims of the protocols that are replaced."""
+        return _judged(row for rows in self._compared for row in rows.values())
+
+    @cached_property
+    def _compared(self) -> list[dict[str, Row]]:
+        """Of each protocol that is replaced, the claims with the old verdict, and that by the old criterion now.
+
+        The verdict that counts is the new one, or where the runs do not allow one the old one.
+        """
+        found = []
+        for record in self._protocol.replaced:
+            asked = asked_by(record)
+            now = _by_claim(by_criteria(self._protocol.study, asked, self._evidence))
+            then = {row["claim"]: row for row in record["claims"]}
+            rows = _rows(asked, {**then, **now})
+            for claim, row in rows.items():
+                for when, judged in (("then", then.get(claim, {})), ("now", now.get(claim, {}))):
+                    row[when], row[f"found {when}"] = judged.get("verdict", NOT_JUDGED), _found(judged)
+            found.append(rows)
+        return found
+
+    @property
+    def lead(self) -> str:
+        """The first line of a study's page: its status, what it replaces, and the surprises."""
+        lines = [self._protocol.status]
+        if records := self._protocol.replaced:
+            dates = " and ".join(record["entries"][0]["date"] for record in records)
+            lines.append(f"It replaces what was frozen on {dates}: see below what that asked and found.")
+        counted = {"Surprises": self.surprises, "Surprises among the claims that it replaces": self.of_replaced}
+        return " ".join([*lines, *(f"{what}: {_share(rows)}." for what, rows in counted.items() if len(rows))])
+
+    @property
+    def replaced(self) -> Iterator[Shown]:
+        """A table of outcomes and one of verdicts for each protocol that is replaced: then, and now."""
+        study = self._protocol.study
+        asked = {row["claim"]: row["verdict"] for row in self._evidence.claims.to_dict("records")}
+        for record, rows in zip(self._protocol.replaced, self._compared, strict=True):
+            entry = record["entries"][0]
+            told = {"frozen": entry["date"], "hash": entry[HASH], "replaced because": record["reason"]}
+            told |= {"outcomes then": ", ".join(asked_by(record)["study"]["metrics"])}
+            told |= {"outcomes now": ", ".join(study.file.study.metrics)}
+            yield _facts(told, f"{record['study']}, frozen on {entry['date']}")
+            if rows:
+                shown = pd.DataFrame(rows.values()).assign(asked=[asked.get(claim, "not asked") for claim in rows])
+                shown["metric"] = [
+                    study.metrics[name].label if name in study.metrics else name for name in shown["metric"]
+                ]
+                yield table(shown, HEADINGS, "Verdicts then and now")
+
+    @property
+    def tables(self) -> Iterator[Shown]:
+        """Tables of what is known of the protocol: facts, surprises, and changes without an amendment."""
+        judged, protocol = self.surprises, self._protocol
+        told = protocol.facts | ({"surprises": _share(judged)} if len(judged) else {})
+        if new := len(set(self._evidence.claims.get("claim", ())) - set(judged["claim"])):
+            told["claims without a frozen expectation"] = new
+        yield _facts(told)
+        if judged["is_surprise"].any():
+            headings = {"text": "Claim", "expected": "Expected", "verdict": "Verdict"}
+            yield table(judged[judged["is_surprise"].astype(bool)], headings, "Surprises")
+        if protocol.unamended:
+            headings = {"key": "Key", "old": "Protocol", "new": "Study file"}
+            yield table(pd.DataFrame(protocol.unamended), headings, "Differences without an amendment")
+
+    @property
+    def amendments(self) -> list[Shown]:
+        headings = {"key": "Key", "old": "Old", "new": "New"}
+        return [table(pd.DataFrame(changes), headings, title) for title, changes in self._protocol.amendments]
 
 
-def share(judged: pd.DataFrame) -> str:
+def _share(judged: pd.DataFrame) -> str:
     """Say how many claims are surprises, and which of them cannot be judged."""
     unjudged = judged["text"][judged["verdict"] == NOT_JUDGED].tolist()
-    named = f", among them {len(unjudged)} that cannot be judged: {'; '.join(unjudged)}" if unjudged else ""
+    named = f", among them {len(unjudged)} that cannot be judged ({'; '.join(unjudged)})" if unjudged else ""
     return f"{judged['is_surprise'].sum()} of {len(judged)}{named}"
-
-
-def surprises(protocol: Protocol, evidence: Evidence) -> pd.DataFrame:
-    """Make a row per claim ever frozen before the runs: claim, text, `expected`, verdict, `is_surprise`.
-
-    Expectation and criterion are those of the newest entry from before the runs that has the claim; of a study that is
-    not frozen, those of its file.
-    """
-    rows: dict[str, Row] = {}
-    for asked in [entry["protocol"] for entry in reversed(protocol.timely)] or [protocol.now]:
-        is_asked_now = completed(asked)["claim"] == completed(protocol.now)["claim"]
-        judged = evidence.claims if is_asked_now else by_criteria(protocol.study, asked, evidence)
-        rows = _rows(asked, _by_claim(judged)) | rows
-    return _judged(rows.values())
-
-
-def old(protocol: Protocol, evidence: Evidence) -> pd.DataFrame:
-    """Make the same rows of all claims of protocols that are replaced, judged on the new runs where they can be."""
-    return _judged(row for record in protocol.replaced for row in compared(protocol.study, record, evidence).values())
-
-
-def compared(study: Study, record: Table, evidence: Evidence) -> dict[str, Row]:
-    """Return the claims of a replaced protocol by their ids: the old verdict, and that by the old criterion now.
-
-    The verdict that counts is the new one, or where the runs do not allow one the old one.
-    """
-    asked = asked_by(record)
-    then, now = {row["claim"]: row for row in record["claims"]}, _by_claim(by_criteria(study, asked, evidence))
-    rows = _rows(asked, {**then, **now})
-    for claim, row in rows.items():
-        for when, found in (("then", then.get(claim, {})), ("now", now.get(claim, {}))):
-            row[when], row[f"found {when}"] = found.get("verdict", NOT_JUDGED), _found(found)
-    return rows
 
 
 def asked_by(record: Table) -> Table:
@@ -117,7 +173,7 @@ def _has(study: Study, claim: ClaimSettings, was: Table, runs: pd.DataFrame) -> 
     now = study.file.study
     if any(was["study"].get(key) != getattr(now, key) for key in WHEN) or not set(claim.variants) <= set(study.levels):
         return False
-    own = {metric.name: checked.plain(metric) for metric in study.file.metric}
+    own = {metric.name: as_read(fixed_keys(metric)) for metric in study.file.metric}
     names = [claim.metric, *claim.predictors]
     return all(name in runs and was["metric"].get(name) == own.get(name) for name in names)
 
@@ -133,7 +189,8 @@ def _rows(asked: Table, judged: dict[str, Row]) -> dict[str, Row]:
             expected_of(told.get("kind"), told.get("expect")),
             judged.get(claim, {}).get("verdict", NOT_JUDGED),
         )
-        rows[claim] = {"claim": claim, "text": told.get("text", claim), "expected": expected, "verdict": verdict}
+        own = {"text": told.get("text", claim), "metric": told.get("metric", "")}
+        rows[claim] = {"claim": claim, **own, "expected": expected, "verdict": verdict}
     return rows
 
 
@@ -146,50 +203,6 @@ def _judged(rows: Any) -> pd.DataFrame:
 def _found(row: Row) -> str:
     numbers = [None if pd.isna(row.get(name)) else float(row[name]) for name in ("estimate", "low", "high")]
     return "" if numbers[0] is None else with_interval(*numbers)
-
-
-def replaced_tables(protocol: Protocol, evidence: Evidence) -> Iterator[Shown]:
-    """Make a table of outcomes and one of verdicts for each protocol that is replaced: then, and now."""
-    now = {row["claim"]: row["verdict"] for row in evidence.claims.to_dict("records")}
-    for record in protocol.replaced:
-        entry, asked = record["entries"][0], asked_by(record)
-        told = {
-            "study": record["study"],
-            "frozen": entry["date"],
-            "hash": entry[HASH],
-            "replaced because": record["reason"],
-        }
-        told |= {"outcomes then": ", ".join(asked["study"]["metrics"])}
-        told |= {"outcomes now": ", ".join(protocol.study.file.study.metrics)}
-        yield _facts(told, f"{record['study']}, frozen on {entry['date']}")
-        if rows := compared(protocol.study, record, evidence):
-            shown = pd.DataFrame(rows.values())
-            headings = {"text": "Claim", "expected": "Expected", "then": "Verdict then", "found then": "Found then"}
-            headings |= {"now": "By the same criterion now", "found now": "Found now", "asked": "Verdict of this study"}
-            shown["asked"] = [now.get(claim, "not asked") for claim in rows]
-            yield table(shown, headings, "Verdicts then and now")
-
-
-def tables(protocol: Protocol, evidence: Evidence) -> Iterator[Shown]:
-    """Make the tables of what is known of a protocol: facts, surprises, and changes without an amendment."""
-    judged, replaced = surprises(protocol, evidence), old(protocol, evidence)
-    told = protocol.facts | ({"surprises": share(judged)} if len(judged) else {})
-    told |= {"surprises of what it replaces": share(replaced)} if len(replaced) else {}
-    if new := len(set(evidence.claims.get("claim", ())) - set(judged["claim"])):
-        told["claims without a frozen expectation"] = new
-    yield _facts(told)
-    for rows, title in ((judged, "Surprises"), (replaced, "Surprises of what it replaces")):
-        if rows["is_surprise"].any():
-            headings = {"text": "Claim", "expected": "Expected", "verdict": "Verdict"}
-            yield table(rows[rows["is_surprise"].astype(bool)], headings, title)
-    if protocol.unamended:
-        headings = {"key": "Key", "old": "Protocol", "new": "Study file"}
-        yield table(pd.DataFrame(protocol.unamended), headings, "Differences without an amendment")
-
-
-def amendment_tables(protocol: Protocol) -> Sequence[Shown]:
-    headings = {"key": "Key", "old": "Old", "new": "New"}
-    return [table(pd.DataFrame(changes), headings, title) for title, changes in protocol.amendments]
 
 
 def _facts(told: dict[str, Any], title: str = "") -> Shown:

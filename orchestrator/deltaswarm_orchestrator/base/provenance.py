@@ -112,10 +112,15 @@ def is_tracked(folder: Path) -> bool:
         return False
 
 
-def at_commit(folder: Path, commit: str) -> bytes:
-    """Return a folder as it was at a commit of its repository, as a ZIP archive. Raises OSError, SubprocessError."""
+def at_commit(folder: Path, revision: str) -> tuple[str, bytes]:
+    """Return a commit of a folder's repository, and the folder as it was then, as a ZIP archive.
+
+    Raises:
+        OSError, SubprocessError: there is no such commit, or it does not have the folder.
+    """
+    commit = _git(folder / "any", "rev-parse", "--verify", f"{revision}^{{commit}}")
     command = ["git", "-C", str(folder), "archive", "--format=zip", commit, "."]
-    return subprocess.run(command, capture_output=True, check=True, timeout=GIT_WITHIN_S).stdout
+    return commit, subprocess.run(command, capture_output=True, check=True, timeout=GIT_WITHIN_S).stdout
 
 
 def commit_of(file: Path) -> tuple[str | None, bool]:

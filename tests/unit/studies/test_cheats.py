@@ -28,7 +28,7 @@ from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.load import load_study
 from deltaswarm_studies.origin import WITH_THE_RUNS, seal_tables
 from deltaswarm_studies.protocol import FILE, ProtocolError, seeded
-from deltaswarm_studies.protocol_page import NOT_JUDGED, surprises
+from deltaswarm_studies.protocol_page import NOT_JUDGED, Record
 
 STUDY = """
 schema = 1
@@ -140,7 +140,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
         result = author.run()
     assert kinds(result) == []
     assert first_line(result).startswith("Frozen on ")
-    assert surprises(result.protocol, result.evidence)["verdict"].tolist() == ["refuted", "holds"]
+    assert Record(result.protocol, result.evidence).surprises["verdict"].tolist() == ["refuted", "holds"]
     return author.file.parent
 
 
@@ -198,11 +198,11 @@ def test_a_claim_that_is_dropped_still_counts(author: Author) -> None:
     result = author.render()
     assert kinds(result) == [protocol.FILE_CHANGED]
     assert "claim.near" in first_line(result)
-    counted = surprises(result.protocol, result.evidence).set_index("claim")["is_surprise"]
+    counted = Record(result.protocol, result.evidence).surprises.set_index("claim")["is_surprise"]
     assert dict(counted) == {"near": True, "some": False}
     author.edit_runs(lambda runs: runs.rename(columns={"messages": "other"}), reseal=True)
     result = author.render()
-    assert set(surprises(result.protocol, result.evidence)["verdict"]) == {NOT_JUDGED}
+    assert set(Record(result.protocol, result.evidence).surprises["verdict"]) == {NOT_JUDGED}
     assert "2 of 2" in first_line(result)
 
 
@@ -212,11 +212,11 @@ def test_a_criterion_that_is_changed_afterwards_changes_no_surprise(author: Auth
     result = author.render()
     assert kinds(result) == [protocol.FILE_CHANGED]
     assert result.claims["verdict"].tolist() == ["holds", "holds"]
-    assert surprises(result.protocol, result.evidence)["is_surprise"].tolist() == [True, False]
+    assert Record(result.protocol, result.evidence).surprises["is_surprise"].tolist() == [True, False]
     amend(author.study, author.folder, author.file, "It was a typo.")
     result = author.render()
     assert kinds(result) == []
-    assert surprises(result.protocol, result.evidence)["is_surprise"].tolist() == [True, False]
+    assert Record(result.protocol, result.evidence).surprises["is_surprise"].tolist() == [True, False]
 
 
 def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
@@ -238,7 +238,7 @@ def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     assert "waiting_all, messages" in first
     [record] = result.protocol.replaced
     assert [row["verdict"] for row in record["claims"]] == ["refuted", "holds"]
-    assert "Of the claims that it replaces: 1 of 2" in first_line(result)
+    assert "Surprises among the claims that it replaces: 1 of 2" in first_line(result)
     assert rest
 
 

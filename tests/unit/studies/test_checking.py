@@ -21,8 +21,8 @@ world.dynamics = "physics"
 label = "by potentials"
 control.mode = "potential"
 [[sweep.variants]]
-label = "by a planner"
-control.mode = "central"
+label = "decentralised"
+control.mode = "decentralised"
 """
 
 
@@ -32,7 +32,7 @@ def test_every_part_of_a_study_is_drawn() -> None:
     for seed in range(20):
         some = drawn(jobs, 1, seed)
         parts = {(job.scenario.control.mode, job.scenario.world.dynamics) for job in some}
-        assert {mode for mode, _ in parts} == {"hybrid", "potential", "central"}
+        assert {mode for mode, _ in parts} == {"hybrid", "potential", "decentralised"}
         assert {dynamics for _, dynamics in parts} == {"point", "physics"}
     assert [job.name for job in drawn(jobs, 30, 1)] == [job.name for job in drawn(jobs, 30, 1)]
     assert {job.name for job in drawn(jobs, 30, 1)} != {job.name for job in drawn(jobs, 30, 2)}

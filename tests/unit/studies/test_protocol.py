@@ -16,7 +16,7 @@ from deltaswarm_studies.fixed import content, differences
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.protocol import EDITED, FILE, ProtocolError, protocol_of, seeded
-from deltaswarm_studies.protocol_page import surprises
+from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.study import Study
 from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
@@ -233,7 +233,7 @@ def test_surprises_are_counted_against_what_was_expected_before_the_runs(
     evidence = Evidence.of_sweep(made(later), table(), series(lambda *_: 20.0))
     assert evidence.claims["verdict"].tolist() == ["refuted", "refuted"]
     found = {
-        date: surprises(protocol_of(made(later), folder, origin(date)), evidence)
+        date: Record(protocol_of(made(later), folder, origin(date)), evidence).surprises
         for date in (BEGUN, "2026-01-04T12:00:00+00:00")
     }
     assert [rows[["claim", "expected", "is_surprise"]].to_numpy().tolist() for rows in found.values()] == [
@@ -241,7 +241,7 @@ def test_surprises_are_counted_against_what_was_expected_before_the_runs(
         [["c", "refuted", False], ["new", "undecided", True]],
     ]
     nothing = Evidence.of_sweep(made(later), table(lambda *_: float("nan")), series(lambda *_: 20.0))
-    assert surprises(protocol_of(made(later), folder, origin(BEGUN)), nothing)["is_surprise"].tolist() == [False]
+    assert Record(protocol_of(made(later), folder, origin(BEGUN)), nothing).surprises["is_surprise"].tolist() == [False]
 
 
 def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_path: Path) -> None:
