@@ -4,6 +4,7 @@ Every cheat is done to a small study with short runs. What none of this shows is
 """
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -234,7 +235,7 @@ def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     page = result.page.with_suffix(".md").read_text()
     first, rest = page.split("## Design")
     assert "The first outcome was the wrong one." in first
-    assert "| Decentralised swarms send five reports a second or more | holds | refuted |" in first
+    assert re.search(r"\| Decentralised swarms send five .*\| holds \| refuted \|", first)
     assert "waiting_all, messages" in first
     [record] = result.protocol.replaced
     assert [row["verdict"] for row in record["claims"]] == ["refuted", "holds"]
