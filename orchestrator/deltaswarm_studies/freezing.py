@@ -157,6 +157,8 @@ def _at_commit(name: str, folder: Path, revision: str, reason: str) -> Table:
 
 def _set_aside(folder: Path, name: str) -> None:
     aside = folder / ASIDE / name
+    if aside.exists():
+        raise ProtocolError(f"{aside} must not be there yet, since it gets what is replaced; move it away")
     aside.mkdir(parents=True)
     for path in list(folder.iterdir()):
         if path.name != ASIDE:

@@ -29,17 +29,22 @@ FILE = "protocol.json"
 ENTRY = {"date": str, "commit": dict, "uncommitted": list, "reason": str, "protocol": dict, HASH: str}
 SINCE_2 = {"format": int, "code": dict, "runs": int, "replaces": list}
 """Entries of format 2: the code's digests, the number of runs that were there, and the protocols that are replaced."""
+OF_CODE = {"digest": str, "files": dict, "plug-ins": dict}
 REPLACED = {"study": str, "reason": str, "entries": list, "origin": dict, "claims": list}
 """A protocol that is replaced: whole, with where its runs came from and the verdicts on its page."""
 
 MAX_NAMED = 3
 """Maximum number of differences or files named in a line; the page has all differences."""
 
+UNKNOWN = "which files is not known"
+
 SEEDED_BY = "deltaswarm: the seed of a study's runs, from the hash of its protocol "
 
+OWN_SEEDS = "Its seeds are those of its file, so its runs could have been done before."
+"""What the first line says of a protocol of format 1."""
+
 EDITED, LATE, SEEDS, CODE_CHANGED, PLUGINS_CHANGED, FILE_CHANGED, UNSEALED = (
-    *("edited", "late", "seeds", "code", "plug-ins", "file"),
-    "unsealed",
+    *("edited", "late", "seeds", "code", "plug-ins", "file", "unsealed"),
 )
 """Kinds of breaches. After the first three it is not known what was frozen before the runs."""
 
@@ -104,7 +109,8 @@ class Protocol:
             return f"{self.breaches[0].brief}: {late}"
         first, changed = self.entries[0], " and ".join(breach.brief for breach in self.breaches)
         runs = f"before its runs, which began on {self.begun}" if self.begun else "when its runs began is not known"
-        return f"Frozen on {first['date']}, {f'then {changed}' if changed else runs}; hash {first[HASH]}."
+        told = f"Frozen on {first['date']}, {f'then {changed}' if changed else runs}; hash {first[HASH]}."
+        return told if format_of(first) >= FORMAT else f"{told} {OWN_SEEDS}"
 
     @cached_property
     def unamended(self) -> list[Difference]:
@@ -146,9 +152,9 @@ class Protocol:
 
     def _with_other_seeds(self, runs: pd.DataFrame) -> int:
         """Count the runs whose seeds are not those of the protocol."""
-        protocol = (self.timely or self.entries)[-1]["protocol"]
         seed = seed_of(self.entries)
-        seed = protocol["runs"]["seed"] if seed is None else seed
+        if seed is None and (seed := (self.timely or self.entries)[-1]["protocol"]["runs"].get("seed")) is None:
+            return len(runs)
         right = {number: replicate_seed(seed, number) for number in runs["replicate"].unique().tolist()}
         return int((runs["seed"] != runs["replicate"].map(right)).sum())
 
@@ -167,7 +173,7 @@ class Protocol:
 
     def _by_other_code(self, code: Table) -> Iterator[Breach]:
         files = [file for file in self.origin.get(CHANGED, "").split(", ") if file]
-        which = f"{len(files)} files: {some(files)}" if files else "which files is not known"
+        which = f"{len(files)} {'file' if len(files) == 1 else 'files'}: {some(files)}" if files else UNKNOWN
         for kind, what, was, now in (
             (CODE_CHANGED, f"the code changed ({which})", code["digest"], self.origin.get(CODE, "")),
             (PLUGINS_CHANGED, "plug-ins changed", plugins_of(code["plug-ins"]), self.origin.get(PLUGINS, "")),
@@ -306,8 +312,13 @@ def _check(entries: Sequence[Entry]) -> None:
     if not entries:
         raise ValueError("no entries")
     for entry in entries:
-        frozen.check_entry(entry, ENTRY | (SINCE_2 if format_of(entry) > 1 else {}))
+        frozen.check_entry(entry, ENTRY)
+        if format_of(entry) >= FORMAT:
+            frozen.check_kinds(entry, SINCE_2)
+            frozen.check_kinds(entry["code"], OF_CODE)
         differences(entry["protocol"], entry["protocol"])  # raises where a part is missing or of another form
         for record in entry.get("replaces", []):
             frozen.check_kinds(record, REPLACED)
+            for claim in record["claims"]:
+                frozen.check_kinds(claim, {"claim": str, "verdict": str})
             _check(record["entries"])

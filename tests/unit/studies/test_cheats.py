@@ -4,8 +4,11 @@ Every cheat is done to a small study with short runs. What none of this shows is
 """
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,8 @@ from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.runner import SweepResult
 from deltaswarm_studies import protocol
 from deltaswarm_studies.checking import check
-from deltaswarm_studies.conducting import StudyResult, concluded
+from deltaswarm_studies.conducting import StudyResult, beforehand, concluded
+from deltaswarm_studies.fixed import content
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.load import load_study
 from deltaswarm_studies.origin import WITH_THE_RUNS, seal_tables
@@ -68,6 +72,14 @@ within = [0.0, 5.0]
 """
 SOME = STUDY[STUDY.index('[[claim]]\nid = "some"') :]
 NEAR = STUDY[STUDY.index("[[claim]]") : STUDY.index(SOME)]
+
+PLUG_IN = """
+from deltaswarm_agent.controllers.potential import PotentialController, PotentialSettings
+
+
+class Own(PotentialController):
+    Settings = PotentialSettings
+"""
 
 Edit = Callable[[list[dict[str, Any]]], object]
 
@@ -179,17 +191,24 @@ def test_code_that_changed_between_protocol_and_runs_is_named(tmp_path: Path, mo
             author.freeze()
         if name == "amended":
             amend(author.study, author.folder, author.file, "A faster loop.")
+        assert any("decide.py" in line for line in beforehand(author.study, author.folder)[0]) == (name == "silent")
         result = author.run()
-        told.append((kinds(result), "1 files: deltaswarm_agent/core/decide.py" in first_line(result)))
+        told.append((kinds(result), "1 file: deltaswarm_agent/core/decide.py" in first_line(result)))
     assert told == [([protocol.CODE_CHANGED], True), ([], False)]
 
 
-def test_a_plug_in_that_changed_is_named(author: Author) -> None:
-    """Cheat: do the runs with another plug-in, as the provenance of the runs says."""
-    told = pd.read_csv(author.folder / "provenance.csv", dtype=str)
-    told.loc[len(told)] = ["plug-ins", "controller own:Better 0123456789abcdef"]
-    told.to_csv(author.folder / "provenance.csv", index=False)
-    author.edit_runs(lambda runs: runs, reseal=True)
+def test_a_plug_in_that_changed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cheat: freeze with one controller, and do the runs with another of the same name."""
+    module = tmp_path / "cheating.py"
+    module.write_text(PLUG_IN)
+    monkeypatch.syspath_prepend(tmp_path)
+    author = Author(tmp_path / "study", STUDY.replace('mode = ["decentralised"', 'mode = ["cheating:Own"'))
+    author.freeze()
+    module.write_text(f"{PLUG_IN}# better\n")
+    command = [sys.executable, "-m", "deltaswarm_orchestrator", "study", author.file, "--out", author.folder, "-j", "1"]
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    assert "cheating:Own" in done.stderr, "before hours are spent, too"
     assert kinds(author.render()) == [protocol.PLUGINS_CHANGED]
 
 
@@ -267,6 +286,19 @@ def test_a_protocol_that_was_edited_is_named(author: Author) -> None:
             (author.folder / FILE).write_text(whole)
             author.edit(edit, rehash=rehash)
             assert kinds(author.render())[0] == kind
+
+
+def test_a_protocol_of_the_older_format_is_told_from_others(tmp_path: Path) -> None:
+    """Cheat: run with the seeds of the file, then write a protocol as older versions did, with an early date."""
+    author = Author(tmp_path / "study")
+    author.run()
+    told = {"date": "2020-01-01T00:00:00+00:00", "commit": {}, "uncommitted": [], "reason": ""}
+    entry = {**told, "protocol": content(author.study, 1)}
+    entry["hash"] = hashes_of([{**entry, "hash": ""}], "own")[0]
+    (author.folder / FILE).write_text(json.dumps({"study": "own", "entries": [entry]}))
+    result = author.render()
+    assert kinds(result) == []
+    assert protocol.OWN_SEEDS in first_line(result)
 
 
 def test_an_amendment_with_a_forged_date_is_named(author: Author) -> None:
