@@ -201,7 +201,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
             notice(line)
     try:
         file = file_of(study, arguments.study)
-        done = concluded(study, folder, None if arguments.render else conduct, file, reuse=not arguments.processes)
+        done = concluded(study, folder, None if arguments.render else conduct, file)
     except (FileNotFoundError, ValueError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
     evidence = done.evidence

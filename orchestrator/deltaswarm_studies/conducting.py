@@ -15,9 +15,8 @@ from deltaswarm.errors import in_python, one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError, notice
+from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError
 from deltaswarm_orchestrator.base.paths import check_files, check_out
-from deltaswarm_orchestrator.sweeps.folder import copy_runs
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.runner import SweepResult
 from deltaswarm_orchestrator.sweeps.table import invalid_line, read_table
@@ -152,7 +151,7 @@ def study(
                 warnings.warn(in_python("\n".join(told)), stacklevel=3)
         try:
             file = file_of(loaded, os.fspath(study))
-            done = concluded(loaded, folder, None if render else conduct, file, reuse=means == IN_PROCESS)
+            done = concluded(loaded, folder, None if render else conduct, file)
         except FileNotFoundError as error:
             raise CommandError(f"{loaded.name}: {error.filename} is not there; render=False makes it", FAILED) from None
         except ValueError as error:
@@ -184,10 +183,10 @@ def file_of(study: Study, given: str) -> Path | None:
     return Path(given) if not study.is_built_in and Path(given).is_file() else None
 
 
-def concluded(study: Study, folder: Path, conduct: Conduct | None, file: Path | None, *, reuse: bool) -> StudyResult:
+def concluded(study: Study, folder: Path, conduct: Conduct | None, file: Path | None) -> StudyResult:
     """Do a study's runs, or without `conduct` read its tables; judge it and write its page.
 
-    `file` is the study's, if it is not built in. `reuse`: runs of other studies beside it are taken as its own.
+    `file` is the study's, if it is not built in.
 
     Raises:
         CommandError: the sweep could not start, a run failed, or the folder is published and the code not committed.
@@ -201,20 +200,15 @@ def concluded(study: Study, folder: Path, conduct: Conduct | None, file: Path | 
         evidence = Evidence.of_folder(study, folder)
         recorded = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
     else:
-        evidence, recorded = _conducted(study, folder, conduct, reuse)
+        evidence, recorded = _conducted(study, folder, conduct)
     write(study, evidence, recorded, folder, sealed)
     protocol = protocol_of(study, folder, recorded, evidence.runs, is_sealed=bool(sealed))
     return StudyResult(study, folder, evidence, protocol, sealed)
 
 
-def _conducted(study: Study, folder: Path, conduct: Conduct, reuse: bool) -> tuple[Evidence, pd.DataFrame]:
+def _conducted(study: Study, folder: Path, conduct: Conduct) -> tuple[Evidence, pd.DataFrame]:
     """Do a study's runs; return the evidence and the runs' provenance."""
-    runs = folder / "sweep"
-    if reuse:
-        others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]
-        if count := copy_runs(study.sweep, runs, others):
-            notice(f"{study.name}: {count} runs are taken from other studies")
-    result = conduct(study.sweep, runs)
+    result = conduct(study.sweep, folder / "sweep")
     if not (result.is_well or result.has_all_but_invalid):
         example = invalid_line(result.invalid, result.runs)
         because = f": {example}" if example else ""

@@ -106,10 +106,10 @@ class Author:
         freeze(self.study, self.folder, self.file, replaces)
 
     def run(self) -> StudyResult:
-        return concluded(seeded(self.study, self.folder), self.folder, conduct, self.file, reuse=True)
+        return concluded(seeded(self.study, self.folder), self.folder, conduct, self.file)
 
     def render(self) -> StudyResult:
-        return concluded(seeded(self.study, self.folder), self.folder, None, self.file, reuse=True)
+        return concluded(seeded(self.study, self.folder), self.folder, None, self.file)
 
     def edit(self, edit: Edit, *, rehash: bool = False) -> None:
         """Edit the protocol by hand, and perhaps make its hashes right again."""

@@ -164,12 +164,6 @@ def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys:
     assert text in capsys.readouterr().err
 
 
-def test_studies_share_the_runs_that_they_have_in_common(done: Path, capsys: Printed) -> None:
-    (done / "other.toml").write_text(QUESTION.replace('"own"', '"other"'))
-    assert main(["study", str(done / "other.toml"), "--out", str(done / "other")]) == 0
-    assert "28 runs are taken" in capsys.readouterr().err
-
-
 def test_a_bare_sweep_gets_all_that_a_study_has(done: Path, capsys: Printed) -> None:
     """Contrasts of every factor, figures, a page; another reference and further metrics if asked for."""
     sweep = str(done / "out" / "sweep")
