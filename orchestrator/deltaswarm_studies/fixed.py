@@ -59,6 +59,8 @@ def content(study: Study, entry_format: int = FORMAT) -> Table:
         if name not in SHOWN_ONLY
     }
     sensitivity = {"sensitivity": fixed_keys(drawn) | {"range": _rows(drawn.range)}} if drawn else {}
+    if drawn and entry_format >= FORMAT:
+        del sensitivity["sensitivity"]["seed"]
     return as_read(
         {"scenario": shared, "condition": own, "runs": runs, **sensitivity, "tests": {"alpha": ALPHA}} | asked
     )

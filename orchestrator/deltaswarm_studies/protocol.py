@@ -18,11 +18,13 @@ import pandas as pd
 from deltaswarm_orchestrator.base import frozen, provenance
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.frozen import HASH, Difference, Entry, Table, changed_keys, time_of
+from deltaswarm_orchestrator.sweeps.load import make_sweep
 from deltaswarm_orchestrator.sweeps.plan import replicate_seed
 from deltaswarm_studies.fixed import FORMAT, content, differences
 from deltaswarm_studies.origin import BEGUN, CHANGED, CODE, PLUGINS, facts_of, plugin_digests, plugins_of
 from deltaswarm_studies.settings import EXPLORATORY
 from deltaswarm_studies.study import Study
+from deltaswarm_wire import checked
 
 FILE = "protocol.json"
 
@@ -263,12 +265,18 @@ def seed_of(entries: Sequence[Entry]) -> int | None:
 
 
 def seeded(study: Study, folder: Path) -> Study:
-    """Return a study with the seed that the protocol in its page's folder gives, if there is one."""
+    """Return a study with the seeds that the protocol in its page's folder gives, if there is one.
+
+    Those of a sensitivity study's points, too: other runs at the same points would tell nearly as much.
+    """
     seed = seed_of(_entries(study, folder))
     if seed is None:
         return study
-    file = study.sweep.file
-    return replace(study, sweep=replace(study.sweep, file=replace(file, sweep=replace(file.sweep, seed=seed))))
+    file = replace(study.sweep.file, sweep=replace(study.sweep.file.sweep, seed=seed))
+    if not file.sensitivity:
+        return replace(study, sweep=replace(study.sweep, file=file))
+    file = replace(file, sensitivity=replace(file.sensitivity, seed=seed))
+    return replace(study, sweep=make_sweep(checked.plain(file)))
 
 
 def protocol_of(

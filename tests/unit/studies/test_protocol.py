@@ -1,6 +1,7 @@
 """A frozen protocol: what it holds, what contradicts it, and what cannot be frozen or amended."""
 
 import json
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -275,6 +276,47 @@ def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -
         (tmp_path / name).touch()
         refused(study, tmp_path / name.partition("/")[0], "before its first run")
     refused(made(ASKED.replace("[study]", '[study]\nkind = "exploratory"')), tmp_path / "c", "'confirmatory'")
+
+
+def test_a_study_of_another_name_is_replaced_by_a_key(folder: Path) -> None:
+    """It is kept whole, and the file cannot drop it afterwards."""
+    asked = ASKED.replace("[study]", '[study]\nreplaces = { made-up = "It had too few replicates." }')
+    study = replace(made(asked), name="anew")
+    with pytest.raises(ProtocolError, match="must be there"):
+        freeze(study, folder / "nowhere" / "anew", None)
+    where = folder.parent / "anew"
+    freeze(study, where, None)
+    [record] = protocol_of(study, where).replaced
+    assert record["entries"] == json.loads((folder / FILE).read_text())["entries"]
+    assert (record["study"], record["reason"]) == ("made-up", "It had too few replicates.")
+    dropped = protocol_of(replace(made(ASKED), name="anew"), where)
+    assert [change.key for change in dropped.unamended] == ["study.replaces.made-up"]
+    edited(folder, lambda record: record["entries"][0].update(reason="another"))
+    with pytest.raises(ProtocolError, match="edited by hand"):
+        freeze(study, folder.parent / "again", None)
+
+
+def test_a_protocol_in_the_history_of_the_folder_is_replaced_too(folder: Path, at: Callable[[str], None]) -> None:
+    """The one that was overwritten, as of a commit, before the one in the folder, which is set aside."""
+
+    def git(*arguments: str) -> None:
+        identity = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", "-C", folder.parent, *identity, *arguments], check=True, capture_output=True)
+
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-qm", "x")
+    (folder / FILE).unlink()
+    at(LATE)
+    freeze(made(ASKED), folder, None)
+    with pytest.raises(ProtocolError, match="nothing"):
+        freeze(made(ASKED), folder, None, "Again.", [("nothing", "Forgotten.")])
+    freeze(made(ASKED), folder, None, "Again.", [("HEAD", "Forgotten.")])
+    found = protocol_of(made(ASKED), folder)
+    assert [record["entries"][0]["date"] for record in found.replaced] == [EARLY, LATE]
+    assert [record["reason"].partition(" (as of")[0] for record in found.replaced] == ["Forgotten.", "Again."]
+    assert [path.name for path in folder.glob("replaced/*/*")] == [FILE]
+    assert found.problems == []
 
 
 @in_one_test("text", ["", "[]", "{}", '{"study": "made-up", "entries": []}', '{"study": "made-up", "entries": [{}]}'])
