@@ -5,7 +5,7 @@ import json
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -29,8 +29,12 @@ from deltaswarm_studies.protocol import (
 from deltaswarm_studies.settings import EXPLORATORY
 from deltaswarm_studies.study import Study
 
-OF_A_CLAIM = ("claim", "text", "metric", "about", "criterion", "estimate", "low", "high", "verdict")
-"""Columns of the table of claims that are kept of a protocol that is replaced."""
+FOUND = ("estimate", "low", "high", "verdict")
+KEPT = {
+    "claims": ("claim", "text", "metric", "about", "criterion", *FOUND),
+    "contrasts": ("contrast", "metric", "level", "reference", "within", *FOUND),
+}
+"""Tables, with their columns, that are kept of a protocol that is replaced."""
 
 ASIDE = "replaced"
 """The folder, in the study's, that gets page, tables and runs of a protocol that is replaced."""
@@ -91,7 +95,9 @@ def amend(study: Study, folder: Path, file: Path | None, reason: str) -> Path:
         raise ProtocolError("--amend must be a reason (got an empty one)")
     if not known.entries:
         raise ProtocolError(f"{folder / FILE} must be there before it is amended; to freeze it: --freeze")
-    _refuse_edited(known, folder)
+    for breach in known.breaches:
+        if breach.kind == EDITED:
+            raise ProtocolError(f"{folder}: {breach.line} Restore it first.")
     if not known.unamended and not known.changed_files():
         raise ProtocolError(f"{study.name}: nothing differs from the protocol of {known.entries[-1]['date']}")
     refuse_uncommitted(study, file)
@@ -114,12 +120,6 @@ def refuse_uncommitted(study: Study, file: Path | None) -> None:
         raise ProtocolError(f"{study.name}: {must} (got uncommitted {some(changed)})")
 
 
-def _refuse_edited(known: Protocol, folder: Path) -> None:
-    for breach in known.breaches:
-        if breach.kind == EDITED:
-            raise ProtocolError(f"{folder}: {breach.line} Restore it first.")
-
-
 def _runs(folder: Path) -> list[Path]:
     """List the runs in a study's folder. Those elsewhere have other seeds."""
     return [*folder.glob("sweep/runs/*.json"), *folder.glob("runs.csv")]
@@ -133,15 +133,22 @@ def _record(name: str, folder: Path, reason: str) -> Table:
     if [entry[HASH] for entry in record["entries"]] != frozen.hashes_of(record["entries"], record["study"]):
         raise ProtocolError(f"{folder / FILE} was edited by hand; restore it before it is replaced")
     sealed_tables(folder)
-    claims, origin = folder / "claims.csv", folder / "provenance.csv"
-    rows = read_table(claims, OF_A_CLAIM).reindex(columns=OF_A_CLAIM) if claims.exists() else None
+    origin = folder / "provenance.csv"
     return {
         "study": name,
         "reason": " ".join(reason.split()),
         "entries": record["entries"],
         "origin": facts_of(read_table(origin, needs=[*PROVENANCE])) if origin.exists() else {},
-        "claims": [] if rows is None else json.loads(rows.to_json(orient="records", double_precision=15)),
+        **{table: _kept(folder / f"{table}.csv", columns) for table, columns in KEPT.items()},
     }
+
+
+def _kept(file: Path, columns: Sequence[str]) -> list[Table]:
+    if not file.exists():
+        return []
+    rows = read_table(file, columns).reindex(columns=columns)
+    found: list[Table] = json.loads(rows.to_json(orient="records", double_precision=15))
+    return found
 
 
 def _at_commit(name: str, folder: Path, revision: str, reason: str) -> Table:

@@ -32,7 +32,7 @@ ENTRY = {"date": str, "commit": dict, "uncommitted": list, "reason": str, "proto
 SINCE_2 = {"format": int, "code": dict, "runs": int, "replaces": list}
 """Entries of format 2: the code's digests, the number of runs that were there, and the protocols that are replaced."""
 OF_CODE = {"digest": str, "files": dict, "plug-ins": dict}
-REPLACED = {"study": str, "reason": str, "entries": list, "origin": dict, "claims": list}
+REPLACED = {"study": str, "reason": str, "entries": list, "origin": dict, "claims": list, "contrasts": list}
 """A protocol that is replaced: whole, with where its runs came from and the verdicts on its page."""
 
 MAX_NAMED = 3

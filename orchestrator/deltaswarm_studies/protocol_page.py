@@ -37,6 +37,9 @@ HEADINGS = {
     "asked": "Verdict of this study",
 }
 
+PLACE = ["contrast", "metric", "level", "reference", "within"]
+"""Columns that tell rows of contrasts apart."""
+
 WHEN = ("from_s", "until_s")
 """Keys of `[study]` without which a metric of one protocol is not that of another."""
 
@@ -111,6 +114,8 @@ class Record:
                     study.metrics[name].label if name in study.metrics else name for name in shown["metric"]
                 ]
                 yield table(shown, HEADINGS, "Verdicts then and now")
+            if len(was := pd.DataFrame(record["contrasts"])):
+                yield _contrasts(was, self._evidence.contrasts.reindex(columns=was.columns))
 
     @property
     def tables(self) -> Iterator[Shown]:
@@ -203,6 +208,21 @@ def _judged(rows: Any) -> pd.DataFrame:
 def _found(row: Row) -> str:
     numbers = [None if pd.isna(row.get(name)) else float(row[name]) for name in ("estimate", "low", "high")]
     return "" if numbers[0] is None else with_interval(*numbers)
+
+
+def _contrasts(was: pd.DataFrame, now: pd.DataFrame) -> Shown:
+    """Show the contrasts whose verdict is another now, or that are not asked any more."""
+    both = was.merge(now.astype(dict.fromkeys(PLACE, object)), how="left", on=PLACE, suffixes=(" then", " now"))
+    for when in ("then", "now"):
+        columns = {f"{name} {when}": name for name in ("estimate", "low", "high")}
+        both[f"found {when}"] = [_found(row) for row in both.rename(columns=columns).to_dict("records")]
+    both["verdict now"] = both["verdict now"].fillna("not asked")
+    changed = both[both["verdict then"] != both["verdict now"]]
+    headings = {name: name.capitalize() for name in PLACE}
+    headings |= {
+        f"{what} {when}": f"{what.capitalize()} {when}" for when in ("then", "now") for what in ("verdict", "found")
+    }
+    return table(changed, headings, f"Contrasts with another verdict now: {len(changed)} of {len(both)}")
 
 
 def _facts(told: dict[str, Any], title: str = "") -> Shown:
