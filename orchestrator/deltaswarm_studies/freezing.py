@@ -146,7 +146,7 @@ def _record(name: str, folder: Path, reason: str) -> Table:
 def _kept(file: Path, columns: Sequence[str]) -> list[Table]:
     if not file.exists():
         return []
-    rows = read_table(file, columns).reindex(columns=columns)
+    rows = read_table(file, columns).reindex(columns=[*columns])
     found: list[Table] = json.loads(rows.to_json(orient="records", double_precision=15))
     return found
 

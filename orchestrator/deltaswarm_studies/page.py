@@ -101,6 +101,8 @@ def _sections(
         if len(rows):
             yield {"heading": heading, "tables": list(made(study, rows)), "pictures": []}
     yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
+    if replaced := record.replaced_contrasts:
+        yield {"heading": "Contrasts of what this study replaces", "tables": replaced, "pictures": []}
     if record.amendments:
         yield {"heading": "Amendments", "tables": record.amendments, "pictures": []}
     origin = pd.concat([provenance, since_the_runs(study, provenance, sealed)], ignore_index=True)

@@ -114,8 +114,15 @@ class Record:
                     study.metrics[name].label if name in study.metrics else name for name in shown["metric"]
                 ]
                 yield table(shown, HEADINGS, "Verdicts then and now")
-            if len(was := pd.DataFrame(record["contrasts"])):
-                yield _contrasts(was, self._evidence.contrasts.reindex(columns=was.columns))
+
+    @property
+    def replaced_contrasts(self) -> list[Shown]:
+        """For each protocol that is replaced, the contrasts whose verdict is another now, or that are not asked."""
+        return [
+            _contrasts(f"{record['study']}, frozen on {record['entries'][0]['date']}", was, self._evidence.contrasts)
+            for record in self._protocol.replaced
+            if len(was := pd.DataFrame(record["contrasts"]))
+        ]
 
     @property
     def tables(self) -> Iterator[Shown]:
@@ -210,19 +217,17 @@ def _found(row: Row) -> str:
     return "" if numbers[0] is None else with_interval(*numbers)
 
 
-def _contrasts(was: pd.DataFrame, now: pd.DataFrame) -> Shown:
-    """Show the contrasts whose verdict is another now, or that are not asked any more."""
-    both = was.merge(now.astype(dict.fromkeys(PLACE, object)), how="left", on=PLACE, suffixes=(" then", " now"))
+def _contrasts(of: str, was: pd.DataFrame, now: pd.DataFrame) -> Shown:
+    now = now.reindex(columns=was.columns).astype(dict.fromkeys([*PLACE, "verdict"], object))
+    both = was.merge(now, how="left", on=PLACE, suffixes=(" then", " now"))
+    headings = {name: name.capitalize() for name in PLACE}
     for when in ("then", "now"):
         columns = {f"{name} {when}": name for name in ("estimate", "low", "high")}
         both[f"found {when}"] = [_found(row) for row in both.rename(columns=columns).to_dict("records")]
+        headings |= {f"{what} {when}": f"{what.capitalize()} {when}" for what in ("verdict", "found")}
     both["verdict now"] = both["verdict now"].fillna("not asked")
     changed = both[both["verdict then"] != both["verdict now"]]
-    headings = {name: name.capitalize() for name in PLACE}
-    headings |= {
-        f"{what} {when}": f"{what.capitalize()} {when}" for when in ("then", "now") for what in ("verdict", "found")
-    }
-    return table(changed, headings, f"Contrasts with another verdict now: {len(changed)} of {len(both)}")
+    return table(changed, headings, f"{of}: {len(changed)} of {len(both)} contrasts have another verdict now")
 
 
 def _facts(told: dict[str, Any], title: str = "") -> Shown:

@@ -54,6 +54,11 @@ control.mode = ["decentralised", "hybrid"]
 [study]
 metrics = ["messages"]
 
+[[contrast]]
+id = "modes"
+factor = "mode"
+reference = "decentralised"
+
 [[claim]]
 id = "near"
 text = "Decentralised swarms send five reports a second or more"
@@ -71,6 +76,7 @@ of = "hybrid"
 within = [0.0, 5.0]
 """
 SOME = STUDY[STUDY.index('[[claim]]\nid = "some"') :]
+CONTRAST = STUDY[STUDY.index("[[contrast]]") : STUDY.index("[[claim]]")]
 NEAR = STUDY[STUDY.index("[[claim]]") : STUDY.index(SOME)]
 
 PLUG_IN = """
@@ -241,7 +247,7 @@ def test_a_criterion_that_is_changed_afterwards_changes_no_surprise(author: Auth
 
 def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     """Cheat: freeze again after the runs, with claims that they fit; the older verdicts come first on the page."""
-    author.write(STUDY.replace(NEAR, "").replace('["messages"]', '["waiting_all", "messages"]'))
+    author.write(STUDY.replace(CONTRAST + NEAR, "").replace('["messages"]', '["waiting_all", "messages"]'))
     with pytest.raises(ProtocolError, match="--replaces"):
         author.freeze()
     (author.folder / FILE).rename(author.folder / "elsewhere.json")
@@ -259,7 +265,7 @@ def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     [record] = result.protocol.replaced
     assert [row["verdict"] for row in record["claims"]] == ["refuted", "holds"]
     assert "Surprises among the claims that it replaces: 1 of 2" in first_line(result)
-    assert rest
+    assert "1 of 1 contrasts have another verdict now" in rest
 
 
 def test_the_verdicts_of_what_is_replaced_cannot_be_taken_out(author: Author) -> None:
