@@ -3,10 +3,9 @@
 import math
 import random
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
@@ -26,64 +25,24 @@ from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import ORIGIN, runs_of
 
 
-class Differing(NamedTuple):
-    """A number of a repeated run that is not the published one."""
-
-    run: str
-    metric: str
-    was: Any
-    now: Any
-
-
-@dataclass(frozen=True)
-class Checked:
-    """What repeating some of a study's runs has shown."""
-
-    study: str
-    seed: int
-    """From which the rows were drawn."""
-    rows: int
-    """Rows of the table, repeated or not."""
-    engines: dict[str, int]
-    """The repeated rows by engine."""
-    differing: list[Differing]
-
-    @property
-    def repeated(self) -> int:
-        return sum(self.engines.values())
-
-    @property
-    def equal(self) -> int:
-        return self.repeated - len({one.run for one in self.differing})
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """The same for JSON."""
-        counts = {"repeated": self.repeated, "equal": self.equal, "rows": self.rows, "seed": self.seed}
-        return {
-            "study": self.study,
-            **counts,
-            "engines": self.engines,
-            "differing": [one._asdict() for one in self.differing],
-        }
-
-    def __str__(self) -> str:
-        by = ", ".join(f"{count} by {engine}" for engine, count in self.engines.items())
-        counts = f"{self.equal} of {self.repeated} repeated rows are equal ({by}; drawn with --seed {self.seed})"
-        left = self.rows - self.repeated
-        lines = [
-            f"{self.study}: {counts}" + (f"; the other {left} of {self.rows} were not repeated" if left else ""),
-            *(
-                f"  {metric} differs in {count}"
-                for metric, count in Counter(one.metric for one in self.differing).items()
-            ),
-            *(f"  for example {one.run}: {one.metric} was {one.was}, is {one.now}" for one in self.differing[:1]),
+def told(checked: Mapping[str, Any]) -> str:
+    """Return what `check` found in lines for people."""
+    by = ", ".join(f"{count} by {engine}" for engine, count in checked["engines"].items())
+    counts = f"{checked['equal']} of {checked['repeated']} repeated rows are equal"
+    left = checked["rows"] - checked["repeated"]
+    others = f"; the other {left} of {checked['rows']} were not repeated" if left else ""
+    rows = checked["differing"]
+    return "\n".join(
+        [
+            f"{checked['study']}: {counts} ({by}; drawn with --seed {checked['seed']}){others}",
+            *(f"  {name} differs in {count}" for name, count in Counter(row["metric"] for row in rows).items()),
+            *(f"  for example {row['run']}: {row['metric']} was {row['was']}, is {row['is']}" for row in rows[:1]),
         ]
-        return "\n".join(lines)
+    )
 
 
-def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> Checked:
-    """Repeat `count` rows of a study's `runs.csv` and compare them.
+def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> dict[str, Any]:
+    """Repeat `count` rows of a study's `runs.csv`; return how many were equal, and where the others differ.
 
     Rows are drawn at random, first at least one with each controller, kind of dynamics, radio model and plug-in.
 
@@ -108,7 +67,7 @@ def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> 
     was = _done_by(folder)
     tasks = [Task(job, engine=other_engine(job.scenario, was)) for job in chosen]
     engines: Counter[str] = Counter()
-    differing: list[Differing] = []
+    differing: list[dict[str, Any]] = []
     for done in engine.run(tasks):
         job = done.task.job
         if done.result is None:
@@ -116,7 +75,9 @@ def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> 
         engines[done.result["engine"]["by"]] += 1
         now = runs_of(study, row_of(job, done.result), series_of([(job, done.result)])).iloc[0]
         differing += _differing(job, published.iloc[places[job.name]], now)
-    return Checked(study.name, seed, len(rows), dict(engines), differing)
+    equal = len(chosen) - len({row["run"] for row in differing})
+    counts = {"rows": len(rows), "repeated": len(chosen), "equal": equal, "seed": seed}
+    return {"study": study.name, **counts, "engines": dict(engines), "differing": differing}
 
 
 def drawn(jobs: Sequence[Job], count: int, seed: int) -> list[Job]:
@@ -156,10 +117,10 @@ def other_engine(scenario: Scenario, was: str) -> str:
         return PYTHON
 
 
-def _differing(job: Job, was: "pd.Series[Any]", now: "pd.Series[Any]") -> Iterator[Differing]:
+def _differing(job: Job, was: "pd.Series[Any]", now: "pd.Series[Any]") -> Iterator[dict[str, Any]]:
     for name in now.index:
         if name in was.index and not _is_same(was[name], now[name]):
-            yield Differing(job.name, str(name), was[name], now[name])
+            yield {"run": job.name, "metric": name, "was": was[name], "is": now[name]}
 
 
 def _is_same(was: Any, now: Any) -> bool:

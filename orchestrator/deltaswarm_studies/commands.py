@@ -19,7 +19,6 @@ from deltaswarm_wire.plugins import as_recorded
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.plan import Sweep
     from deltaswarm_orchestrator.sweeps.runner import SweepResult
-    from deltaswarm_studies.checking import Checked
     from deltaswarm_studies.study import Study
 
 RUNS = "runs.csv"
@@ -139,9 +138,11 @@ def do_studies(arguments: argparse.Namespace) -> int:
             complain(f"{out} has no tables of {', '.join(lacking)}")
         studies = [study for study in studies if study.name not in lacking]
     if arguments.check:
+        from deltaswarm_studies.checking import told
+
         checked = [_checked(arguments, study, folders[study.name]) for study in studies]
-        show(arguments, result([one.told for one in checked]), "\n".join(map(str, checked)))
-        return max((MISSED if one.differing else OK for one in checked), default=FAILED)
+        show(arguments, result(checked), "\n".join(map(told, checked)))
+        return max((MISSED if one["differing"] else OK for one in checked), default=FAILED)
     codes, pages = [], []
     for study in studies:
         try:
@@ -219,7 +220,7 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     return done.code(is_whole), {"study": study.name, "page": str(done.page), "claims": verdicts, "invalid": invalid}
 
 
-def _checked(arguments: argparse.Namespace, study: "Study", folder: Path) -> "Checked":
+def _checked(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
     """Repeat some of a study's runs."""
     from deltaswarm_orchestrator.sweeps.engine import LocalEngine
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, RunError, default_workers

@@ -86,9 +86,8 @@ def commit() -> str | None:
     In a checkout git says it; an installation has it in a file, which the build wrote.
     """
     here, changed = Path(__file__), uncommitted()
-    with contextlib.suppress(OSError, subprocess.SubprocessError):
-        if changed is not None:
-            return _git(here, "rev-parse", "HEAD") + "-dirty" * bool(changed)
+    if changed is not None and (head := _asked(here, "rev-parse", "HEAD")):
+        return head + "-dirty" * bool(changed)
     installed = here.parents[1] / "commit.txt"
     return installed.read_text(encoding="ascii").strip() if installed.exists() else None
 
@@ -96,20 +95,15 @@ def commit() -> str | None:
 def uncommitted() -> list[str] | None:
     """List the files of deltaswarm's packages that git does not have as they are; None if git has none of them."""
     here = Path(__file__)
-    try:
-        _git(here, "ls-files", "--error-unmatch", here.name)
-        lines = _git(here, "status", "--porcelain", "--", *(str(folder) for _, folder in _folders())).splitlines()
-    except (OSError, subprocess.SubprocessError):
+    if _asked(here, "ls-files", "--error-unmatch", here.name) is None:
         return None
-    return [line.strip().partition(" ")[2].strip() for line in lines]
+    status = _asked(here, "status", "--porcelain", "--", *(str(folder) for _, folder in _folders()))
+    return None if status is None else [line.strip().partition(" ")[2].strip() for line in status.splitlines()]
 
 
 def is_tracked(folder: Path) -> bool:
-    """Return whether git tracks a file of a folder, which is then published."""
-    try:
-        return bool(_git(folder / "any", "ls-files"))
-    except (OSError, subprocess.SubprocessError):
-        return False
+    """Return whether git has a file of a folder, which is then published."""
+    return bool(_asked(folder / "any", "ls-files"))
 
 
 def at_commit(folder: Path, revision: str) -> tuple[str, bytes]:
@@ -125,11 +119,16 @@ def at_commit(folder: Path, revision: str) -> tuple[str, bytes]:
 
 def commit_of(file: Path) -> tuple[str | None, bool]:
     """Return the commit of the git repository that holds a file, if any, and whether it has the file as it is."""
+    commit = _asked(file, "rev-parse", "HEAD")
+    return commit, commit is not None and _asked(file, "status", "--porcelain", "--ignored", "--", file.name) == ""
+
+
+def _asked(beside: Path, *arguments: str) -> str | None:
+    """Return what git says; None if there is no git, or it has no answer."""
     try:
-        commit = _git(file, "rev-parse", "HEAD")
-        return commit, not _git(file, "status", "--porcelain", "--ignored", "--", file.name)
+        return _git(beside, *arguments)
     except (OSError, subprocess.SubprocessError):
-        return None, False
+        return None
 
 
 def _git(beside: Path, *arguments: str) -> str:

@@ -329,8 +329,8 @@ def test_an_edited_number_is_found(author: Author) -> None:
     author.edit_runs(lambda runs: runs, reseal=True)
     assert kinds(author.render()) == []
     found = check(author.study, author.folder, 14, 1, ThisProcess(nothing_more))
-    assert (found.repeated, found.equal) == (14, 13)
-    assert [(one.run, one.metric) for one in found.differing] == [("decentralised, replicate 0", "messages")]
+    assert (found["repeated"], found["equal"]) == (14, 13)
+    assert [(row["run"], row["metric"]) for row in found["differing"]] == [("decentralised, replicate 0", "messages")]
 
 
 def test_rows_that_are_left_out_are_missed(author: Author) -> None:

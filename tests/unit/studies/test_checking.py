@@ -4,7 +4,7 @@ import tomllib
 
 from deltaswarm_orchestrator.processes.elsewhere import DENSE, PYTHON
 from deltaswarm_orchestrator.sweeps.load import make_sweep
-from deltaswarm_studies.checking import Checked, Differing, drawn, other_engine
+from deltaswarm_studies.checking import drawn, other_engine, told
 from tests.support.studying import made
 
 FOUR = """
@@ -50,8 +50,10 @@ def test_the_other_engine_repeats_a_run() -> None:
 
 def test_what_was_not_repeated_is_said() -> None:
     """Counts of rows and of differing columns, and the seed by which others draw the same."""
-    told = str(Checked("own", 7, 50, {PYTHON: 3, DENSE: 2}, [Differing("a", "m", 1, 2), Differing("a", "n", 1, 2)]))
-    assert "4 of 5" in told
-    assert "45 of 50" in told
-    assert "--seed 7" in told
-    assert "m differs in 1" in told
+    differing = [{"run": "a", "metric": metric, "was": 1, "is": 2} for metric in ("m", "n")]
+    counts = {"rows": 50, "repeated": 5, "equal": 4, "seed": 7}
+    lines = told({"study": "own", **counts, "engines": {PYTHON: 3, DENSE: 2}, "differing": differing})
+    assert "4 of 5" in lines
+    assert "45 of 50" in lines
+    assert "--seed 7" in lines
+    assert "m differs in 1" in lines
