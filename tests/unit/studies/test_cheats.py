@@ -61,11 +61,11 @@ reference = "decentralised"
 
 [[claim]]
 id = "near"
-text = "Decentralised swarms send five reports a second or more"
+text = "Decentralised swarms send about six reports a second"
 kind = "value"
 metric = "messages"
 of = "decentralised"
-within = [5.0, 6.0]
+within = [5.9, 6.0]
 
 [[claim]]
 id = "some"
@@ -73,7 +73,7 @@ text = "Hybrid swarms report"
 kind = "value"
 metric = "messages"
 of = "hybrid"
-within = [0.0, 5.0]
+within = [0.0, 5.9]
 """
 SOME = STUDY[STUDY.index('[[claim]]\nid = "some"') :]
 CONTRAST = STUDY[STUDY.index("[[contrast]]") : STUDY.index("[[claim]]")]
@@ -234,7 +234,7 @@ def test_a_claim_that_is_dropped_still_counts(author: Author) -> None:
 
 def test_a_criterion_that_is_changed_afterwards_changes_no_surprise(author: Author) -> None:
     """Cheat: widen the margin after the runs; an amendment that says why changes no surprise either."""
-    author.write(STUDY.replace("[5.0, 6.0]", "[0.0, 5.5]"))
+    author.write(STUDY.replace("[5.9, 6.0]", "[0.0, 5.9]"))
     result = author.render()
     assert kinds(result) == [protocol.FILE_CHANGED]
     assert result.claims["verdict"].tolist() == ["holds", "holds"]
@@ -260,7 +260,7 @@ def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     page = result.page.with_suffix(".md").read_text()
     first, rest = page.split("## Design")
     assert "The first outcome was the wrong one." in first
-    assert re.search(r"\| Decentralised swarms send five .*\| holds \| refuted \|", first)
+    assert re.search(r"\| Decentralised swarms send about six .*\| holds \| refuted \|", first)
     assert "waiting_all, messages" in first
     [record] = result.protocol.replaced
     assert [row["verdict"] for row in record["claims"]] == ["refuted", "holds"]
@@ -309,7 +309,7 @@ def test_a_protocol_of_the_older_format_is_told_from_others(tmp_path: Path) -> N
 
 def test_an_amendment_with_a_forged_date_is_named(author: Author) -> None:
     """Cheat: amend after the runs, then say that it was before them, with hashes that fit."""
-    author.write(STUDY.replace("[5.0, 6.0]", "[0.0, 5.5]"))
+    author.write(STUDY.replace("[5.9, 6.0]", "[0.0, 5.9]"))
     amend(author.study, author.folder, author.file, "It was a typo.")
     author.edit(lambda entries: entries[1].update(date=entries[0]["date"], runs=0), rehash=True)
     assert kinds(author.render()) == [protocol.SEEDS]
@@ -320,7 +320,7 @@ def test_an_edited_number_is_found(author: Author) -> None:
     """Cheat: edit runs.csv; without a seal the first line says so, and with a new one the run does not repeat."""
     numbers = pd.read_csv(author.folder / "runs.csv")["messages"]
     data = (author.folder / "runs.csv").read_text()
-    (author.folder / "runs.csv").write_text(data.replace(str(numbers[0]), "1.0", 1))
+    (author.folder / "runs.csv").write_text(data.replace(str(numbers[0]), "5.77", 1))
     with pytest.raises(seal.SealError):
         author.render()
     author.edit_runs(lambda runs: runs, reseal=False)
