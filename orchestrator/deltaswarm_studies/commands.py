@@ -2,6 +2,8 @@
 
 import argparse
 import json
+import secrets
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +13,7 @@ from deltaswarm_orchestrator.base.advice import as_given, command_line
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
 from deltaswarm_orchestrator.base.output import print_result
 from deltaswarm_orchestrator.base.paths import check_files, check_out, must_exist
+from deltaswarm_wire.arguments import whole
 from deltaswarm_wire.plugins import as_recorded
 
 if TYPE_CHECKING:
@@ -31,7 +34,7 @@ examples:
   deltaswarm study paper --render      make the page again from its tables
   deltaswarm study my-study.toml --freeze              fix what it asks and expects, before its runs
   deltaswarm study my-study.toml --amend "a typo"      record what has changed since, and why
-  deltaswarm study paper --check       repeat one of its runs, and compare it with its row in the tables
+  deltaswarm study paper --check 20    repeat 20 of its runs, and compare them with their rows in the tables
 """
 
 
@@ -46,12 +49,33 @@ def add_study(command: argparse.ArgumentParser) -> None:
     )
     instead.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
     instead.add_argument(
-        "--check", action="store_true", help="repeat one run, and compare it with its row in the tables"
+        "--check",
+        nargs="?",
+        const=1,
+        type=_rows,
+        metavar="N|all",
+        help="repeat N rows of runs.csv, at least one with each controller, dynamics, radio model and plug-in, by the "
+        "other engine where it can, and compare them (default: as few as that takes)",
     )
     instead.add_argument(
         "--freeze", action="store_true", help="before the first run: write protocol.json with what is run and expected"
     )
     instead.add_argument("--amend", metavar="REASON", help="add what has changed since to protocol.json")
+    command.add_argument("--seed", type=int, metavar="S", help="with --check: draws the rows (default: a random one)")
+    command.add_argument(
+        "--replaces",
+        default="",
+        metavar="REASON",
+        help="with --freeze: replace the protocol in the folder, and keep it with the verdicts on its page",
+    )
+    command.add_argument(
+        "--replaces-at",
+        action="append",
+        default=[],
+        nargs=2,
+        metavar=("COMMIT", "REASON"),
+        help="with --freeze: replace also the protocol that the folder had at this git commit",
+    )
     add_dry_run(instead, "the number of runs")
     command.add_argument(
         "--pilot", type=Path, metavar="FOLDER", help="with --plan: a study's folder with runs.csv (default: --out)"
@@ -63,11 +87,17 @@ def add_study(command: argparse.ArgumentParser) -> None:
     command.set_defaults(func=do_studies, makes_files=True)
 
 
+def _rows(text: str) -> int:
+    """Parse a number of rows, or all."""
+    return sys.maxsize if text == "all" else whole(1)(text)
+
+
 def do_studies(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
     from deltaswarm_studies.load import COLLECTIONS, OF_A_STUDY, load_study
     from deltaswarm_studies.plan import plan, text
+    from deltaswarm_studies.protocol import seeded
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}
@@ -75,6 +105,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
     is_collection = len(studies) > 1
     out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
     folders = {study.name: out / study.name if is_collection else out for study in studies}
+    studies = [seeded(study, folders[study.name]) for study in studies]
 
     def result(rows: list[Any]) -> Any:
         return rows if is_collection else rows[0]
@@ -107,9 +138,11 @@ def do_studies(arguments: argparse.Namespace) -> int:
             complain(f"{out} has no tables of {', '.join(lacking)}")
         studies = [study for study in studies if study.name not in lacking]
     if arguments.check:
-        repeated = [_repeated(arguments, study, folders[study.name]) for study in studies]
-        show(arguments, result(repeated), "\n".join(map(_compared, repeated)))
-        return max((MISSED if run["differing"] else OK for run in repeated), default=FAILED)
+        from deltaswarm_studies.checking import told
+
+        checked = [_checked(arguments, study, folders[study.name]) for study in studies]
+        show(arguments, result(checked), "\n".join(map(told, checked)))
+        return max((MISSED if one["differing"] else OK for one in checked), default=FAILED)
     codes, pages = [], []
     for study in studies:
         try:
@@ -131,6 +164,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
 
 
 def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict[str, Path]) -> int:
+    from deltaswarm_studies.conducting import file_of
     from deltaswarm_studies.freezing import amend, freeze
     from deltaswarm_studies.protocol import ProtocolError
 
@@ -138,12 +172,12 @@ def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict
         raise CommandError("--freeze and --amend must go without --set and --repeats: they take the study as it is")
     files, errors = [], []
     for study in studies:
-        file = Path(arguments.study) if not study.is_built_in and Path(arguments.study).is_file() else None
+        file, folder = file_of(study, arguments.study), folders[study.name]
         try:
             if arguments.freeze:
-                files.append(freeze(study, folders[study.name], file))
+                files.append(freeze(study, folder, file, arguments.replaces, arguments.replaces_at))
             else:
-                files.append(amend(study, folders[study.name], file, arguments.amend))
+                files.append(amend(study, folder, file, arguments.amend))
         except ProtocolError as error:
             errors.append(str(error))
     if files or arguments.json:
@@ -155,7 +189,7 @@ def _frozen(arguments: argparse.Namespace, studies: "list[Study]", folders: dict
 
 def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
     """Do one study; return its exit code, and its page and verdicts."""
-    from deltaswarm_studies.conducting import beforehand, concluded
+    from deltaswarm_studies.conducting import beforehand, concluded, file_of
 
     def conduct(sweep: "Sweep", runs: Path) -> "SweepResult":
         return conduct_for(arguments, sweep, runs, with_series=bool(sweep.file.sweep.series_every_s))
@@ -167,7 +201,8 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
         for line in notes:
             notice(line)
     try:
-        done = concluded(study, folder, None if arguments.render else conduct, reuse=not arguments.processes)
+        file = file_of(study, arguments.study)
+        done = concluded(study, folder, None if arguments.render else conduct, file)
     except (FileNotFoundError, ValueError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
     evidence = done.evidence
@@ -185,22 +220,18 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
     return done.code(is_whole), {"study": study.name, "page": str(done.page), "claims": verdicts, "invalid": invalid}
 
 
-def _repeated(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
-    """Repeat one run of a study; return its name, and where it is not as the study's tables say."""
-    from deltaswarm_orchestrator.sweeps.job import RunError
-    from deltaswarm_studies.origin import repeat
+def _checked(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:
+    """Repeat some of a study's runs."""
+    from deltaswarm_orchestrator.sweeps.engine import LocalEngine
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, RunError, default_workers
+    from deltaswarm_studies.checking import check
 
+    seed = secrets.randbelow(10**9) if arguments.seed is None else arguments.seed
+    workers = arguments.jobs or default_workers(IN_PROCESS)
     try:
-        repeated = repeat(study, folder)
+        return check(study, folder, arguments.check, seed, LocalEngine(workers))
     except (FileNotFoundError, ValueError, RunError) as error:
         raise CommandError(_why(arguments, study, error), FAILED) from None
-    differing = [{"metric": name, "was": was, "is": now} for name, was, now in repeated.differing]
-    return {"study": study.name, "run": repeated.run, "differing": differing}
-
-
-def _compared(repeated: dict[str, Any]) -> str:
-    differing = ", ".join(f"{row['metric']} was {row['was']}, is {row['is']}" for row in repeated["differing"])
-    return f"{repeated['study']}: {repeated['run']}: {differing or 'as published'}"
 
 
 def _why(arguments: argparse.Namespace, study: "Study", error: Exception) -> str:

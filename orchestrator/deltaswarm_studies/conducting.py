@@ -14,19 +14,20 @@ from deltaswarm.arguments import COUNTS, public
 from deltaswarm.errors import in_python, one_error
 from deltaswarm.keys import check_importable, overrides
 from deltaswarm.runs import IN_PROCESS, PROCESSES
-from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError, notice
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, CommandError
 from deltaswarm_orchestrator.base.paths import check_files, check_out
-from deltaswarm_orchestrator.sweeps.folder import copy_runs
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.runner import SweepResult
 from deltaswarm_orchestrator.sweeps.table import invalid_line, read_table
 from deltaswarm_studies.events import events_of
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.freezing import refuse_uncommitted
 from deltaswarm_studies.load import OF_A_STUDY, load_study
-from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, provenance_of, sealed_tables
+from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, provenance_of, sealed_tables
 from deltaswarm_studies.page import write
 from deltaswarm_studies.plan import too_few
-from deltaswarm_studies.protocol import Protocol, protocol_of
+from deltaswarm_studies.protocol import Protocol, protocol_of, seeded, some
 from deltaswarm_studies.settings import CONFIRMATORY
 from deltaswarm_studies.study import Study
 
@@ -130,6 +131,7 @@ def study(
         check_importable(given, "a study's runs are kept, and must be repeatable from its files")
         loaded = load_study(os.fspath(study), given, {"repeats": replicates})
         folder = Path(out or Path("studies") / loaded.name)
+        loaded = seeded(loaded, folder)
         means = PROCESSES if engine == PROCESSES else IN_PROCESS
         lines: list[str] = []
 
@@ -148,7 +150,8 @@ def study(
             if told := [line for some in beforehand(loaded, folder) for line in some]:
                 warnings.warn(in_python("\n".join(told)), stacklevel=3)
         try:
-            done = concluded(loaded, folder, None if render else conduct, reuse=means == IN_PROCESS)
+            file = file_of(loaded, os.fspath(study))
+            done = concluded(loaded, folder, None if render else conduct, file)
         except FileNotFoundError as error:
             raise CommandError(f"{loaded.name}: {error.filename} is not there; render=False makes it", FAILED) from None
         except ValueError as error:
@@ -166,37 +169,46 @@ def beforehand(study: Study, folder: Path) -> tuple[list[str], list[str]]:
     if not protocol.entries and protocol.kind == CONFIRMATORY and not (folder / "sweep").exists():
         freeze = "`deltaswarm study --freeze` fixes what it asks and expects before its first run"
         notes.append(f"{study.name}: not frozen ({freeze})")
-    return [f"{study.name}: {line}" for line in protocol.problems], notes + too_few(study)
+    problems, changed = protocol.problems, protocol.changed_files()
+    if changed:
+        problems = [
+            *problems,
+            f"the code changed since its protocol ({some(changed)}); --amend before the runs says why",
+        ]
+    return [f"{study.name}: {line}" for line in problems], notes + too_few(study)
 
 
-def concluded(study: Study, folder: Path, conduct: Conduct | None, *, reuse: bool) -> StudyResult:
+def file_of(study: Study, given: str) -> Path | None:
+    """Return the file of a study that was given by a name or a file; None if it is built in."""
+    return Path(given) if not study.is_built_in and Path(given).is_file() else None
+
+
+def concluded(study: Study, folder: Path, conduct: Conduct | None, file: Path | None) -> StudyResult:
     """Do a study's runs, or without `conduct` read its tables; judge it and write its page.
 
-    `reuse`: runs of other studies beside it are taken as its own.
+    `file` is the study's, if it is not built in.
 
     Raises:
-        CommandError: the sweep could not start, or a run failed.
+        CommandError: the sweep could not start, a run failed, or the folder is published and the code not committed.
         OSError, ValueError: a table cannot be read.
     """
+    if provenance.is_tracked(folder):
+        refuse_uncommitted(study, file)
     sealed = WITH_THE_RUNS
     if conduct is None:
         sealed = sealed_tables(folder, study).get("sealed", "")
         evidence = Evidence.of_folder(study, folder)
-        provenance = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
+        recorded = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
     else:
-        evidence, provenance = _conducted(study, folder, conduct, reuse)
-    write(study, evidence, provenance, folder, sealed)
-    return StudyResult(study, folder, evidence, protocol_of(study, folder, begun_of(provenance)), sealed)
+        evidence, recorded = _conducted(study, folder, conduct)
+    write(study, evidence, recorded, folder, sealed)
+    protocol = protocol_of(study, folder, recorded, evidence.runs, is_sealed=bool(sealed))
+    return StudyResult(study, folder, evidence, protocol, sealed)
 
 
-def _conducted(study: Study, folder: Path, conduct: Conduct, reuse: bool) -> tuple[Evidence, pd.DataFrame]:
+def _conducted(study: Study, folder: Path, conduct: Conduct) -> tuple[Evidence, pd.DataFrame]:
     """Do a study's runs; return the evidence and the runs' provenance."""
-    runs = folder / "sweep"
-    if reuse:
-        others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]
-        if count := copy_runs(study.sweep, runs, others):
-            notice(f"{study.name}: {count} runs are taken from other studies")
-    result = conduct(study.sweep, runs)
+    result = conduct(study.sweep, folder / "sweep")
     if not (result.is_well or result.has_all_but_invalid):
         example = invalid_line(result.invalid, result.runs)
         because = f": {example}" if example else ""
@@ -204,4 +216,4 @@ def _conducted(study: Study, folder: Path, conduct: Conduct, reuse: bool) -> tup
             f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page{because}", result.code
         )
     evidence = Evidence.of_sweep(study, result.table, result.series, result.invalid, events_of(study, result.kept))
-    return evidence, provenance_of(study, result.manifest)
+    return evidence, provenance_of(study, result.manifest, protocol_of(study, folder).changed_files())

@@ -1,18 +1,13 @@
 """Where a study's runs come from, and whether its file or the code have changed since then."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
 from deltaswarm_orchestrator.base import provenance, seal
-from deltaswarm_orchestrator.sweeps.job import Task, work
-from deltaswarm_orchestrator.sweeps.table import read_table, row_of, series_of
-from deltaswarm_studies.metrics import ID
 from deltaswarm_studies.study import Study
-from deltaswarm_studies.tables import ORIGIN, runs_of
 
 PROVENANCE = {"what": "What", "value": "Value"}
 """Columns of the table of where runs come from, with their headings."""
@@ -20,6 +15,8 @@ PROVENANCE = {"what": "What", "value": "Value"}
 BEGUN = "begun"
 DONE, WALL = "runs", "wall time of all sessions"
 CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
+
+CHANGED, PLUGINS, ENGINES = "code changed since the protocol", "plug-ins", "engines"
 
 WITH_THE_RUNS = "with the runs"
 """When tables were sealed that `deltaswarm study` or `deltaswarm report` wrote after the runs."""
@@ -61,19 +58,28 @@ def since_the_runs(study: Study, recorded: pd.DataFrame, sealed: str) -> pd.Data
     return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])
 
 
-def begun_of(recorded: pd.DataFrame) -> str:
-    """Return when a study's runs began; empty if that is not recorded."""
-    return facts_of(recorded).get(BEGUN, "")
+def plugin_digests(study: Study) -> dict[str, str]:
+    """Return the digests of the plug-ins that a study's scenarios name, by kind and name."""
+    scenarios = [variant.scenario for variant in study.sweep.variants]
+    found = [source for scenario in scenarios for source in provenance.sources(scenario)]
+    return {f"{source.what} {source.name}": source.digest for source in found}
 
 
-def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
+def plugins_of(digests: Mapping[str, str]) -> str:
+    """Return plug-ins with the digests of their code in a line."""
+    return ", ".join(f"{name} {digest}" for name, digest in sorted(digests.items()))
+
+
+def provenance_of(study: Study, manifest: dict[str, Any], changed: Sequence[str] = ()) -> pd.DataFrame:
     """Make a table of where a study's runs come from, from its sweep's manifest.
+
+    `changed` are the source files that differ from those of the protocol.
 
     Raises:
         ValueError: the manifest is not as `deltaswarm sweep` writes it.
     """
     try:
-        proofs = manifest["proofs"]
+        proofs, engines = manifest["proofs"], manifest.get("engines")
         rows = {
             DONE: f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
             BEGUN: manifest["started"],
@@ -82,6 +88,9 @@ def provenance_of(study: Study, manifest: dict[str, Any]) -> pd.DataFrame:
             "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
             "commit": manifest.get("commit") or "not known",
             CODE: ", ".join(manifest["code"]),
+            **({CHANGED: ", ".join(changed)} if changed else {}),
+            **({PLUGINS: plugins_of(plugins)} if (plugins := plugin_digests(study)) else {}),
+            **({ENGINES: ", ".join(f"{count} by {name}" for name, count in engines.items())} if engines else {}),
             **dict(zip((RUNS, QUESTIONS), study.digests, strict=True)),
             "digest of the sweep": manifest["digest"] or "not all runs are there",
             "repeated with real processes": f"{proofs['checked']} runs, {proofs['equal']} with the same digest",
@@ -98,43 +107,3 @@ def run_s(provenance: pd.DataFrame) -> float | None:
         return 60 * float(told[WALL].partition(" ")[0]) / int(told[DONE].partition(" ")[0])
     except (KeyError, ValueError, ZeroDivisionError):
         return None
-
-
-class Repeated(NamedTuple):
-    """A run that was repeated, and each column in which it differs: name, published value, value now."""
-
-    run: str
-    differing: list[tuple[str, Any, Any]]
-
-
-def repeat(study: Study, folder: Path) -> Repeated:
-    """Repeat one of a study's runs, in one process, and compare it with its row in `runs.csv`.
-
-    Which one depends on the code, so that successive versions try different variants and replicates.
-
-    Raises:
-        OSError: there is no `runs.csv`.
-        SealError: a table is not as it was sealed.
-        ValueError: `runs.csv` is no table of this study.
-        RunError: the run failed.
-    """
-    sealed_tables(folder, study)
-    file = folder / "runs.csv"
-    published = read_table(file, ["variant", *ORIGIN, *study.factors], needs=ID)
-    if published.empty:
-        raise ValueError(f"{file} must have at least one run")
-    row = published.iloc[int(provenance.code_digest(), 16) % len(published)]
-    wanted = row["variant"], row["seed"]
-    jobs = [job for job in study.sweep.jobs() if (job.variant.label, job.scenario.seed) == wanted]
-    if not jobs:
-        raise ValueError(f"{file} must have runs of the study (got {wanted[0]!r} with seed {wanted[1]})")
-    result = work(Task(jobs[0]))
-    now = runs_of(study, row_of(jobs[0], result), series_of([(jobs[0], result)])).iloc[0]
-    shared = [(name, row[name], now[name]) for name in now.index if name in row.index]
-    return Repeated(jobs[0].name, [(name, was, value) for name, was, value in shared if not _is_same(was, value)])
-
-
-def _is_same(was: Any, now: Any) -> bool:
-    if isinstance(was, str) or isinstance(now, str):
-        return bool(was == now)
-    return bool(was == now) or (math.isnan(was) and math.isnan(now))

@@ -16,8 +16,9 @@ from deltaswarm_studies.design import design
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
-from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, begun_of, run_s, seal_tables, since_the_runs
-from deltaswarm_studies.protocol import Protocol, content, protocol_of
+from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, run_s, seal_tables, since_the_runs
+from deltaswarm_studies.protocol import Protocol, protocol_of
+from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
 from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
@@ -35,7 +36,8 @@ def pages(
     `sealed`: since when the tables are; empty: not. `protocol`: by default, there is none. What cannot be drawn becomes
     a warning of the page and of the evidence: a page without a figure is better than none.
     """
-    protocol = protocol or Protocol(study.name, study.file.study.kind, content(study))
+    protocol = protocol or Protocol(study)
+    record = Record(protocol, evidence)
     pictures, evidence.undrawn = [], []
     for figure in study.file.figure:
         try:
@@ -45,14 +47,15 @@ def pages(
             continue
         caption = " ".join(" ".join([figure.caption, *drawing.notes]).split())
         pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
-    sections = list(_sections(study, evidence, pictures, provenance, sealed, protocol))
+    sections = list(_sections(study, evidence, pictures, provenance, sealed, record))
     context: dict[str, Any] = {
         "title": study.title,
-        "status": protocol.lead(evidence.claims),
+        "status": record.lead,
         "question": " ".join(study.file.study.question.split()),
         "design": design(study),
         "findings": verdicts.supported(study, evidence),
         "warnings": [*protocol.problems, *evidence.warnings],
+        "replaced": list(record.replaced),
         "sections": sections,
         "facts": {
             "verdicts": verdicts.counts(evidence.claims, is_calibrated=False),
@@ -76,7 +79,7 @@ def _sections(
     pictures: list[CaptionedFigure],
     provenance: pd.DataFrame,
     sealed: str,
-    protocol: Protocol,
+    record: Record,
 ) -> Iterator[dict[str, Any]]:
     parts: tuple[tuple[str, pd.DataFrame, Callable[..., Iterator[Table]]], ...] = (
         ("Contrasts", evidence.contrasts, _contrasts),
@@ -91,30 +94,19 @@ def _sections(
         yield {"heading": "Verdicts", "tables": tables, "pictures": []}
     if evidence.sensitivity:
         yield sensitivity_page.section(study, evidence.sensitivity)
-    yield {"heading": "Protocol", "tables": list(_protocol(protocol, evidence.claims)), "pictures": []}
+    yield {"heading": "Protocol", "tables": list(record.tables), "pictures": []}
     if pictures:
         yield {"heading": "Figures", "tables": [], "pictures": pictures}
     for heading, rows, made in parts:
         if len(rows):
             yield {"heading": heading, "tables": list(made(study, rows)), "pictures": []}
     yield {"heading": "Estimates", "tables": [_estimates(study, evidence)], "pictures": []}
-    if protocol.amendments:
-        headings = {"key": "Key", "old": "Old", "new": "New"}
-        amendments = [table(pd.DataFrame(changes), headings, title) for title, changes in protocol.amendments]
-        yield {"heading": "Amendments", "tables": amendments, "pictures": []}
+    if replaced := record.replaced_contrasts:
+        yield {"heading": "Contrasts of what this study replaces", "tables": replaced, "pictures": []}
+    if record.amendments:
+        yield {"heading": "Amendments", "tables": record.amendments, "pictures": []}
     origin = pd.concat([provenance, since_the_runs(study, provenance, sealed)], ignore_index=True)
     yield {"heading": "Where this comes from", "tables": [table(origin, PROVENANCE)], "pictures": []}
-
-
-def _protocol(protocol: Protocol, claims: pd.DataFrame) -> Iterator[Table]:
-    yield table(protocol.facts(claims), PROVENANCE)
-    judged = protocol.surprises(claims)
-    if judged["is_surprise"].any():
-        headings = {"text": "Claim", "expected": "Expected", "verdict": "Verdict"}
-        yield table(judged[judged["is_surprise"].astype(bool)], headings, "Surprises")
-    if protocol.unamended:
-        headings = {"key": "Key", "old": "Protocol", "new": "Study file"}
-        yield table(pd.DataFrame(protocol.unamended), headings, "Differences without an amendment")
 
 
 def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
@@ -231,7 +223,7 @@ def write(
 
     `sealed` says since when they are sealed; empty: leave them without a seal, since nobody knows what they were.
     """
-    protocol = protocol_of(study, folder, begun_of(provenance))
+    protocol = protocol_of(study, folder, provenance, evidence.runs, is_sealed=bool(sealed))
     html, markdown, pictures = pages(study, evidence, provenance, sealed, protocol)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     files = [folder / "page.html", folder / "page.md"]
@@ -257,7 +249,7 @@ def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
             {"page": f"{study.name}/page", "title": study.title, "question": study.file.study.question}
             for study in written
         ],
-        **dict.fromkeys(("design", "findings", "warnings", "sections"), ()),
+        **dict.fromkeys(("design", "findings", "warnings", "replaced", "sections"), ()),
     }
     for kind in ("html", "md"):
         write_whole(folder / f"index.{kind}", render(f"page.{kind}.jinja", context).encode())

@@ -46,12 +46,21 @@ class StudySettings:
         "confirmatory: it judges what was fixed before its runs (--freeze); exploratory: it looks for what to ask",
         choices=(CONFIRMATORY, EXPLORATORY),
     )
+    replaces: dict[str, Any] = key(
+        dict, "frozen studies in folders beside this one's that it asks anew, each with the reason in a sentence"
+    )
     factors: dict[str, Any] = key(dict, "what varies, in the sweep's order: a name for each with its title")
     metrics: tuple[str, ...] = key(("waiting", "messages"), "names of metrics to tabulate, the main one first")
     from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)
     until_s: float | None = key(None, "end of that time [s]; default: the end of the run", low=0)
     window_s: float = key(300.0, "length of the windows of time in figures and for recovery [s]", above=0)
     max_events: int = key(100_000, "maximum number of rows of `events.csv`: whole replicates, from the first", low=0)
+
+    def problems(self) -> Iterator[Problem]:
+        """A study that is replaced needs a reason."""
+        for name, reason in self.replaces.items():
+            if not (isinstance(reason, str) and reason.strip()):
+                yield Problem(f"replaces.{name}", repr(reason)[:60], "must be a sentence that says why")
 
 
 @dataclass(frozen=True)

@@ -84,11 +84,12 @@ class Study:
     @property
     def digests(self) -> tuple[str, str]:
         """Digests of what the study file runs, and of what it asks."""
-        sweep = checked.plain(self.sweep.file)
+        sweep, asked = checked.plain(self.sweep.file), checked.plain(self.file)
         sweep["base"] = Path(sweep["base"]).name
-        if not sweep["sweep"]["repeats_of"]:  # so that files without it keep their digest
-            del sweep["sweep"]["repeats_of"]
-        tables = (sweep, checked.plain(self.file))
+        for table, key in ((sweep["sweep"], "repeats_of"), (asked["study"], "replaces")):
+            if not table[key]:  # so that files without it keep their digest
+                del table[key]
+        tables = (sweep, asked)
         runs, questions = (hashlib.blake2b(json.dumps(table).encode(), digest_size=8).hexdigest() for table in tables)
         return runs, questions
 

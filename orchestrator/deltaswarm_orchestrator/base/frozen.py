@@ -76,10 +76,15 @@ def hashes_of(entries: Sequence[Entry], name: str) -> list[str]:
 
 
 def check_entry(entry: Entry, kinds: Mapping[str, type]) -> None:
-    """Raise LookupError, TypeError or ValueError unless an entry has these keys, with values of these types."""
-    if wrong := [name for name, kind in kinds.items() if not isinstance(entry[name], kind)]:
-        raise ValueError(f"wrong {', '.join(wrong)}")
+    """Raise as `check_kinds` does, or ValueError if the entry's date is none."""
+    check_kinds(entry, kinds)
     time_of(entry["date"])
+
+
+def check_kinds(table: Entry, kinds: Mapping[str, type]) -> None:
+    """Raise LookupError, TypeError or ValueError unless a table has these keys, with values of these types."""
+    if wrong := [name for name, kind in kinds.items() if not isinstance(table[name], kind)]:
+        raise ValueError(f"wrong {', '.join(wrong)}")
 
 
 def time_of(date: str) -> datetime:

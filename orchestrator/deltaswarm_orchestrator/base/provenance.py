@@ -85,22 +85,50 @@ def commit() -> str | None:
 
     In a checkout git says it; an installation has it in a file, which the build wrote.
     """
+    here, changed = Path(__file__), uncommitted()
+    if changed is not None and (head := _asked(here, "rev-parse", "HEAD")):
+        return head + "-dirty" * bool(changed)
+    installed = here.parents[1] / "commit.txt"
+    return installed.read_text(encoding="ascii").strip() if installed.exists() else None
+
+
+def uncommitted() -> list[str] | None:
+    """List the files of deltaswarm's packages that git does not have as they are; None if git has none of them."""
     here = Path(__file__)
-    try:
-        _git(here, "ls-files", "--error-unmatch", here.name)
-        return _git(here, "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
-    except (OSError, subprocess.SubprocessError):
-        installed = here.parents[1] / "commit.txt"
-        return installed.read_text(encoding="ascii").strip() if installed.exists() else None
+    if _asked(here, "ls-files", "--error-unmatch", here.name) is None:
+        return None
+    status = _asked(here, "status", "--porcelain", "--", *(str(folder) for _, folder in _folders()))
+    return None if status is None else [line.strip().partition(" ")[2].strip() for line in status.splitlines()]
+
+
+def is_tracked(folder: Path) -> bool:
+    """Return whether git has a file of a folder, which is then published."""
+    return bool(_asked(folder / "any", "ls-files"))
+
+
+def at_commit(folder: Path, revision: str) -> tuple[str, bytes]:
+    """Return a commit of a folder's repository, and the folder as it was then, as a ZIP archive.
+
+    Raises:
+        OSError, SubprocessError: there is no such commit, or it does not have the folder.
+    """
+    commit = _git(folder / "any", "rev-parse", "--verify", f"{revision}^{{commit}}")
+    command = ["git", "-C", str(folder), "archive", "--format=zip", commit, "."]
+    return commit, subprocess.run(command, capture_output=True, check=True, timeout=GIT_WITHIN_S).stdout
 
 
 def commit_of(file: Path) -> tuple[str | None, bool]:
     """Return the commit of the git repository that holds a file, if any, and whether it has the file as it is."""
+    commit = _asked(file, "rev-parse", "HEAD")
+    return commit, commit is not None and _asked(file, "status", "--porcelain", "--ignored", "--", file.name) == ""
+
+
+def _asked(beside: Path, *arguments: str) -> str | None:
+    """Return what git says; None if there is no git, or it has no answer."""
     try:
-        commit = _git(file, "rev-parse", "HEAD")
-        return commit, not _git(file, "status", "--porcelain", "--ignored", "--", file.name)
+        return _git(beside, *arguments)
     except (OSError, subprocess.SubprocessError):
-        return None, False
+        return None
 
 
 def _git(beside: Path, *arguments: str) -> str:
@@ -108,17 +136,32 @@ def _git(beside: Path, *arguments: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=GIT_WITHIN_S).stdout.strip()
 
 
+def _folders() -> Iterator[tuple[str, Path]]:
+    for package in sorted(PACKAGES):
+        spec = importlib.util.find_spec(package)
+        assert spec is not None, package
+        yield from ((package, Path(folder)) for folder in spec.submodule_search_locations or ())
+
+
+def _code() -> Iterator[tuple[str, bytes]]:
+    for package, folder in _folders():
+        for file in sorted(folder.rglob("*.py")):
+            yield f"{package}/{file.relative_to(folder)}", file.read_bytes()
+
+
 @cache
 def code_digest() -> str:
     """Return a digest of all sources of deltaswarm; it tells different code of one version number apart."""
     digest = hashlib.blake2b(digest_size=8)
-    for package in sorted(PACKAGES):
-        spec = importlib.util.find_spec(package)
-        assert spec is not None, package
-        for folder in spec.submodule_search_locations or ():
-            for file in sorted(Path(folder).rglob("*.py")):
-                digest.update(f"{package}/{file.relative_to(folder)}\n".encode() + file.read_bytes())
+    for name, content in _code():
+        digest.update(f"{name}\n".encode() + content)
     return digest.hexdigest()
+
+
+@cache
+def code_files() -> dict[str, str]:
+    """Return a short digest of each source file of deltaswarm, which tells what has changed."""
+    return {name: hashlib.blake2b(content, digest_size=4).hexdigest() for name, content in _code()}
 
 
 class Source(NamedTuple):
@@ -172,6 +215,13 @@ def data_of(cls: type[Any]) -> dict[str, Path]:
         must = f"{name_of(cls)}.data_files must be a tuple of paths (got {names!r:.80})"
         raise PluginError(f"{must} ({defined_at(cls)})")
     return {name: folder / name for name in names}
+
+
+def plugin_files(scenario: Scenario) -> set[Path]:
+    """Return the files of all third-party extensions of a scenario, and the data that they declare."""
+    found = [cls for *_, cls in extensions(scenario)]
+    modules = (file for cls in found for file, _ in modules_of(cls).values())
+    return {*modules, *(file for cls in found for file in data_of(cls).values())}
 
 
 def controller_of(scenario: Scenario) -> dict[str, Any]:

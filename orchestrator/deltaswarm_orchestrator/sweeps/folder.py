@@ -1,4 +1,4 @@
-"""A sweep's folder: a file for each finished run, so that a sweep can be resumed and others can reuse its runs."""
+"""A sweep's folder: a file for each finished run, so that a sweep can be resumed."""
 
 import hashlib
 import shutil
@@ -9,12 +9,12 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.base import provenance, seal
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import check_files
 from deltaswarm_orchestrator.results.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Result
-from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
+from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_wire.files import write_whole
 
 CHECKSUM, KEY = "checksum", "key"
@@ -110,23 +110,3 @@ class SweepFolder:
 
 def _checksum(result: Result) -> str:
     return hashlib.blake2b(orjson.dumps(result), digest_size=16).hexdigest()
-
-
-def copy_runs(sweep: Sweep, path: Path, others: Sequence[Path]) -> int:
-    """Copy the runs that a sweep lacks from other sweeps' folders, and return their number.
-
-    Experiments share runs, above all those without a limit. A run is the same if its key and the digest of its code
-    are the same.
-    """
-    folder, code = SweepFolder(path), provenance.code_digest()
-    copied = 0
-    with folder.held(sweep.name):
-        for job in sweep.jobs():
-            if folder.has(job):
-                continue
-            results = (SweepFolder(other).result(job) for other in others if other != path)
-            result = next((result for result in results if result and result.get("code") == code), None)
-            if result is not None:
-                folder.save(job, IN_PROCESS, result)
-                copied += 1
-    return copied

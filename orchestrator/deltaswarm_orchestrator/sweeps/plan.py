@@ -28,7 +28,9 @@ LABEL = "label"
 class SweepSettings:
     """The table `[sweep]` of a sweep file."""
 
-    seed: int = key(1, "the replicates' seeds are derived from it", low=0, high=2**63 - 1)
+    seed: int = key(
+        1, "the replicates' seeds are derived from it (frozen studies: from the protocol)", low=0, high=2**63 - 1
+    )
     repeats: int = key(
         20, "replicates of each variant; of a sensitivity sweep, points to run (default: all)", low=1, high=MAX_RUNS
     )

@@ -1,6 +1,7 @@
 """A frozen protocol: what it holds, what contradicts it, and what cannot be frozen or amended."""
 
 import json
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,11 @@ import pytest
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.frozen import hash_of
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.fixed import content, differences
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.page import pages, write
-from deltaswarm_studies.protocol import FILE, ProtocolError, content, differences, protocol_of
+from deltaswarm_studies.protocol import EDITED, FILE, ProtocolError, protocol_of, seeded
+from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.study import Study
 from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
@@ -50,6 +53,11 @@ def changed(folder: Path, own: str = ASKED, sweep: str = SWEEP) -> list[str]:
     return [found.key for found in protocol_of(made(own, sweep), folder).unamended]
 
 
+def origin(begun: str) -> pd.DataFrame:
+    """Say when the runs began, by the code of now."""
+    return pd.DataFrame({"what": ["begun", "digest of the code"], "value": [begun, provenance.code_digest()]})
+
+
 def edited(folder: Path, edit: Callable[[dict[str, Any]], object]) -> None:
     """Edit the record by hand."""
     record = json.loads((folder / FILE).read_text())
@@ -58,7 +66,7 @@ def edited(folder: Path, edit: Callable[[dict[str, Any]], object]) -> None:
 
 
 def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
-    """Conditions, seeds, replicates, outcomes, criteria, margins, expectations, date, commit and hash."""
+    """Conditions, replicates, outcomes, criteria, margins, expectations, date, code, commit and hash; no seed."""
     [entry] = json.loads((folder / FILE).read_text())["entries"]
     assert entry["date"] == EARLY
     assert entry["commit"]["deltaswarm"] == provenance.commit()
@@ -66,7 +74,9 @@ def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
     told = entry["protocol"]
     assert told["condition"]["loss=0.5, hybrid 3"] == {"radio.loss": 0.5, "control.mode": "hybrid"}
     assert told["scenario"]["run.duration_s"] == 1000.0
-    assert (told["runs"]["seed"], told["runs"]["repeats"], len(told["runs"]["seeds"])) == (1, 10, 10)
+    assert (told["runs"]["repeats"], {"seed", "seeds"} & {*told["runs"]}) == (10, set())
+    digests = {"digest": provenance.code_digest(), "files": provenance.code_files(), "plug-ins": {}}
+    assert entry["code"] == digests
     assert told["study"]["metrics"] == ["waiting_all", "messages"]
     assert told["contrast"]["limit"]["margin"] == 1.1
     assert (told["claim"]["c"]["at_least"], told["claim"]["c"]["expect"]) == (1.5, "undecided")
@@ -82,8 +92,8 @@ def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
         ("[study]", '[study]\nkind = "exploratory"', ["study.kind"]),
         (CLAIM, "", ["claim.c"]),
         (LIMIT, LIMIT + LIMIT.replace('"limit"', '"more"'), ["contrast.more"]),
-        ("repeats = 10", "repeats = 9", ["runs.repeats", "runs.seeds"]),
-        ("repeats = 10", "repeats = 10\nseed = 2", ["runs.seed", "runs.seeds"]),
+        ("repeats = 10", "repeats = 9", ["runs.repeats"]),
+        ("repeats = 10", "repeats = 10\nseed = 2", []),
         ("series_every_s = 100.0", "series_every_s = 50.0", ["runs.series_every_s"]),
         ("duration_s = 1000.0", "duration_s = 2000.0", ["scenario.run.duration_s"]),
         ("[scenario]\n", "[scenario]\nrun.step_s = 0.5\n", ["scenario.run.step_s"]),
@@ -107,26 +117,22 @@ def test_a_change_of_what_the_study_file_only_names_is_named(folder: Path) -> No
     assert {"condition.loss=0.8, hybrid 3", "condition.loss=0.9, hybrid 3"} <= {*found}
 
 
-@in_one_test(
-    ("commit", "told"),
-    [
-        ("abc", []),
-        ("abc-dirty", ["the sources of deltaswarm differ from it"]),
-        (None, ["the sources of deltaswarm have no known commit"]),
-    ],
-)
-def test_a_commit_that_says_nothing_is_told(
-    commit: str | None, told: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of deltaswarm, and of a study file that no repository has."""
-    monkeypatch.setattr(provenance, "commit", lambda: commit)
-    for file, more in ((None, []), (tmp_path / "own.toml", ["own.toml is not committed as it is"])):
-        where = tmp_path / f"{commit} {len(more)}" / "made-up"
-        freeze(made(ASKED), where, file)
-        found = protocol_of(made(ASKED), where)
-        assert found.entries[0]["uncommitted"] == [*told, *more]
-        row = found.facts(pd.DataFrame()).query("what == 'not in the commit'")["value"].tolist()
-        assert row == ["; ".join([*told, *more])] * bool(told or more)
+def test_what_git_does_not_have_is_not_frozen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code of deltaswarm, and a study file in a repository; outside of one, the commit is said not to be known."""
+    own = tmp_path / "own.toml"
+    own.write_text("new")
+    freeze(made(ASKED), tmp_path / "made-up", own)
+    assert protocol_of(made(ASKED), tmp_path / "made-up").facts["not in the commit"] == "own.toml is in no repository"
+    monkeypatch.setattr(provenance, "commit", lambda: None)
+    freeze(made(ASKED), tmp_path / "a" / "made-up", None)
+    found = protocol_of(made(ASKED), tmp_path / "a" / "made-up").facts
+    assert (found["commit"], found["not in the commit"]) == ("not known", "deltaswarm is in no repository")
+    for what, told in (("uncommitted", "core.py"), ("commit_of", "own.toml")):
+        with monkeypatch.context() as dirty:
+            dirty.setattr(provenance, what, lambda *_: ("abc", False) if _ else ["core.py"])
+            with pytest.raises(ProtocolError, match=told):
+                freeze(made(ASKED), tmp_path / "b" / "made-up", own)
+    assert not (tmp_path / "b" / "made-up").exists()
 
 
 def test_two_tables_of_one_name_are_two() -> None:
@@ -156,8 +162,8 @@ def test_a_key_of_a_part_that_is_switched_off_is_no_change() -> None:
 
 
 def test_a_changed_margin_stands_on_the_page_with_both_values(folder: Path) -> None:
-    """In a warning and in a table; the untouched study has neither."""
-    for own, count in ((ASKED, 0), (ASKED.replace("margin = 1.1", "margin = 1.3"), 2)):
+    """In the first line, a warning and a table; the untouched study has none of them."""
+    for own, count in ((ASKED, 0), (ASKED.replace("margin = 1.1", "margin = 1.3"), 3)):
         study = made(own)
         evidence = Evidence.of_sweep(study, table(), series(lambda *_: 20.0))
         page = pages(study, evidence, pd.DataFrame({"what": [], "value": []}), protocol=protocol_of(study, folder))[1]
@@ -178,12 +184,12 @@ def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], Non
         lambda record: record["entries"][1].update(reason="an oversight"),
         lambda record: record["entries"].pop(0),
     ]
-    for place, edit in enumerate(edits):
+    for edit in edits:
         (folder / FILE).write_text(whole)
         edited(folder, edit)
         found = protocol_of(made(ASKED.replace("1.1", "1.2")), folder)
         problems = found.problems
-        assert found.status.startswith("Frozen on" if place == 2 else "Not known what was frozen, or when")
+        assert (found.breaches[0].kind, found.status[:9]) == (EDITED, "Not known")
         assert [line for line in problems if "edited by hand" in line]
         with pytest.raises(ProtocolError, match="edited by hand"):
             amend(made(ASKED.replace("1.1", "1.4")), folder, None, "typo")
@@ -198,7 +204,7 @@ def test_a_new_hash_over_an_old_date_still_shows_that_runs_were_first(folder: Pa
         entry["hash"] = hash_of(entry, "made-up", "")
 
     edited(folder, edit)
-    found = protocol_of(made(ASKED), folder, BEGUN)
+    found = protocol_of(made(ASKED), folder, origin(BEGUN))
     assert ["after the runs began" in line for line in found.problems] == [True]
     assert found.status.startswith("Not frozen before its runs")
 
@@ -210,7 +216,7 @@ def test_an_amendment_keeps_the_entry_before_it(folder: Path, at: Callable[[str]
     study = made(ASKED.replace("margin = 1.1", "margin = 1.2"))
     amend(study, folder, None, "  the margin\nwas a typo ")
     assert json.loads((folder / FILE).read_text())["entries"][:1] == first
-    found = protocol_of(study, folder, BEGUN)
+    found = protocol_of(study, folder, origin(BEGUN))
     assert found.problems == []
     [(title, changes)] = found.amendments
     assert title.startswith(LATE)
@@ -222,19 +228,21 @@ def test_surprises_are_counted_against_what_was_expected_before_the_runs(
     folder: Path, at: Callable[[str], None]
 ) -> None:
     """An expectation that is amended afterwards changes none of them; a claim that came later has none."""
-    claims = pd.DataFrame({"claim": ["c", "new"], "text": ["C", "N"], "verdict": ["holds", "holds"]})
-    later = ASKED.replace('"undecided"', '"holds"') + CLAIM.replace('"c"', '"new"')
+    later = ASKED.replace('"undecided"', '"refuted"') + CLAIM.replace('"c"', '"new"')
     at(LATE)
     amend(made(later), folder, None, "seen")
-    rows = protocol_of(made(later), folder, BEGUN).surprises(claims)
-    assert rows[["claim", "expected", "is_surprise"]].to_numpy().tolist() == [["c", "undecided", True]]
-    before = protocol_of(made(later), folder, LATE).surprises(claims)
-    assert before[["claim", "expected", "is_surprise"]].to_numpy().tolist() == [
-        ["c", "holds", False],
-        ["new", "undecided", True],
+    evidence = Evidence.of_sweep(made(later), table(), series(lambda *_: 20.0))
+    assert evidence.claims["verdict"].tolist() == ["refuted", "refuted"]
+    found = {
+        date: Record(protocol_of(made(later), folder, origin(date)), evidence).surprises
+        for date in (BEGUN, "2026-01-04T12:00:00+00:00")
+    }
+    assert [rows[["claim", "expected", "is_surprise"]].to_numpy().tolist() for rows in found.values()] == [
+        [["c", "undecided", True]],
+        [["c", "refuted", False], ["new", "undecided", True]],
     ]
-    nothing = protocol_of(made(later), folder, BEGUN).surprises(claims.assign(verdict="no data"))
-    assert nothing["is_surprise"].tolist() == [False]
+    nothing = Evidence.of_sweep(made(later), table(lambda *_: float("nan")), series(lambda *_: 20.0))
+    assert Record(protocol_of(made(later), folder, origin(BEGUN)), nothing).surprises["is_surprise"].tolist() == [False]
 
 
 def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_path: Path) -> None:
@@ -253,7 +261,7 @@ def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_p
 
 
 def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -> None:
-    """Runs in its own folder, the same run in another study's, tables alone; exploratory; frozen already."""
+    """Runs in its own folder, tables alone; exploratory; frozen already."""
     study = made(ASKED)
 
     def refused(study: Study, where: Path, told: str) -> None:
@@ -268,9 +276,47 @@ def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -
         (tmp_path / name).touch()
         refused(study, tmp_path / name.partition("/")[0], "before its first run")
     refused(made(ASKED.replace("[study]", '[study]\nkind = "exploratory"')), tmp_path / "c", "'confirmatory'")
-    (tmp_path / f"a/sweep/runs/{study.sweep.jobs()[7].key}.processes.json").touch()
-    refused(study, tmp_path / "e", "before its first run")
-    freeze(made(ASKED, SWEEP.replace("repeats = 10", "repeats = 10\nseed = 9")), tmp_path / "e", None)
+
+
+def test_a_study_of_another_name_is_replaced_by_a_key(folder: Path) -> None:
+    """It is kept whole, and the file cannot drop it afterwards."""
+    asked = ASKED.replace("[study]", '[study]\nreplaces = { made-up = "It had too few replicates." }')
+    study = replace(made(asked), name="anew")
+    with pytest.raises(ProtocolError, match="must be there"):
+        freeze(study, folder / "nowhere" / "anew", None)
+    where = folder.parent / "anew"
+    freeze(study, where, None)
+    [record] = protocol_of(study, where).replaced
+    assert record["entries"] == json.loads((folder / FILE).read_text())["entries"]
+    assert (record["study"], record["reason"]) == ("made-up", "It had too few replicates.")
+    dropped = protocol_of(replace(made(ASKED), name="anew"), where)
+    assert [change.key for change in dropped.unamended] == ["study.replaces.made-up"]
+    edited(folder, lambda record: record["entries"][0].update(reason="another"))
+    with pytest.raises(ProtocolError, match="edited by hand"):
+        freeze(study, folder.parent / "again", None)
+
+
+def test_a_protocol_in_the_history_of_the_folder_is_replaced_too(folder: Path, at: Callable[[str], None]) -> None:
+    """The one that was overwritten, as of a commit, before the one in the folder, which is set aside."""
+
+    def git(*arguments: str) -> None:
+        identity = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", "-C", folder.parent, *identity, *arguments], check=True, capture_output=True)
+
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-qm", "x")
+    (folder / FILE).unlink()
+    at(LATE)
+    freeze(made(ASKED), folder, None)
+    with pytest.raises(ProtocolError, match="nothing"):
+        freeze(made(ASKED), folder, None, "Again.", [("nothing", "Forgotten.")])
+    freeze(made(ASKED), folder, None, "Again.", [("HEAD", "Forgotten.")])
+    found = protocol_of(made(ASKED), folder)
+    assert [record["entries"][0]["date"] for record in found.replaced] == [EARLY, LATE]
+    assert [record["reason"].partition(" (as of")[0] for record in found.replaced] == ["Forgotten.", "Again."]
+    assert [path.name for path in folder.glob("replaced/*/*")] == [FILE]
+    assert found.problems == []
 
 
 @in_one_test("text", ["", "[]", "{}", '{"study": "made-up", "entries": []}', '{"study": "made-up", "entries": [{}]}'])
@@ -284,6 +330,9 @@ EDITS: list[Callable[[dict[str, Any]], object]] = [
     lambda entry: entry.pop("reason"),
     lambda entry: entry.update(date="yesterday"),
     lambda entry: entry.update(date="2026-01-01T12:00:00"),
+    lambda entry: entry.pop("code"),
+    lambda entry: entry["code"].pop("digest"),
+    lambda entry: entry.update(replaces=[{"study": "own"}]),
     lambda entry: entry["protocol"].update(claim=[]),
     lambda entry: entry["protocol"].pop("scenario"),
     lambda entry: entry["protocol"]["condition"].update({"loss=0.0, hybrid 3": 3}),
@@ -302,13 +351,14 @@ def test_a_protocol_of_the_wrong_form_is_named(edit: Callable[[dict[str, Any]], 
 
 def test_the_first_line_of_a_page_says_what_was_frozen(folder: Path, tmp_path: Path) -> None:
     """An exploratory study, one that was not frozen, one that was: the line after the title, in both forms."""
-    begun = pd.DataFrame({"what": ["begun"], "value": [BEGUN]})
     for own, where, first in (
         (ASKED.replace("[study]", '[study]\nkind = "exploratory"'), tmp_path / "a", "Exploratory: "),
-        (ASKED, tmp_path / "b", "Not frozen before its runs: "),
+        (ASKED, tmp_path / "b", "Not frozen before its runs, which are a pilot"),
         (ASKED, folder, f"Frozen on {EARLY}, before its runs, which began on {BEGUN}; hash "),
     ):
-        study = made(own)
-        write(study, Evidence.of_sweep(study, table(), series(lambda *_: 20.0)), begun, where)
+        study = seeded(made(own), where)
+        rows = table()
+        rows["seed"] = [study.sweep.seeds[replicate] for replicate in rows["replicate"]]
+        write(study, Evidence.of_sweep(study, rows, series(lambda *_: 20.0)), origin(BEGUN), where)
         assert (where / "page.md").read_text().splitlines()[2].startswith(first)
         assert f'</h1>\n<p class="lead">{first}' in (where / "page.html").read_text()

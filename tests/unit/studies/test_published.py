@@ -13,6 +13,7 @@ from deltaswarm_studies.claims import claims_of
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.origin import run_s
 from deltaswarm_studies.protocol import protocol_of
+from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.verdicts import claims_tables, leave_one_out
 from deltaswarm_studies.verdicts import tests as counted
 from deltaswarm_studies.welch import Spread, Welch
@@ -200,7 +201,7 @@ def test_a_number_that_differs_against_expectation_is_a_surprise() -> None:
         runs = runs_with(study, lambda _level, _mode, replicate: VALUES[replicate])
         evidence = Evidence(study, runs, pd.DataFrame(), pd.DataFrame())
         assert evidence.surprises == ["p: Waiting"] * is_surprise
-        judged = protocol_of(study, Path(__file__).parent).surprises(evidence.claims)
+        judged = Record(protocol_of(study, Path(__file__).parent), evidence).surprises
         assert judged["is_surprise"].tolist() == [is_surprise]
 
 

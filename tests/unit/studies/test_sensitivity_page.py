@@ -10,9 +10,11 @@ import pytest
 from deltaswarm_cli.main import main
 from deltaswarm_studies.design import design
 from deltaswarm_studies.evidence import Evidence
+from deltaswarm_studies.fixed import content, differences
+from deltaswarm_studies.freezing import freeze
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.plan import plan, text
-from deltaswarm_studies.protocol import content, differences
+from deltaswarm_studies.protocol import protocol_of, seeded
 from deltaswarm_studies.sensitivity_page import matrix, turning
 from deltaswarm_wire.checked import SettingsError
 from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
@@ -150,6 +152,7 @@ def test_the_plan_says_what_so_many_points_could_show(tmp_path: Path, monkeypatc
     assert "to within 13 percentage points; of 8 rank correlations" in lines
 
 
+@pytest.mark.usefixtures("checked_by_python")
 def test_a_study_is_looked_at_first_and_then_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Four points, then eight, which take over the first; one of them repeats, and the page is made again."""
     file, out = tmp_path / "made-up.toml", tmp_path / "out"
@@ -158,11 +161,23 @@ def test_a_study_is_looked_at_first_and_then_done(tmp_path: Path, capsys: pytest
     assert "first 4 of 60 points" in (out / "page.md").read_text()
     assert main(["study", str(file), "--repeats", "8", "--out", str(out), "-j", "2"]) == 0
     assert "8 of 16 runs are done already" in capsys.readouterr().err
-    assert main(["study", str(file), "--repeats", "8", "--out", str(out), "--check"]) == 0
-    assert "as published" in capsys.readouterr().out
+    assert main(["study", str(file), "--repeats", "8", "--out", str(out), "--check", "2"]) == 0
+    assert "2 of 2 repeated rows are equal" in capsys.readouterr().out
     page = (out / "page.md").read_text()
     assert main(["study", str(file), "--repeats", "8", "--out", str(out), "--render"]) == 0
     assert (out / "page.md").read_text() == page
+
+
+def test_the_points_of_a_frozen_study_are_those_of_its_protocol(tmp_path: Path) -> None:
+    """Not those of its file, whatever its seed is: runs at these points could have been looked at."""
+    study, other = made(CLAIMED, DRAWN), made(CLAIMED, DRAWN.replace("[sensitivity]", "[sensitivity]\nseed = 7"))
+    assert not differences(content(study), content(other))
+    freeze(study, tmp_path, None)
+    ours, theirs = (seeded(one, tmp_path).sweep for one in (study, other))
+    keys = [[job.variant.scenario.radio.range_m for job in sweep.jobs()] for sweep in (ours, theirs, study.sweep)]
+    assert keys[0] == keys[1] != keys[2]
+    assert (len(keys[0]), ours.seeds) == (len(keys[2]), theirs.seeds)
+    assert protocol_of(study, tmp_path).problems == []
 
 
 def test_the_space_is_part_of_the_protocol_and_of_the_design() -> None:
