@@ -99,7 +99,7 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
         return None, [Problem(path or "settings", shown(table), "must be a table")]
     fields = dataclasses.fields(typing.cast(Any, cls))
     specs = {spec.name: spec for spec in fields if not spec.metadata.get("rest")}
-    hints = _hints(cls)
+    hints = _hints(typing.cast(Any, cls))
     unknown = [name for name in table if name not in specs]
     values: dict[str, Any] = {spec.name: {n: table[n] for n in unknown} for spec in fields if spec.name not in specs}
     problems = [] if values else [unknown_key(name, specs, path) for name in unknown]
