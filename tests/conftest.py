@@ -1,5 +1,6 @@
 """For all tests: how properties are searched, what signals do, what is compiled once; and a browser for some."""
 
+import gc
 import os
 import signal
 import sys
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 # The gate tries the same few examples each time; `--hypothesis-profile=nightly` tries many, each time others. A loaded
 # machine is no failure; a failing example can be pasted from the log.
 shared = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True)
-settings.register_profile("gate", shared, max_examples=30, derandomize=True)
+settings.register_profile("gate", shared, max_examples=20, derandomize=True)
 settings.register_profile("nightly", shared, max_examples=200, derandomize=False)
 settings.load_profile("gate")
 
@@ -30,15 +31,24 @@ sys.dont_write_bytecode = False
 # process; `deltaswarm` does so for its own.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Imports and thousands of tests make no garbage, but each full collection would look at all of them, in every worker.
+gc.disable()
+
 # Whoever starts the tests in the background, or by nohup, has these ignored, and so would every process of a test.
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
 
 
-@pytest.fixture(scope="module")
+def pytest_collection_finish() -> None:
+    """Collect garbage from now on, of what tests make."""
+    gc.freeze()
+    gc.enable()
+
+
+@pytest.fixture(scope="session")
 def driver() -> "Iterator[Chrome]":
-    """One browser for a file's tests; each has a station of its own, and so an origin of its own."""
+    """One browser for all tests of a worker; each has a station of its own, and so an origin of its own."""
     from tests.support.station_page import browser
 
     with browser() as made:

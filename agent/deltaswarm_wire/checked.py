@@ -6,6 +6,7 @@ instead of stopping at the first.
 
 import dataclasses
 import difflib
+import functools
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -98,7 +99,7 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
         return None, [Problem(path or "settings", shown(table), "must be a table")]
     fields = dataclasses.fields(typing.cast(Any, cls))
     specs = {spec.name: spec for spec in fields if not spec.metadata.get("rest")}
-    hints = typing.get_type_hints(cls)
+    hints = _hints(typing.cast(Any, cls))
     unknown = [name for name in table if name not in specs]
     values: dict[str, Any] = {spec.name: {n: table[n] for n in unknown} for spec in fields if spec.name not in specs}
     problems = [] if values else [unknown_key(name, specs, path) for name in unknown]
@@ -113,6 +114,11 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
     extra = getattr(instance, "problems", None)
     own_problems = [Problem(_join(path, p.path), p.given, p.allowed) for p in extra()] if extra else []
     return (None if own_problems else instance), problems + own_problems
+
+
+@functools.lru_cache(maxsize=256)
+def _hints(cls: type[Any]) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
 
 
 def load(cls: type[T], table: Any, path: str = "") -> T:

@@ -4,7 +4,7 @@ import math
 from random import Random
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.body import NOWHERE, Sensed
@@ -157,7 +157,6 @@ def test_a_drifting_clock_is_followed() -> None:
         assert lateness.of(2, second * 0.9995, float(second)) < 0.1
 
 
-@settings(max_examples=20)
 @given(st.floats(-500, 500), st.lists(st.floats(0, 0.5), min_size=40, max_size=40))
 def test_a_clock_that_jumps_is_believed_after_a_while(jump_s: float, jitter: list[float]) -> None:
     """The sender or this board was suspended, and its clock with it: they are not deaf to each other for a day."""

@@ -307,7 +307,7 @@ def waiting_s(*overrides: str) -> float:
 
 
 def test_more_knowledge_means_less_waiting() -> None:
-    shared = ["run.duration_s=1200", "metrics.horizon_s=300", "events.rate_hz=0.1"]
+    shared = ["run.duration_s=600", "metrics.horizon_s=200", "events.rate_hz=0.1"]
     decentralised = waiting_s(*shared, "control.mode=decentralised")
     central = waiting_s(*shared, *SHORT[1:])
     everything = waiting_s(*shared, "run.bound=everything")

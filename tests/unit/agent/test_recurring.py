@@ -44,9 +44,9 @@ def test_the_operator_gets_as_many_messages_with_any_step(mode: str) -> None:
     """Per second, within what other dynamics change; per step there are a quarter and twice as many."""
 
     def messages(*sets: str) -> float:
-        base = ["run.duration_s=200", "events.rate_hz=0.3", f"control.mode={mode}", "record=off"]
-        runs = [run_in_process(load_scenario("smoke", [*base, *sets], seed)) for seed in (1, 2, 3)]
-        return sum(workload.messages for run in runs for workload in run.workloads) / 600
+        base = ["run.duration_s=100", "events.rate_hz=0.3", f"control.mode={mode}", "record=off"]
+        runs = [run_in_process(load_scenario("smoke", [*base, *sets], seed)) for seed in (1, 2)]
+        return sum(workload.messages for run in runs for workload in run.workloads) / 200
 
     by_second = messages()
     assert messages("run.step_s=0.25") == pytest.approx(by_second, rel=0.2)

@@ -36,12 +36,12 @@ def scripted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("sets", PARENTS.values(), ids=PARENTS)
 def test_without_a_difference_a_branch_is_its_parent(sets: tuple[str, ...], tmp_path: Path) -> None:
-    """At 20 random steps, whether later orders are the rule's or are given again in the parent's steps."""
+    """At 7 random steps, whether later orders are the rule's or are given again in the parent's steps."""
     parent = read_parent(ran(tmp_path / "run", *sets, "operator.threshold_hz=1"))
-    steps = Random(20).sample(range(1, parent.steps), 20)
+    steps = Random(20).sample(range(1, parent.steps), 7)
     for later in ("", KEPT):
         repetition, plans = repetition_of(parent, *steps, difference=Difference(later=later))
-        assert [repetition.go_on(planned).digest for planned in plans] == [parent.digest] * 20
+        assert [repetition.go_on(planned).digest for planned in plans] == [parent.digest] * 7
         assert plans[0].changes_console == (bool(later) and parent.has_rule)
 
 

@@ -46,6 +46,8 @@ def test_a_lean_installation_runs_and_says_what_studies_need(tmp_path: Path) -> 
 import contextlib, io, json, sys
 sys.modules.update(dict.fromkeys(sys.argv[1].split(",")))
 from deltaswarm_cli.main import main
+from deltaswarm_studies import plan
+plan.MEASURED_S = 0.0
 for command in json.loads(sys.argv[2]):
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):

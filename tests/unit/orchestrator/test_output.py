@@ -129,7 +129,9 @@ def test_a_quiet_command_still_says_what_is_wrong(run: Path, capsys: Printed) ->
     assert str(run) in capsys.readouterr().err
 
 
-def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+@pytest.mark.parametrize("count", [2, pytest.param(None, marks=pytest.mark.slow)])
+def test_a_collection_is_a_list(count: int | None, monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+    monkeypatch.setitem(COLLECTIONS, "beyond", COLLECTIONS["beyond"][:count])
     monkeypatch.setattr("deltaswarm_studies.plan.MEASURED_S", 0.0)
     assert main(["study", "beyond", "--plan", "--json"]) == 0
     assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]

@@ -68,11 +68,13 @@ def test_path_loss_shows_its_sum() -> None:
 
 
 def test_what_it_says_of_frames_is_what_happened() -> None:
-    """With every model at once, over all pairs: as many delivered, dropped and waiting as the world counts."""
+    """With every model at once, over all pairs, every third step: as many delivered, dropped and waiting as counted."""
     swarm = InProcess(a_scenario(*EVERYTHING))
     pairs = [(sender, receiver) for sender in range(10) for receiver in range(10) if sender != receiver]
     received = 0
     for record in play(swarm, STEPS):
+        if record.step % 3:
+            continue
         outcomes = [outcome for pair in pairs for outcome in swarm.world.explain(*pair)[1]]
         assert outcomes.count("delivered") == record.frames_received
         kinds = Counter(outcome.removeprefix("dropped: ").split(",")[0] for outcome in outcomes if "dropped" in outcome)

@@ -23,6 +23,7 @@ from tests.support.tiers import in_one_test
 def test_every_built_in_file_is_a_study_that_can_show_what_it_asks(name: str) -> None:
     """Enough replicates for its contrasts; every figure has a caption. A bare sweep is a study that asks nothing."""
     study = built_in(name)
+    assert study.name == name
     assert len(set(default_factors(study.sweep))) == len(study.sweep.factors)
     for contrast in study.file.contrast:
         assert study.repeats >= pairs_needed(len(list(study.comparisons(contrast)))), contrast.id

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.results.outcome import arrival_digests
@@ -47,7 +47,6 @@ def arrivals(of: Scenario, until_s: float = 200.0) -> list[Arrival]:
     step_s=st.sampled_from([0.1, 0.25, 0.5, 2.0, 5.0, 20.0]),
     density=st.sampled_from([STANDS, MOVES]),
 )
-@settings(max_examples=25)
 def test_the_step_changes_no_arrival(seed: int, step_s: float, density: dict[str, Any]) -> None:
     """Neither number, time nor place; each event is there from the first step that is not before its time."""
     expected = arrivals(scenario(seed, events={"density": density}))
@@ -61,7 +60,6 @@ def test_the_step_changes_no_arrival(seed: int, step_s: float, density: dict[str
 
 
 @given(seed=st.integers(0, 2**31), factor=st.sampled_from([0.5, 2.0, 8.0]))
-@settings(max_examples=25)
 def test_the_rate_scales_times_and_leaves_places(seed: int, factor: float) -> None:
     """Twice the rate is the same events in half the time."""
     slow, fast = arrivals(scenario(seed)), arrivals(scenario(seed, events={"rate_hz": 0.2 * factor}))
@@ -71,7 +69,6 @@ def test_the_rate_scales_times_and_leaves_places(seed: int, factor: float) -> No
 
 
 @given(seed=st.integers(0, 2**31))
-@settings(max_examples=25)
 def test_an_obstacle_moves_only_the_events_that_it_must(seed: int) -> None:
     free, blocked = arrivals(scenario(seed)), arrivals(scenario(seed, arena={"obstacles": [BLOCK]}))
     assert [(event.event, event.time_s) for event in blocked] == [(event.event, event.time_s) for event in free]
@@ -97,7 +94,6 @@ def test_an_obstacle_moves_only_the_events_that_it_must(seed: int) -> None:
         },
     ),
 )
-@settings(max_examples=15)
 def test_no_run_changes_its_arrivals(seed: int, sets: dict[str, Any]) -> None:
     """Whatever the swarm, its radio and the step are: the digests of times and places agree to the end of the run."""
     base = ["run.duration_s=40", "events.rate_hz=0.5", "metrics.horizon_s=10"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -204,7 +204,6 @@ def test_a_path_that_stays_changes_no_draw(variance: float, time_s: float) -> No
 
 @pytest.mark.parametrize("density", [PATH, MOVING_MIXTURE], ids=["gaussian", "mixture"])
 @given(times_s=st.lists(st.floats(0, 500), min_size=1, max_size=6))
-@settings(max_examples=20)
 def test_the_densest_position_depends_on_the_time_alone(density: dict[str, Any], times_s: list[float]) -> None:
     """Not on what was asked before, nor on a checkpoint in between; it is that of the last multiple of 10 s."""
     asked = made(density)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltaswarm_cli.main import main
-from deltaswarm_orchestrator.sweeps.load import built_in, built_in_files, load_sweep, make_sweep
+from deltaswarm_orchestrator.sweeps.load import built_in, load_sweep, make_sweep
 from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import names
@@ -32,11 +32,6 @@ def load(folder: Path, text: str, *overrides: str) -> Sweep:
 
 
 # What varies
-
-
-@in_one_test("name", built_in_files())
-def test_built_in_sweeps_load(name: str) -> None:
-    assert load_sweep(name).name == name
 
 
 def test_an_installed_package_adds_sweeps_of_its_own(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import MAX_BYTES, CdrError, decode, encode
@@ -40,7 +40,6 @@ def messages(message_type: str) -> st.SearchStrategy[Any]:
 def test_bytes_are_those_of_rosbags(message_type: str) -> None:
     """Alignment after strings of every length, arrays, sequences; each reads what the other writes."""
 
-    @settings(max_examples=25)
     @given(messages(message_type))
     def holds(message: dict[str, Any]) -> None:
         data = encode(message_type, message)
