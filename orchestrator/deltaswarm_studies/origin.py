@@ -13,6 +13,7 @@ PROVENANCE = {"what": "What", "value": "Value"}
 """Columns of the table of where runs come from, with their headings."""
 
 BEGUN = "begun"
+VERSIONS, COMMIT = "versions", "commit"
 DONE, WALL = "runs", "wall time of all sessions"
 CODE, RUNS, QUESTIONS = "digest of the code", "digest of what the study runs", "digest of what the study asks"
 
@@ -85,8 +86,8 @@ def provenance_of(study: Study, manifest: dict[str, Any], changed: Sequence[str]
             BEGUN: manifest["started"],
             WALL: f"{manifest['wall_s'] / 60:.1f} min",
             "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
-            "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
-            "commit": manifest.get("commit") or "not known",
+            VERSIONS: ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
+            COMMIT: manifest.get("commit") or "not known",
             CODE: ", ".join(manifest["code"]),
             **({CHANGED: ", ".join(changed)} if changed else {}),
             **({PLUGINS: plugins_of(plugins)} if (plugins := plugin_digests(study)) else {}),

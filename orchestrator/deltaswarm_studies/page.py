@@ -12,11 +12,12 @@ from deltaswarm_orchestrator.sweeps.table import write_table
 from deltaswarm_studies import event_page, sensitivity_page, style, verdicts
 from deltaswarm_studies import events as event_tables
 from deltaswarm_studies.ceilings import shown
+from deltaswarm_studies.crate import write_crate
 from deltaswarm_studies.design import design
 from deltaswarm_studies.drawing import draw
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.metrics import PER_EVENT
-from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, run_s, seal_tables, since_the_runs
+from deltaswarm_studies.origin import PROVENANCE, WITH_THE_RUNS, facts_of, run_s, seal_tables, since_the_runs
 from deltaswarm_studies.protocol import Protocol, protocol_of
 from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, render, table, with_interval
@@ -235,7 +236,7 @@ def write(
     tables = [*evidence.save(folder), *write_table(folder / "provenance", provenance)]
     if sealed:
         seal_tables(study, provenance, folder, tables, sealed)
-    return [*files, *tables]
+    return [*files, *tables, write_crate(study, folder, facts_of(provenance))]
 
 
 def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
