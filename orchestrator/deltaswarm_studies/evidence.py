@@ -234,16 +234,20 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _distances(study: Study, runs: pd.DataFrame, fit: FitSettings, cell: dict[str, str]) -> Floats:
-    """Return the distance to each target (rows), of all replicates and of each bootstrap sample (columns)."""
-    picks = np.random.default_rng(0).integers(study.repeats, size=(FIT_RESAMPLES, study.repeats))
+    """Return the distance to each target (rows), of all replicates and of each bootstrap sample (columns).
+
+    Variants with the same number of replicates are resampled together, since they saw the same arrivals.
+    """
     distances = []
     for target in fit.targets:
         levels = {**cell, fit.factor: target.level}
         variant = next(name for name, own_levels in study.levels.items() if own_levels == levels)
-        values = samples_of(runs, target.metric)(variant).reindex(range(study.repeats)).to_numpy(float)
+        repeats = study.repeats_of([variant])
+        values = samples_of(runs, target.metric)(variant).reindex(range(repeats)).to_numpy(float)
         if np.isnan(values).all():
             distances.append(np.full(FIT_RESAMPLES + 1, math.inf))
             continue
+        picks = np.random.default_rng(0).integers(repeats, size=(FIT_RESAMPLES, repeats))
         medians = np.append(np.nanmedian(values), np.nanmedian(values[picks], axis=1))
         distances.append((medians - target.says) / target.iqr)
     return np.stack(distances)

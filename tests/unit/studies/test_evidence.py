@@ -192,6 +192,19 @@ def test_a_fit_without_runs_is_infinitely_far() -> None:
     assert found["closest"].iloc[-1] == 0
 
 
+def test_a_fit_uses_every_replicate_of_each_variant() -> None:
+    """Of 30 replicates the median is that of 30, although the others have 10."""
+    own = OWN + FIT.replace(
+        'level = "decentralised", metric = "messages", says = 25.0',
+        'level = "decentralised", metric = "messages", says = 1.0',
+    )
+    study = made(own, SWEEP.replace("repeats = 10", f'repeats = 10\nrepeats_of = {{ "{SLOW}" = 30 }}'))
+    more = pd.DataFrame({"variant": SLOW, "replicate": range(30), "waiting_all": [60.0] * 10 + [90.0] * 20})
+    others = pd.DataFrame({"variant": FAST, "replicate": range(10), "messages": 1.0})
+    found = fits_of(study, pd.concat([more, others])).set_index(["within", "metric"])
+    assert found.loc[("loss=0.9", "waiting_all"), "distance"] == 3.0
+
+
 def lost(variant: str, replicates: Sequence[int]) -> list[dict[str, Any]]:
     reason = "not valid: agent 3 failed in step 5 (25 steps missed): boom"
     return [{"variant": variant, "replicate": number, "means": "in-process", "reason": reason} for number in replicates]
