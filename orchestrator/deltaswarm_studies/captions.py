@@ -49,7 +49,7 @@ def notes(
     told = []
     if empty := [name for name, size in sizes.items() if not size]:
         told.append(f"No values: {'; '.join(empty)}.")
-    whole, drawn = planned_runs(study), rows["variant"] if "variant" in rows else settings.variants or [*study.levels]
+    whole, drawn = planned_runs(study), rows.get("variant", settings.variants or [*study.levels])
     planned = sizes_of(replace(settings, variants=()), study, whole[whole["variant"].isin(drawn)], keys, ())
     if fewer := [f"{name} ({size} of {planned[name]})" for name, size in sizes.items() if 0 < size < planned[name]]:
         told.append(f"Fewer replicates than the study plans: {'; '.join(fewer)}.")

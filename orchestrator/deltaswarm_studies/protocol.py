@@ -20,7 +20,8 @@ from deltaswarm_orchestrator.scenarios.load import check_table
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.operator_settings import BUDGET
 from deltaswarm_scenario.scenario import content_of
-from deltaswarm_studies.settings import EXPLORATORY, StudyFile, expected_of
+from deltaswarm_studies.claim_settings import expected_of
+from deltaswarm_studies.settings import EXPLORATORY, StudyFile
 from deltaswarm_studies.stats import ALPHA
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
@@ -30,7 +31,7 @@ FILE = "protocol.json"
 SHOWN_ONLY = ("figure", "finding")
 """Tables of a study file that no protocol holds: findings are written after the runs, and figures decide nothing."""
 
-WORDS_ONLY = ("title", "why")
+WORDS_ONLY = ("title", "why", "words")
 """Keys that no protocol holds."""
 
 RUN_ONLY = ("schema", "record")
