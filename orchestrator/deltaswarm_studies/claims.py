@@ -36,8 +36,8 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
     procedure tests the claim; p is the two-sided p-value that agrees with it. Claims about all variants have no data
     unless the runs are whole.
 
-    What the median of its reference meets, too, holds anyway. What holds by one outcome and is refuted by another of the
-    same question depends on the metric.
+    What the median of its reference meets, too, holds anyway. What holds by one outcome and is refuted by another of
+    the same question depends on the metric.
     """
     claims = [
         _TestedClaim(settings, runs if is_whole or settings.kind != "predicts" else runs.iloc[:0])

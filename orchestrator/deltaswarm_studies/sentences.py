@@ -51,10 +51,10 @@ def sentences_of(study: Study, chosen: Mapping[str, Any], results: Mapping[str, 
     for same in _grouped(told, lambda own: (own.kind, own.row["metric"], own.row.get("criterion"))):
         by_verdict = _grouped(same, lambda own: (own.row["verdict"], own.row["scale"]))
         blocks = sorted(itertools.chain(*map(_blocks, by_verdict)), key=len, reverse=True)
-        parts = [
-            _filled("long", study, blocks[0]),
-            *(_filled("short", study, block, blocks[0]) for block in blocks[1:]),
+        apart = [
+            at for at in range(len(same[0].places)) if len({frozenset(_column(block, at)) for block in blocks}) > 1
         ]
+        parts = [_filled("short" if place else "long", study, block, apart) for place, block in enumerate(blocks)]
         text = re.sub(r" +(?=[ ,;)])", "", "; ".join(parts))
         yield f"{text[0].upper()}{text[1:]}."
         yield from _of_the_source(same)
@@ -110,22 +110,23 @@ def _of_claims(study: Study, rows: Sequence[Row]) -> Iterator[Result]:
         yield Result(claim.kind, (a, b, *cell), {**row, "without": without})
 
 
-def _filled(form: str, study: Study, block: Block, main: Block = ()) -> str:
-    """Fill the template of a block's verdict; a short one says only where it is unlike the main block."""
+def _column(block: Block, at: int) -> list[str]:
+    """Return the different places of a block's results at one position."""
+    return list(dict.fromkeys(own.places[at] for own in block))
+
+
+def _filled(form: str, study: Study, block: Block, apart: Sequence[int]) -> str:
+    """Fill the template of a block's verdict; a short one names only the positions in which the blocks are `apart`."""
     first, kind = block[0].row, block[0].kind
     words = _words(study, block)
-    columns = [dict.fromkeys(values) for values in zip(*(own.places for own in block), strict=True)]
+    columns = [_column(block, at) for at in range(len(block[0].places))]
     places = [_listed(values, "or" if at < 2 else "and") for at, values in enumerate(columns)]
     level, reference, *cell = places
-    pairs = {own.places[:2] for own in block}
+    pairs = list(dict.fromkeys(own.places[:2] for own in block))
     if len(pairs) < len(columns[0]) * len(columns[1]):
-        level, reference = (
-            _listed([pair[at] for pair in dict.fromkeys(own.places[:2] for own in block)], "and") for at in (0, 1)
-        )
+        level, reference = (_listed([pair[at] for pair in pairs], "and") for at in (0, 1))
         reference += ", respectively"
-    known = [{own.places[at] for own in main} for at in range(len(places))]
-    new = [at for at, values in enumerate(known) if values != {own.places[at] for own in block}]
-    place = " ".join(f"rather than {places[at]}" if at == 1 else places[at] for at in new)
+    place = " ".join(f"rather than {places[at]}" if at == 1 else places[at] for at in apart)
     words |= {"level": level, "reference": reference, "place": place, "between": " and ".join(columns[-1])}
     words["where"] = "".join(f", {one}" for one in _cells(study, block, cell))
     words["where"] = words["where"] if level else words["where"].removeprefix(",")
@@ -152,7 +153,7 @@ def _words(study: Study, block: Block) -> dict[str, str]:
     metric = study.metrics[first["metric"]]
     is_plural = bool(re.search(TEMPLATES["plural"], metric.title.lower()))
     size, more, less = TEMPLATES["size"].get("plural" if is_plural else metric.unit) or TEMPLATES["size"]["other"]
-    name = _lower(metric.title)
+    name, unit = _lower(metric.title), "per s" if metric.unit == "1/s" else metric.unit
     values = {key: [float(row[key]) for row in rows if pd.notna(row.get(key))] for key in ("estimate", "low", "high")}
     decimals = decimals_for(itertools.chain(*values.values()))
     decimals = 2 if decimals == 3 else decimals
@@ -170,11 +171,11 @@ def _words(study: Study, block: Block) -> dict[str, str]:
         "Metric": name if is_plural else f"the {name}",
         "is": "are" if is_plural else "is",
         "it": "they" if is_plural else "it",
-        "unit": "per s" if metric.unit == "1/s" else metric.unit,
+        "unit": unit,
         "size": size,
         "more": more,
         "less": less,
-        "difference": f"{_range(sizes, decimals)} {metric.unit} {less if own_side < 0 else more}",
+        "difference": f"{_range(sizes, decimals)} {unit} {less if own_side < 0 else more}",
         **dict(zip(("rises", "falls"), ("rise", "fall") if is_plural else ("rises", "falls"), strict=True)),
         "estimate": _range(estimates, decimals),
         "interval": f"{interval}, {n}",
@@ -224,7 +225,7 @@ def _closest(study: Study, rows: pd.DataFrame) -> Iterator[str]:
         decisive = []
         for target in fit.targets:
             each = own[(own["level"] == target.level) & (own["metric"] == target.metric)]
-            if each.loc[each["without"].idxmin(), "within"] != first["within"]:
+            if each.sort_values("without").iloc[0]["within"] != first["within"]:
                 decisive.append(f"{_lower(study.metrics[target.metric].title)} {study.words(target.level)}")
         words = {"count": str(len(order)), "within": cells[first["within"]], "next": cells[second["within"]]}
         words |= {"sum": number(first["sum"], 2), "next_sum": number(second["sum"], 2)}
