@@ -141,8 +141,8 @@ class Evidence:
         labels = ["variant", "metric", "level", "reference", "within", *tables.ORIGIN, *study.factors]
         labels += [one.name for one in study.ranges if one.choices]
         runs = read_table(folder / "runs.csv", labels, needs=ID)
-        for name in tables.ORIGIN:
-            runs[name] = runs[name].where(runs[name] != "") if name in runs else None
+        for name in runs.columns.intersection([*tables.ORIGIN]):
+            runs[name] = runs[name].where(runs[name] != "")
         runs = tables.with_levels(study, runs[runs["variant"].isin(study.levels)].reset_index(drop=True))
         if runs.empty:
             raise ValueError(
