@@ -152,16 +152,18 @@ class _TestedClaim:
             return DEPENDS if other._verdict(alpha) == OPPOSITE[verdict] else verdict
         return verdict
 
-    def _open(self, alpha: float, interval: Interval, verdict: ClaimVerdict) -> Row:
+    def _open(self, alpha: float, interval: Interval, verdict: ClaimVerdict, family: int) -> Row:
         """Say why the claim is undecided, and how many replicates would decide it."""
         welch, contrast, settings = self._welch, self._contrast, self.settings
         if verdict != "undecided":
             return {"open": "", "needed": None, "needed_of_both": None}
         if welch is not None:
             needed = welch.replicates(*self._tolerance, alpha)
-            why = "too few runs" if needed and settings.within else "cannot be closed"
+            why = ("too few runs" if settings.within else "no margin") if needed else "cannot be closed"
             of_both = welch.replicates(*self._tolerance, alpha, of_both=True)
             return {"open": why, "needed": needed, "needed_of_both": of_both}
+        if not all(map(math.isfinite, interval)):
+            return {"open": "too few runs", "needed": stats.pairs_needed(family), "needed_of_both": None}
         least, most = settings.region
         found = float(np.median(self._values)) if contrast is None else contrast.estimate or 0.0
         if contrast is not None and contrast.scale == RATIO:
@@ -204,7 +206,7 @@ class _TestedClaim:
             "p_holm": p_holm if self.n else None,
             "family": family,
             "verdict": verdict,
-            **self._open(alpha, (low, high), verdict),
+            **self._open(alpha, (low, high), verdict, family),
             "calibrated": ", ".join(settings.calibrated),
             "expect": settings.expected,
             "why": settings.why,

@@ -48,8 +48,8 @@ def sentences_of(study: Study, chosen: Mapping[str, Any], results: Mapping[str, 
         yield from _closest(study, rows)
         return
     told = list((_of_contrasts if kind == "contrast" else _of_claims)(study, rows.to_dict("records")))
-    for same in _grouped(told, lambda own: (own.kind, own.row["metric"], own.row.get("criterion"))):
-        by_verdict = _grouped(same, lambda own: (own.row["verdict"], own.row["scale"]))
+    for same in _grouped(told, lambda own: (own.kind, own.row["metric"], own.row.get("criterion"), len(own.places))):
+        by_verdict = _grouped(same, lambda own: (own.row["verdict"], own.row["scale"], own.row.get("without")))
         blocks = sorted(itertools.chain(*map(_blocks, by_verdict)), key=len, reverse=True)
         apart = [
             at for at in range(len(same[0].places)) if len({frozenset(_column(block, at)) for block in blocks}) > 1
@@ -77,7 +77,7 @@ def _blocks(results: Block) -> list[Block]:
     for at in (at for at, values in enumerate(columns) if len(values) > 1):
         parts = [[own for own, key in zip(results, keys, strict=True) if key[at] == value] for value in columns[at]]
         splits.append([*itertools.chain(*map(_blocks, parts))])
-    return min(splits, key=len)
+    return min(splits, key=len, default=[[own] for own in results])  # two claims may be about the same
 
 
 def _of_contrasts(study: Study, rows: Sequence[Row]) -> Iterator[Result]:

@@ -130,8 +130,8 @@ def decides(row: Any, run_s: float | None) -> str:
         return f"no number of ours alone, since the published number is too uncertain{both}"
     more = int(needed) - row["n"]
     time = "" if run_s is None else f", in about {timedelta(seconds=round(more * run_s))}"
-    why = "" if row["open"] == "too few runs" else f"{row['open']}; a difference: "
-    return f"{why}{needed:.0f} replicates ({more} more{time})"
+    only = ", for a difference only: no margin" if row["open"] == "no margin" else ""
+    return f"{needed:.0f} replicates ({more} more{time}){only}"
 
 
 def estimate(row: Any, unit: str) -> str:
