@@ -11,7 +11,7 @@ from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import provenance, seal
 from tests.support.studying import OWN
 
-FINDING = "Loss is no matter to those who do not listen."
+FINDING = "- **Loss.** Messages to the operator are"
 
 QUESTION = """
 schema = 1
