@@ -128,6 +128,7 @@ def _filled(form: str, study: Study, block: Block, apart: Sequence[int]) -> str:
         reference += ", respectively"
     place = " ".join(f"rather than {places[at]}" if at == 1 else places[at] for at in apart)
     words |= {"level": level, "reference": reference, "place": place, "between": " and ".join(columns[-1])}
+    cell = cell[:-1] if kind == "interaction" else cell
     words["where"] = "".join(f", {one}" for one in _cells(study, block, cell))
     words["where"] = words["where"] if level else words["where"].removeprefix(",")
     words["amount"] = TEMPLATES["amount"][first["scale"]].format(**words)
