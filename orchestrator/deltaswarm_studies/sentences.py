@@ -222,6 +222,8 @@ def _closest(study: Study, rows: pd.DataFrame) -> Iterator[str]:
             ", ".join(cell.values()): ", ".join(map(study.words, cell.values())) for cell in study.cells([fit.factor])
         }
         order = own.drop_duplicates("within")
+        if len(order) == 1:  # there is nothing to be closer than
+            continue
         first, second = (order.iloc[place] for place in (0, 1))
         decisive = []
         for target in fit.targets:
