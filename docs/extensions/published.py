@@ -1,9 +1,10 @@
-"""Put what published studies found into pages that tell of it: findings that still hold, and medians with intervals.
+"""Put what published studies found into pages that tell of it: findings, and medians with intervals.
 
 A part begins with a comment and ends with `<!-- end -->`; what stands between them is made anew:
 
-- `<!-- findings: STUDY -->` lists the findings of a study's page, which drops those that its results no longer support.
-- `<!-- verdicts: STUDY -->` counts the verdicts of its claims; for the README, by its path.
+- `<!-- findings: STUDY -->` lists the findings of a study's page, which are made from its results.
+- `<!-- verdicts: STUDY -->` counts the verdicts of its claims in four lines, by `docs/tables/verdicts.toml`.
+- `<!-- tests: all -->` counts the tests of all studies.
 - `<!-- medians: TABLE -->` makes the table that `docs/tables/TABLE.toml` describes: `study`, `heading`, `[rows]` (name
   and variant), `[columns]` (metric and title), and, if you like, `[says.METRIC]` (what is put beside a row's number).
 - `<!-- best: TABLE -->` puts each rule beside the best of the `fixed` variants whose median `rate` is within a bound:
@@ -19,6 +20,8 @@ from typing import Any
 
 import pandas as pd
 
+from deltaswarm_studies.verdicts import tests_of_pages
+
 DOCS = Path(__file__).parents[1]
 PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md", DOCS / "READINGS.md")
 STUDIES = DOCS / "studies"
@@ -29,10 +32,9 @@ OURS = "Our readings"
 
 PLACE = "docs/studies"
 
-USUAL = " (What does not differ is equivalent within 1.1 times.)"
-"""The usual margin of equivalence, which the page beyond the paper names once."""
-
-PART = re.compile(r"(<!-- (findings|medians|verdicts|best|shares): ([\w-]+) -->\n)(.*?)(<!-- end -->\n)", re.DOTALL)
+PART = re.compile(
+    r"(<!-- (findings|medians|verdicts|tests|best|shares): ([\w-]+) -->\n)(.*?)(<!-- end -->\n)", re.DOTALL
+)
 
 
 def findings(study: str) -> Iterator[str]:
@@ -40,7 +42,7 @@ def findings(study: str) -> Iterator[str]:
     page = (STUDIES / study / "page.md").read_text(encoding="utf-8")
     yield ""
     lines = page.partition("\n## Design\n")[0].splitlines()
-    yield from (line.removesuffix(USUAL) for line in lines if line.startswith("- "))
+    yield from (line for line in lines if line.startswith("- "))
     yield ""
 
 
@@ -67,19 +69,36 @@ def _cell(row: "pd.Series[float]") -> str:
 
 
 def verdicts(study: str) -> Iterator[str]:
-    """Count the verdicts of a study's claims; apart those that were calibrated, and those about our readings."""
-    table = pd.read_csv(STUDIES / study / "claims.csv")
-    is_ours, is_calibrated = table["source"] == OURS, table["calibrated"].notna()
-    counts = (
-        table[~is_ours & ~is_calibrated]["verdict"].replace({"differs": "refuted", "agrees": "holds"}).value_counts()
-    )
-    held, refuted, undecided = (counts.get(verdict, 0) for verdict in ("holds", "refuted", "undecided"))
-    ours = f" {is_ours.sum()} are about these readings themselves." if is_ours.any() else ""
-    yield ""
-    yield f"Of {counts.sum()} claims of the paper {held} hold, {refuted} are refuted and {undecided} undecided"
-    yield f"([each claim]({PLACE}/{study}/page.md)). {(is_calibrated & ~is_ours).sum()} more are about numbers by which"
-    yield f"our settings were chosen, so agreement there is no evidence.{ours}"
-    yield ""
+    """Say in four lines what a study's claims came to, what contradicts their source first."""
+    table = pd.read_csv(STUDIES / study / "claims.csv").fillna({"calibrated": ""}).set_index("claim")
+    told = tomllib.loads((TABLES / "verdicts.toml").read_text(encoding="utf-8"))
+    is_ours, is_calibrated = table["source"] == OURS, table["calibrated"] != ""
+    headline = [
+        text.format(**_of(table.loc[claim])) for claim, text in told["headline"].items() if claim in table.index
+    ]
+    main = _counted(table[~is_ours & ~is_calibrated])
+    words = {"headline": "; ".join(headline), "page": f"{PLACE}/{study}/page.md", "claims": main.sum()}
+    groups = {"main": main, "calibrated": _counted(table[~is_ours & is_calibrated]), "ours": _counted(table[is_ours])}
+    for name, counts in groups.items():
+        words |= {f"{name}_{verdict}": counts.get(verdict, 0) for verdict in told["verdicts"]} | {name: counts.sum()}
+    yield from ("", *(f"- {line.format(**words)}" for line in told["lines"]), "")
+
+
+def _counted(claims: pd.DataFrame) -> "pd.Series[int]":
+    same = {"differs": "refuted", "agrees": "holds", "depends on the metric": "depends", "holds anyway": "anyway"}
+    return claims["verdict"].replace(same).value_counts()
+
+
+def _of(row: "pd.Series[Any]") -> dict[str, str]:
+    """Return what a headline may say of a claim: its numbers, and of a ratio by how many percent less it is."""
+    less, least, most = (f"{100 * (1 - 1 / row[name]):.1f}" for name in ("estimate", "low", "high"))
+    shown = {"less": f"{less} % [{least}, {most}]", "says": row["says"]}
+    return shown | {"ours": f"{row['ours']:.2f}", "p": f"{row['p']:.1g}"}
+
+
+def tests(studies: str) -> Iterator[str]:
+    """Say how many tests the pages of all studies hold, on which a page draws."""
+    yield from ("", tests_of_pages(sorted(file.parent for file in STUDIES.glob("*/runs.csv"))), "")
 
 
 def best(name: str) -> Iterator[str]:
@@ -120,7 +139,14 @@ def shares(study: str) -> Iterator[str]:
     yield ""
 
 
-MAKERS = {"findings": findings, "medians": medians, "verdicts": verdicts, "best": best, "shares": shares}
+MAKERS = {
+    "findings": findings,
+    "medians": medians,
+    "verdicts": verdicts,
+    "tests": tests,
+    "best": best,
+    "shares": shares,
+}
 
 
 def with_published(text: str) -> str:

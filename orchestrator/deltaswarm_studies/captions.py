@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import pandas as pd
 
@@ -12,6 +13,7 @@ from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import source_of
 from deltaswarm_studies.settings import FigureSettings
 from deltaswarm_studies.study import Study
+from deltaswarm_studies.tables import planned_runs
 
 Sizes = Mapping[str, int]
 """The number of replicates behind each value that a figure shows, by the value's name."""
@@ -21,7 +23,7 @@ def sizes_of(
     settings: FigureSettings, study: Study, rows: pd.DataFrame, keys: Sequence[str], metrics: Sequence[str]
 ) -> Sizes:
     """Count the replicates with values in each combination of these factors' levels, also where there is none."""
-    known = rows.dropna(subset=list(metrics))
+    known = rows.dropna(subset=list(metrics)) if metrics else rows
     variants = settings.variants or study.levels
     cells = dict.fromkeys(tuple((key, study.levels[name][key]) for key in keys if key) for name in variants)
     sizes = {}
@@ -41,19 +43,20 @@ def n_of(sizes: Sizes) -> str:
 
 
 def notes(
-    settings: FigureSettings, study: Study, evidence: Evidence, rows: pd.DataFrame, sizes: Sizes
+    settings: FigureSettings, study: Study, evidence: Evidence, rows: pd.DataFrame, sizes: Sizes, keys: Sequence[str]
 ) -> tuple[str, ...]:
-    """Say what a figure lacks, and which of its values say only that they are no less."""
+    """Say what a figure lacks, and which of its values say only that they are no less; `keys` as for `sizes_of`."""
     told = []
     if empty := [name for name, size in sizes.items() if not size]:
         told.append(f"No values: {'; '.join(empty)}.")
-    if fewer := [f"{name} ({size})" for name, size in sizes.items() if 0 < size < study.repeats]:
-        lack = "all" if len(fewer) == len(sizes) and len(set(sizes.values())) == 1 else "; ".join(fewer)
-        told.append(f"Fewer than the {study.repeats} replicates of the study: {lack}.")
+    whole, drawn = planned_runs(study), rows.get("variant", settings.variants or [*study.levels])
+    planned = sizes_of(replace(settings, variants=()), study, whole[whole["variant"].isin(drawn)], keys, ())
+    if fewer := [f"{name} ({size} of {planned[name]})" for name, size in sizes.items() if 0 < size < planned[name]]:
+        told.append(f"Fewer replicates than the study plans: {'; '.join(fewer)}.")
     if unjudged := [name for name in evidence.unjudged if name in (settings.variants or study.levels)]:
         told.append(f"Not judged, since too many runs are invalid: {'; '.join(map(study.variant_title, unjudged))}.")
-    drawn = heights(settings, study, evidence, rows)
-    if undrawn := [name for name in settings.lines if name not in drawn]:
+    levels = heights(settings, study, evidence, rows)
+    if undrawn := [name for name in settings.lines if name not in levels]:
         told.append(f"Lines of variants without values are missing: {'; '.join(undrawn)}.")
     metrics = dict.fromkeys(getattr(settings, key) for key in KINDS[settings.kind].metrics)
     told += [

@@ -8,9 +8,10 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.event_checks import horizons_s, too_short
 from deltaswarm_studies.metrics import StudyMetric, source_of
-from deltaswarm_studies.settings import ClaimSettings, ContrastSettings
+from deltaswarm_studies.settings import ContrastSettings
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.checked import Problem
 
@@ -195,7 +196,7 @@ def _contrast_kept(is_level: bool, is_reference: bool) -> tuple[str, ...]:
 
 def _claim_kept(claim: ClaimSettings, of: Sequence[str], horizon_s: float) -> tuple[str, ...]:
     """Return the verdicts of a claim that stay, whichever longer times these variants have."""
-    if len(of) > 1 or claim.kind == "predicts":
+    if len(of) > 1 or claim.kind in ("predicts", "trend"):
         return ()
     if claim.kind == "order":
         return ("holds",) if of == [claim.more] else ("refuted",)

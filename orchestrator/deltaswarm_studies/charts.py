@@ -78,7 +78,7 @@ def boxes(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
             f"interquartile ranges{'' if min(sizes.values()) >= BOX_FROM else f'; fewer than {BOX_FROM} have none'}."
         )
     figure = panels(settings, study, evidence, rows, draw, frame)
-    return Drawing(figure, (told, *averaged(settings, study), *notes(settings, study, evidence, rows, sizes)))
+    return Drawing(figure, (told, *averaged(settings, study), *notes(settings, study, evidence, rows, sizes, factors)))
 
 
 def levels(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
@@ -110,7 +110,7 @@ def levels(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawin
     sizes = sizes_of(settings, study, rows, factors, [settings.metric])
     told = f"Medians of {n_of(sizes)} replicates, {intervals(has_interval)}."
     told += " Points are set slightly apart along the axis." if len(look_of) > 1 else ""
-    return Drawing(figure, (told, *averaged(settings, study), *notes(settings, study, evidence, rows, sizes)))
+    return Drawing(figure, (told, *averaged(settings, study), *notes(settings, study, evidence, rows, sizes, factors)))
 
 
 def time(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
@@ -154,7 +154,7 @@ def time(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     told += (
         ", with 95 % intervals (Student's t)." if max(windows.values()) > 1 else ", without intervals, which need 2."
     )
-    return Drawing(figure, (told, *notes(settings, study, evidence, rows, sizes)))
+    return Drawing(figure, (told, *notes(settings, study, evidence, rows, sizes, list(study.factors))))
 
 
 def swarms(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:

@@ -18,7 +18,6 @@ from deltaswarm_studies.metrics import BUILT_IN, COLUMN, WINDOW, controllers_own
 from deltaswarm_studies.possible import impossible_claims, unknown_readings
 from deltaswarm_studies.settings import listed
 from deltaswarm_studies.study import Study
-from deltaswarm_studies.wording import unsaid
 from deltaswarm_wire.checked import Problem, did_you_mean
 
 PER_STEP = ("frames_sent", "frames_received", "senders")
@@ -49,7 +48,6 @@ def problems_of(study: Study) -> Iterator[Problem]:
         yield from ceiling_problems(study)
         yield from unknown_readings(study)
         yield from impossible_claims(study)
-        yield from unsaid(study)
 
 
 def used_metrics(study: Study) -> list[str]:
@@ -94,6 +92,7 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
     """Yield each place that refers to something by name: the place, its names, and the names that exist."""
     file, factors, metrics = study.file, study.factors, study.metrics
     variants = list(study.levels)
+    yield "study.words", list(file.study.words), [*factors, *itertools.chain(*factors.values())]
     yield "study.metrics", file.study.metrics, metrics
     for i, contrast in enumerate(file.contrast):
         where, levels = f"contrast[{i}]", factors.get(contrast.factor, ())
@@ -106,7 +105,7 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
             yield f"{where}.across_pairs", [*itertools.chain(*contrast.across_pairs)], factors.get(contrast.across, ())
     for i, claim in enumerate(file.claim):
         yield f"claim[{i}].metric", [claim.metric, *claim.predictors], metrics
-        yield f"claim[{i}] ({claim.id})", claim.variants, variants
+        yield f"claim[{i}] ({claim.id})", [*claim.variants, *filter(None, [claim.reference])], variants
     for i, recovery in enumerate(file.recovery):
         yield f"recovery[{i}].metric", [recovery.metric], study.over_time
         yield f"recovery[{i}].factor", [recovery.factor], factors
@@ -138,9 +137,9 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
     ids = {"claim": [claim.id for claim in file.claim], "contrast": [contrast.id for contrast in file.contrast]}
     ids |= {"fit": [fit.text for fit in file.fit]}
     for i, finding in enumerate(file.finding):
-        for j, result in enumerate(finding.because):
+        for j, result in enumerate(finding.results):
             kind = next(kind for kind in ids if kind in result)
-            yield f"finding[{i}].because[{j}].{kind}", [str(name) for name in listed(result[kind])], ids[kind]
+            yield f"finding[{i}].results[{j}].{kind}", [str(name) for name in listed(result[kind])], ids[kind]
 
 
 def _repeated_names(study: Study) -> Iterator[Problem]:
@@ -158,9 +157,7 @@ def _repeated_names(study: Study) -> Iterator[Problem]:
 
 def _results(study: Study) -> Iterator[Problem]:
     file = study.file
-    rows: dict[str, dict[str, list[str]]] = {
-        fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit
-    }
+    rows: dict[str, dict[str, list[str]]] = {}
     for contrast in file.contrast:
         comparisons = list(study.comparisons(contrast))
         rows[contrast.id] = {"metric": list(study.metrics_of(contrast))}
@@ -169,12 +166,12 @@ def _results(study: Study) -> Iterator[Problem]:
         }
     listed_already: set[tuple[str, ...]] = set()
     for i, finding in enumerate(file.finding):
-        for j, result in enumerate(finding.because):
-            for id in listed(result.get("contrast", result.get("fit", []))):
+        for j, result in enumerate(finding.results):
+            for id in listed(result.get("contrast", [])):
                 for name, values in rows[id].items():
                     for value in listed(result.get(name, [])):
                         if value not in values:
-                            where, known = f"finding[{i}].because[{j}].{name}", dict.fromkeys(values)
+                            where, known = f"finding[{i}].results[{j}].{name}", dict.fromkeys(values)
                             yield _unknown_name(where, value, known, listed_already)
 
 
@@ -244,7 +241,7 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
     if study.ranges and not file.claim:
         yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
     for i, claim in enumerate(file.claim if study.ranges else ()):
-        if claim.kind == "predicts":
+        if claim.kind in ("predicts", "trend"):
             allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
             yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
     windowed = [name for name in used_metrics(study) if study.metrics[name].kind != COLUMN]

@@ -1,25 +1,29 @@
-"""Claims about the runs with their verdicts, and the findings that rest on claims and contrasts."""
+"""Claims about the runs with their verdicts.
+
+A trend is tested by the rank correlations of the replicates: where nothing differs they are symmetric about 0, so the
+signed-rank test against 0 is exact but for ties, and then conservative.
+"""
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
-from deltaswarm_studies import montecarlo, stats
-from deltaswarm_studies.settings import ClaimSettings, ClaimVerdict, listed
+from deltaswarm_studies import deciding, montecarlo, stats
+from deltaswarm_studies.claim_settings import ANYWAY, DEPENDS, ClaimSettings, ClaimVerdict
+from deltaswarm_studies.metrics import WAITING, WAITING_ALL
 from deltaswarm_studies.stats import DIFFERENCE, RATIO, Contrast, Interval
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import Row, Samples, column, end, samples_of
 from deltaswarm_studies.welch import Spread, Welch
 
-NUMBER = r"\d+(?:\.\d+)?"
-RATIOS = re.compile(rf"({NUMBER})(?:(?: to | or )({NUMBER}))? times")
-SHARES = re.compile(rf"({NUMBER})(?: to ({NUMBER}))? % (?:more|fewer|less|longer|sooner|later)")
-MEDIANS = re.compile(rf"({NUMBER})(?: s)? instead of ({NUMBER})")
-"""Numbers in the text of a finding."""
+TWINS = {WAITING: WAITING_ALL, WAITING_ALL: WAITING}
+"""Two ways to count one outcome: without the events that were never sensed, and with them."""
+
+OPPOSITE = {"holds": "refuted", "refuted": "holds"}
 
 
 def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.DataFrame:
@@ -31,6 +35,9 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
     tolerance, differs if it excludes 0, and is undecided otherwise. The interval has the confidence at which Holm's
     procedure tests the claim; p is the two-sided p-value that agrees with it. Claims about all variants have no data
     unless the runs are whole.
+
+    What the median of its reference meets, too, holds anyway. What holds by one outcome and is refuted by another of
+    the same question depends on the metric.
     """
     claims = [
         _TestedClaim(settings, runs if is_whole or settings.kind != "predicts" else runs.iloc[:0])
@@ -41,6 +48,14 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
         family = [claim for claim in claims if claim.settings.source == source]
         for claim, (p_holm, alpha) in zip(family, stats.holm([claim.p for claim in family]), strict=True):
             rows[claim.settings.id] = claim.row(p_holm, alpha, len(family))
+    by_question = defaultdict(list)
+    for settings in study.file.claim:
+        by_question[settings.question].append(rows[settings.id])
+    for question, asked in by_question.items():
+        verdicts = {"holds" if row["verdict"] in ("agrees", ANYWAY) else row["verdict"] for row in asked}
+        if question and (DEPENDS in verdicts or ("holds" in verdicts and verdicts & {"refuted", "differs"})):
+            for row in asked:
+                row["verdict"] = DEPENDS
     return pd.DataFrame([rows[settings.id] for settings in study.file.claim])
 
 
@@ -48,7 +63,7 @@ class _TestedClaim:
     """A claim with the quantity that it is about: a value, a contrast, or the difference from a published number."""
 
     def __init__(self, settings: ClaimSettings, runs: pd.DataFrame) -> None:
-        self.settings = settings
+        self.settings, self._runs = settings, runs
         predicts = settings.kind == "predicts"
         samples = _correlations(runs, settings.metric) if predicts else samples_of(runs, settings.metric)
         self._contrast: Contrast | None = None
@@ -66,6 +81,13 @@ class _TestedClaim:
                 self.p = min(self._welch.p(), self._p_within)
             elif self.n:
                 self.p = stats.smallest_alpha(lambda alpha: self._verdict(alpha) != "undecided")
+            return
+        if settings.kind == "trend":
+            correlations = _along(samples, settings.along)
+            self._least = 0.0
+            self._contrast = stats.contrast(correlations, 0 * correlations, DIFFERENCE)
+            self.n, self.p = self._contrast.n, self._contrast.p(self._least)
+            self._mcse = montecarlo.of_shift(correlations, 0 * correlations, DIFFERENCE)
             return
         is_alike = settings.kind == "alike"
         a, b = map(samples, (settings.a, settings.b) if is_alike else (settings.more, settings.less))
@@ -117,17 +139,53 @@ class _TestedClaim:
             return "holds" if self._p_within <= alpha else "refuted"
         return "holds" if contrast.p_above(self._least) < contrast.p_below(self._least) else "refuted"
 
+    def _in_context(self, alpha: float) -> ClaimVerdict:
+        """Return the verdict beside that of the reference, and of the other way to count the outcome."""
+        verdict, settings = self._verdict(alpha), self.settings
+        if settings.reference and verdict in ("holds", "agrees"):
+            least, most = settings.region
+            without = samples_of(self._runs, settings.metric)(settings.reference).median()
+            return ANYWAY if least <= without <= most else verdict
+        twin = TWINS.get(settings.metric)
+        if twin in self._runs and verdict in OPPOSITE and settings.kind != "predicts":
+            other = _TestedClaim(replace(settings, metric=str(twin)), self._runs)
+            return DEPENDS if other._verdict(alpha) == OPPOSITE[verdict] else verdict
+        return verdict
+
+    def _open(self, alpha: float, interval: Interval, verdict: ClaimVerdict, family: int) -> Row:
+        """Say why the claim is undecided, and how many replicates would decide it."""
+        welch, contrast, settings = self._welch, self._contrast, self.settings
+        if verdict != "undecided":
+            return {"open": "", "needed": None, "needed_of_both": None}
+        if welch is not None:
+            needed = welch.replicates(*self._tolerance, alpha)
+            why = ("too few runs" if settings.within else "no margin") if needed else "cannot be closed"
+            of_both = welch.replicates(*self._tolerance, alpha, of_both=True)
+            return {"open": why, "needed": needed, "needed_of_both": of_both}
+        if not all(map(math.isfinite, interval)):
+            return {"open": "too few runs", "needed": stats.pairs_needed(family), "needed_of_both": None}
+        least, most = settings.region
+        found = float(np.median(self._values)) if contrast is None else contrast.estimate or 0.0
+        if contrast is not None and contrast.scale == RATIO:
+            found, least, most = math.log(found), math.log(least), math.log(most)
+            interval = math.log(interval[0]), math.log(interval[1])
+        elif contrast is not None:
+            least, most = (math.nan if settings.kind == "alike" else self._least), math.nan
+        edges = deciding.from_edges(found, [end for end in (least, most) if math.isfinite(end)])
+        return {
+            "open": "too few runs",
+            "needed": deciding.runs_needed(interval, self.n, alpha, edges),
+            "needed_of_both": None,
+        }
+
     def row(self, p_holm: float, alpha: float, family: int) -> Row:
         """Return the claim's row, tested at `alpha` in a family of this many claims."""
         settings, contrast, welch = self.settings, self._contrast, self._welch
         low, high = self._interval(alpha) if self.n else (math.nan, math.nan)
         estimate = float(np.median(self._values)) if len(self._values) else None
-        verdict, needed, of_both = self._verdict(alpha), None, None
         if welch is not None:
             estimate = welch.difference
-            if verdict == "undecided":
-                needed = welch.replicates(*self._tolerance, alpha)
-                of_both = welch.replicates(*self._tolerance, alpha, of_both=True)
+        verdict = self._in_context(alpha)
         return {
             "claim": settings.id,
             **{name: getattr(settings, name) for name in ("text", "source", "says", "assumes", "metric")},
@@ -148,8 +206,7 @@ class _TestedClaim:
             "p_holm": p_holm if self.n else None,
             "family": family,
             "verdict": verdict,
-            "needed": needed,
-            "needed_of_both": of_both,
+            **self._open(alpha, (low, high), verdict, family),
             "calibrated": ", ".join(settings.calibrated),
             "expect": settings.expected,
             "why": settings.why,
@@ -159,12 +216,16 @@ class _TestedClaim:
         claim = self.settings
         if claim.of:
             return f"{claim.of} less the published" if claim.kind == "published" else claim.of
+        if claim.along:
+            return " to ".join(claim.along)
         return f"{claim.a or claim.more} over {claim.b or claim.less}"
 
     def _criterion(self) -> str:
         claim, (low, high) = self.settings, self.settings.region
         if claim.kind == "alike":
             return f"{f'{claim.ratio:g} times, ' * (claim.ratio != 1)}within {claim.margin:g} times"
+        if claim.kind == "trend":
+            return "rising"
         if claim.kind in ("order", "predicts"):
             return f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"
         if claim.kind == "published" and not claim.within:
@@ -173,6 +234,15 @@ class _TestedClaim:
             return f"above {low:g}"
         exact = " (no spread published)" if claim.says and not claim.n else ""
         return f"{low:g} to {high:g}{exact}"
+
+
+def _along(samples: Samples, variants: Sequence[str]) -> pd.Series:
+    """Return each replicate's rank correlation (Spearman) of a metric with the order of the variants."""
+    ranks = pd.concat([samples(name) for name in variants], axis=1).dropna().rank(axis=1)
+    order = np.arange(len(variants)) - (len(variants) - 1) / 2
+    away = ranks.sub(ranks.mean(axis=1), axis=0)
+    size = np.sqrt((away**2).sum(axis=1) * (order**2).sum())
+    return pd.Series(away.to_numpy() @ order / size, ranks.index).fillna(0.0)  # without a difference there is no order
 
 
 def _correlations(runs: pd.DataFrame, metric: str) -> Samples:
@@ -194,7 +264,7 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
     problems = []
     for claim in study.file.claim:
         values = column(runs, claim.metric).dropna().to_numpy(float)
-        if not len(values) or claim.kind == "predicts" or math.isnan(claim.region[0]):
+        if not len(values) or claim.kind in ("predicts", "trend") or math.isnan(claim.region[0]):
             continue
         (least, most), low, high = claim.region, values.min(), values.max()
         if claim.of:
@@ -205,59 +275,3 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
         if is_vacuous:
             problems.append(f"the claim {claim.id!r} is vacuous: no run of any variant could contradict it")
     return problems
-
-
-def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Make a row per finding: the sentence, and what no longer supports it (empty if all does): results, numbers.
-
-    `results` has the table of each kind of result: claims, contrasts, fits and estimates.
-    """
-    rows = []
-    medians = list(results["estimates"]["median"]) if "estimates" in results else []
-    for finding in study.file.finding:
-        rested = [_rows_of(result, results) for result in finding.because]
-        reasons = [reason for reason in map(_broken, finding.because, rested) if reason]
-        estimates = [number for table in rested if "estimate" in table for number in table["estimate"].dropna()]
-        wrong = list(unsupported(finding.text, estimates, medians))
-        reasons += [f"no result that it rests on is {', '.join(map(repr, wrong))}"] if wrong and not reasons else []
-        rows.append({"text": finding.text, "broken": "; ".join(reasons)})
-    return pd.DataFrame(rows, columns=["text", "broken"])
-
-
-def _rows_of(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    rows = next(table for kind, table in results.items() if kind in result)
-    for name, value in result.items():
-        rows = rows[rows[name].isin(listed(value))] if name != "is" else rows
-    return rows
-
-
-def _broken(result: Mapping[str, Any], rows: pd.DataFrame) -> str:
-    """Say why the rows that a finding names do not support it; empty if they do."""
-    named = {name: value for name, value in result.items() if name != "is"}
-    what = ", ".join(f"{name} {value!r}" for name, value in named.items())
-    if rows.empty:
-        return f"there is no result with {what}"
-    wrong = rows[~rows["verdict"].isin(listed(result["is"]))]
-    return f"{what} is {wrong['verdict'].iloc[0]}, not {result['is']}" if len(wrong) else ""
-
-
-def unsupported(text: str, estimates: Iterable[float], medians: Iterable[float]) -> Iterator[str]:
-    """Yield each number in a finding's text that is not among the results, as written there.
-
-    `0.5 to 0.7 times` must be ratios among the `estimates`, whichever side is above, `12 % more` the change that one of
-    them is, and `65 instead of 409` two of the `medians`, all rounded as the words have them.
-    """
-    ratios = [side for ratio in estimates if ratio > 0 for side in (ratio, 1 / ratio)]
-    shares = [abs(ratio - 1) * 100 for ratio in ratios]
-    words = " ".join(text.split())
-    for pattern, found in ((RATIOS, ratios), (SHARES, shares), (MEDIANS, list(medians))):
-        for match in pattern.finditer(words):
-            if not all(_is_among(stated, found) for stated in match.groups() if stated):
-                yield match.group()
-
-
-def _is_among(stated: str, found: Iterable[float]) -> bool:
-    """Return whether a number, rounded to as many decimals as are stated, is the stated one."""
-    decimals = len(stated.partition(".")[2])
-    half = 0.5 * 10.0**-decimals
-    return any(math.isclose(number, float(stated), rel_tol=0, abs_tol=half * (1 + 1e-9)) for number in found)

@@ -211,13 +211,12 @@ def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[
         for _, row in evidence.claims.iterrows():
             print_result(f"{row['verdict']:10} {row['text']}")
         print_result(f"{study.name}: {done.page}")
-    is_whole = not arguments.set and arguments.repeats is None
     if done.unsealed:
         notice(done.unsealed)
-    for line in done.complaints(is_whole):
+    for line in done.complaints():
         complain(line)
     invalid = evidence.invalid.to_dict("records")
-    return done.code(is_whole), {"study": study.name, "page": str(done.page), "claims": verdicts, "invalid": invalid}
+    return done.code(), {"study": study.name, "page": str(done.page), "claims": verdicts, "invalid": invalid}
 
 
 def _checked(arguments: argparse.Namespace, study: "Study", folder: Path) -> dict[str, Any]:

@@ -80,18 +80,17 @@ class StudyResult:
         line = f"{self.study.name}: the tables in {self.folder} are not sealed, so nobody can tell whether they were"
         return "" if self.sealed else f"{line} changed"
 
-    def complaints(self, is_whole: bool) -> list[str]:
-        """Return what did not go as it should, a line each; `is_whole`: the study was done as its file says."""
+    def complaints(self) -> list[str]:
+        """Return what did not go as it should, a line each."""
         evidence = self.evidence
-        lines = [*self.protocol.problems, *evidence.warnings, *(evidence.unsupported if is_whole else [])]
+        lines = [*self.protocol.problems, *evidence.warnings]
         lines += [f"not as expected: {line}" for line in evidence.surprises]
         return [f"{self.study.name}: {line}" for line in lines]
 
-    def code(self, is_whole: bool) -> int:
+    def code(self) -> int:
         """Return the exit code of the command line."""
         evidence = self.evidence
         missed = [*self.protocol.problems, *evidence.surprises]
-        missed += [*evidence.unsupported, *evidence.contradictions] if is_whole else []
         return FAILED if evidence.incomplete or evidence.undrawn else MISSED if missed else OK
 
 
@@ -156,7 +155,7 @@ def study(
             raise CommandError(f"{loaded.name}: {error.filename} is not there; render=False makes it", FAILED) from None
         except ValueError as error:
             raise CommandError(f"{loaded.name}: {error}", FAILED) from None
-        lines += done.complaints(is_whole=not given and replicates is None)
+        lines += done.complaints()
     if lines:
         warnings.warn(in_python("\n".join(lines)), stacklevel=3)
     return done

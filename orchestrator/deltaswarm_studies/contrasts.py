@@ -11,10 +11,12 @@ import pandas as pd
 from deltaswarm_orchestrator.sweeps.table import read_table
 from deltaswarm_studies import montecarlo
 from deltaswarm_studies.ceilings import at_ceiling
-from deltaswarm_studies.metrics import ID, WAITING, WAITING_ALL
+from deltaswarm_studies.claim_settings import DEPENDS
+from deltaswarm_studies.claims import TWINS
+from deltaswarm_studies.deciding import open_contrast
+from deltaswarm_studies.metrics import ID
 from deltaswarm_studies.settings import ContrastSettings, ContrastVerdict
 from deltaswarm_studies.stats import (
-    ALPHA,
     RATIO,
     Contrast,
     Scale,
@@ -28,6 +30,9 @@ from deltaswarm_studies.stats import (
 from deltaswarm_studies.study import Comparison, Study
 from deltaswarm_studies.tables import Row, Samples, end, samples_of
 
+SIDES = {"higher": "higher", "slightly higher": "higher", "lower": "lower", "slightly lower": "lower"}
+OPPOSITE = {"higher": "lower", "lower": "higher"}
+
 MIN_PILOT = 3
 """Fewest pairs of a pilot from which a spread is estimated."""
 
@@ -37,18 +42,26 @@ def contrasts_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 
     `level` is compared with `reference` within the cell `within`, all rows of a family on one scale. The interval has
     the confidence at which Holm's procedure tests the row, and decides the verdict: higher, lower, alike (within the
-    margin), slightly higher or lower (different, and within the margin), unclear, or no data.
+    margin), slightly higher or lower (different, and within the margin), unclear, or no data; and that it depends on
+    the metric if waiting by the events that were sensed and by all events differ in opposite directions.
     """
     rows: list[Row] = []
     for settings in study.file.contrast:
         for metric in study.metrics_of(settings):
-            rows += _family(settings, metric, list(study.comparisons(settings)), samples_of(runs, metric))
+            twin = TWINS.get(metric)
+            twins = samples_of(runs, twin) if twin and twin in runs and not settings.across else None
+            rows += _family(settings, metric, list(study.comparisons(settings)), samples_of(runs, metric), twins)
     return pd.DataFrame(rows)
 
 
 def _family(
-    settings: ContrastSettings, metric: str, comparisons: Sequence[Comparison], samples: Samples
+    settings: ContrastSettings,
+    metric: str,
+    comparisons: Sequence[Comparison],
+    samples: Samples,
+    twins: Samples | None,
 ) -> Iterator[Row]:
+    """Yield the rows of a family; `twins` are the same outcome by another count, whose order must not be opposite."""
     scale = _scale_of(comparisons, samples)
     pairs = [_paired(row, samples, scale) for row in comparisons]
     contrasts = [contrast(a, b, scale) for a, b in pairs]
@@ -58,6 +71,14 @@ def _family(
         has_margin = margin > 0 and (scale == RATIO or len(row.sides) == 1)  # changes by differences have no ratio
         p_within = p_of_margin(a, b, margin)[0] if has_margin else 1.0
         low, high = tested.interval(alpha)
+        verdict, why, needed = _verdict(tested, alpha, p_within), "", None
+        if twins and verdict in SIDES:
+            other = contrast(*_paired(row, twins, _scale_of([row], twins)))
+            is_opposite = _verdict(other, alpha, 1.0) == OPPOSITE[SIDES[verdict]]
+            verdict = DEPENDS if is_opposite else verdict
+        if verdict == "unclear":
+            of = (tested.estimate or 0.0, (low, high), tested.n, alpha, scale, margin * has_margin)
+            why, needed = open_contrast(*of, len(contrasts))
         yield {
             "contrast": settings.id,
             "metric": metric,
@@ -75,7 +96,9 @@ def _family(
             "p_holm": p_holm,
             "family": len(contrasts),
             "margin": margin,
-            "verdict": _verdict(tested, alpha, p_within),
+            "verdict": verdict,
+            "open": why,
+            "needed": needed,
         }
 
 
@@ -101,34 +124,6 @@ def _verdict(tested: Contrast, alpha: float, p_within: float) -> ContrastVerdict
     if tested.p_above() < tested.p_below():
         return "slightly higher" if is_small else "higher"
     return "slightly lower" if is_small else "lower"
-
-
-def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
-    """List comparisons of waiting whose direction reverses when events that were never sensed are counted too.
-
-    A swarm that never finds the difficult events would look fast by the events that it did find.
-    """
-    if not {WAITING, WAITING_ALL} <= set(runs):
-        return []
-    by_sensed, by_all = samples_of(runs, WAITING), samples_of(runs, WAITING_ALL)
-    problems = []
-    for settings in study.file.contrast:
-        if settings.across or not {WAITING, WAITING_ALL} & set(study.metrics_of(settings)):
-            continue
-        for row in study.comparisons(settings):
-            ((a, b),) = row.sides
-            contrasts = [contrast(samples(a), samples(b)) for samples in (by_sensed, by_all)]
-            signs = {
-                0 if tested.estimate is None else int(np.sign(tested.estimate - tested.none)) for tested in contrasts
-            }
-            if signs == {-1, 1} and min(tested.p() for tested in contrasts) < ALPHA:
-                level, reference = (study.level_title(settings.factor, name) for name in (row.level, row.reference))
-                within = f" ({row.within_title})" if row.within else ""
-                problems.append(
-                    f"{level} against {reference}{within}: waiting by sensed events and by all events rank them in "
-                    "opposite order"
-                )
-    return problems
 
 
 def smallest_effects(study: Study, file: Path) -> dict[tuple[int, str], str | None]:

@@ -1,9 +1,9 @@
 """All results of a study's runs, one table per kind: contrasts and claims, and here fits, grids and recovery."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,12 +12,15 @@ from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_line, read_
 from deltaswarm_studies import events as event_tables
 from deltaswarm_studies import montecarlo, tables
 from deltaswarm_studies.ceilings import undecided
-from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
-from deltaswarm_studies.contrasts import contrasts_of, disagreements
+from deltaswarm_studies.claim_settings import DEPENDS
+from deltaswarm_studies.claims import claims_of, vacuous_claims
+from deltaswarm_studies.contrasts import contrasts_of
+from deltaswarm_studies.deciding import with_reopened
 from deltaswarm_studies.metrics import ID, PER_EVENT
 from deltaswarm_studies.origin import sealed_tables
 from deltaswarm_studies.rings import rings_of
 from deltaswarm_studies.sensitivity import sensitivity_of
+from deltaswarm_studies.sentences import sentences_of
 from deltaswarm_studies.settings import FitSettings, FitVerdict, GridSettings, RecoverySettings
 from deltaswarm_studies.stats import Floats, describe, pairs_needed
 from deltaswarm_studies.study import Study
@@ -31,6 +34,14 @@ RECOVERY_RESAMPLES = 999
 TAIL = 0.025
 
 FEWER_IS_BETTER = (*PER_EVENT, "open_events")
+
+
+class Finding(NamedTuple):
+    """What a page says first, under a heading."""
+
+    heading: str
+    sentences: Sequence[str]
+    remark: str
 
 
 class Evidence:
@@ -55,16 +66,21 @@ class Evidence:
         """Variants that are not judged, with their number of valid replicates."""
         judged = runs[~runs["variant"].isin(self.unjudged)]
         self.estimates = tables.estimates_of(study, runs)
-        self.contrasts, self.claims, at_ceiling = undecided(
+        contrasts, claims, at_ceiling = undecided(
             study, judged, contrasts_of(study, judged), claims_of(study, judged, is_whole=not self.unjudged)
         )
+        self.contrasts, self.claims = (with_reopened(rows) if len(rows) else rows for rows in (contrasts, claims))
         self.sensitivity = sensitivity_of(study, judged)
         self.events = pd.DataFrame(columns=event_tables.COLUMNS) if events is None else events
         self.survival = survival_of(study, self.events, self.unjudged)
         self.rings = rings_of(study, self.events)
         self.fits, self.grids = fits_of(study, judged), grids_of(study, judged, self.unjudged)
-        results = {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits, "estimates": self.estimates}
-        self.findings = findings_of(study, results)
+        results = {"claim": self.claims, "contrast": self.contrasts, "fit": self.fits}
+        self.findings = [
+            Finding(one.heading, [*_told(study, one.results, results)], " ".join(one.remark.split()))
+            for one in study.file.finding
+        ]
+        """What the page says first."""
         self.arrivals = tables.same_arrivals(study, runs)
         """Whether compared runs saw the same arrivals, a clause for each thing that was checked."""
         self.incomplete = [
@@ -76,8 +92,6 @@ class Evidence:
         """What the tables lack of what the study asks."""
         self.undrawn: list[str] = []
         """Figures that could not be drawn, with the reason; known when the page is made."""
-        self.contradictions = disagreements(study, judged)
-        """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
         self.doubts = [
             *too_few(study, self.contrasts),
             *too_few_for(self.claims),
@@ -127,8 +141,8 @@ class Evidence:
         labels = ["variant", "metric", "level", "reference", "within", *tables.ORIGIN, *study.factors]
         labels += [one.name for one in study.ranges if one.choices]
         runs = read_table(folder / "runs.csv", labels, needs=ID)
-        for name in tables.ORIGIN:
-            runs[name] = runs[name].where(runs[name] != "") if name in runs else None
+        for name in runs.columns.intersection([*tables.ORIGIN]):
+            runs[name] = runs[name].where(runs[name] != "")
         runs = tables.with_levels(study, runs[runs["variant"].isin(study.levels)].reset_index(drop=True))
         if runs.empty:
             raise ValueError(
@@ -142,34 +156,36 @@ class Evidence:
 
     @property
     def surprises(self) -> list[str]:
-        """Claims that are refuted unexpectedly."""
+        """Claims that are unexpectedly refuted, or depend on the metric."""
         if self.claims.empty:
             return []
-        is_wrong = self.claims["verdict"].isin(["refuted", "differs"])
+        is_wrong = self.claims["verdict"].isin(["refuted", "differs", DEPENDS])
         wrong = self.claims[is_wrong & (self.claims["expect"] != self.claims["verdict"])]
         return [f"{row['claim']}: {row['text']}" for _, row in wrong.iterrows()]
 
     @property
     def warnings(self) -> list[str]:
         """Warnings that a reader must not miss."""
-        return [*self.incomplete, *self.undrawn, *self.contradictions, *self.doubts]
+        return [*self.incomplete, *self.undrawn, *self.doubts]
 
     @property
-    def unsupported(self) -> list[str]:
-        """Findings that the results no longer support, with the reason."""
-        broken = self.findings[self.findings["broken"] != ""]
-        return [f"{row['broken']}: {row['text']}" for _, row in broken.iterrows()]
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Every table by the name of its file."""
+        names = ["runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids"]
+        frames = {name: getattr(self, name) for name in (*names, "events", "survival", "rings")}
+        own = ("points", "shares", "keys") if self.sensitivity else ()
+        return frames | {name: getattr(self.sensitivity, name) for name in own}
 
     def save(self, folder: Path) -> list[Path]:
-        """Write every table that has rows, except the findings; return the files."""
-        names = ["runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids"]
-        names += ["events", "survival", "rings"]
-        frames = {name: getattr(self, name) for name in names}
-        if self.sensitivity:
-            frames |= {name: getattr(self.sensitivity, name) for name in ("points", "shares", "keys")}
+        """Write every table that has rows; return the files."""
         for file in folder.glob("invalid.*"):  # of earlier runs, which have been repeated
             file.unlink()
-        return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
+        return [file for name, frame in self.tables.items() if len(frame) for file in write_table(folder / name, frame)]
+
+
+def _told(study: Study, chosen: Sequence[Mapping[str, Any]], results: Mapping[str, pd.DataFrame]) -> Iterator[str]:
+    for one in chosen:
+        yield from sentences_of(study, one, results)
 
 
 def too_few(study: Study, contrasts: pd.DataFrame) -> list[str]:
@@ -234,16 +250,20 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _distances(study: Study, runs: pd.DataFrame, fit: FitSettings, cell: dict[str, str]) -> Floats:
-    """Return the distance to each target (rows), of all replicates and of each bootstrap sample (columns)."""
-    picks = np.random.default_rng(0).integers(study.repeats, size=(FIT_RESAMPLES, study.repeats))
+    """Return the distance to each target (rows), of all replicates and of each bootstrap sample (columns).
+
+    Variants with the same number of replicates are resampled together, since they saw the same arrivals.
+    """
     distances = []
     for target in fit.targets:
         levels = {**cell, fit.factor: target.level}
         variant = next(name for name, own_levels in study.levels.items() if own_levels == levels)
-        values = samples_of(runs, target.metric)(variant).reindex(range(study.repeats)).to_numpy(float)
+        repeats = study.repeats_of([variant])
+        values = samples_of(runs, target.metric)(variant).reindex(range(repeats)).to_numpy(float)
         if np.isnan(values).all():
             distances.append(np.full(FIT_RESAMPLES + 1, math.inf))
             continue
+        picks = np.random.default_rng(0).integers(repeats, size=(FIT_RESAMPLES, repeats))
         medians = np.append(np.nanmedian(values), np.nanmedian(values[picks], axis=1))
         distances.append((medians - target.says) / target.iqr)
     return np.stack(distances)

@@ -22,7 +22,7 @@ FORMAT = 2
 SHOWN_ONLY = ("figure", "finding")
 """Tables of a study file that no protocol holds: findings are written after the runs, and figures decide nothing."""
 
-WORDS_ONLY = ("title", "why")
+WORDS_ONLY = ("title", "why", "words")
 """Keys that no protocol holds."""
 
 RUN_ONLY = ("schema", "record")

@@ -54,14 +54,14 @@ def pages(
         "status": record.lead,
         "question": " ".join(study.file.study.question.split()),
         "design": design(study),
-        "findings": verdicts.supported(study, evidence),
+        "findings": evidence.findings,
         "warnings": [*protocol.problems, *evidence.warnings],
         "replaced": list(record.replaced),
         "sections": sections,
         "facts": {
             "verdicts": verdicts.counts(evidence.claims, is_calibrated=False),
             "calibrated": verdicts.counts(evidence.claims, is_calibrated=True),
-            "tests": verdicts.tests(evidence),
+            "tests": verdicts.tests(evidence.tables),
             "arrivals": evidence.arrivals,
             "events": event_tables.kept(study, evidence.events, evidence.runs),
             "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
@@ -121,6 +121,7 @@ def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
             within=rows["within"].map(within),
             shown=[verdicts.estimate(row, about.unit) for _, row in rows.iterrows()],
             p=[p_value(float(p)) for p in rows["p_holm"]],
+            decides=[verdicts.decides(row, None) for _, row in rows.iterrows()],
         )
         heading = study.factor_title(contrast.factor)
         headings = {
@@ -132,7 +133,8 @@ def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
         if first["scale"] != RATIO:
             scale = "differences, since values are 0 or below"
         title = f"{contrast.text or name}: {about.title.lower()} ({first['family']} tests of {scale})"
-        yield table(rows, {**headings, "n": "n", "shown": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}, title)
+        headings |= {"n": "n", "shown": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}
+        yield table(rows, headings | ({"decides": "To decide"} if any(rows["decides"]) else {}), title)
 
 
 def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
@@ -245,7 +247,7 @@ def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
     context = {
         "title": "Studies" if name == "all" else f"Studies: {name}",
         "status": "",
-        "question": f"{len(written)} studies, each with its own page.",
+        "question": verdicts.tests_of_pages(folder / study.name for study in written),
         "links": [
             {"page": f"{study.name}/page", "title": study.title, "question": study.file.study.question}
             for study in written

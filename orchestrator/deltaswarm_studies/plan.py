@@ -58,13 +58,14 @@ def too_few(study: Study) -> list[str]:
     published = [_claims(claim.source) for claim in study.file.claim if claim.published is not None]  # need no pairs
     tested = [_claims(claim.source) for claim in study.file.claim if claim.published is None]
     families = [row for row in _families(study, {}) if row["name"] not in {*published} - {*tested}]
-    needed = [row["repeats_needed"] for row in families if row["repeats"] < row["repeats_needed"]]
-    count = f"{len(needed)} of {len(families)} families of tests can show nothing with {study.repeats} replicates"
-    return (
-        [f"{study.name}: {count}; {max(needed)} are needed (`deltaswarm study --plan` lists the families)"]
-        if needed
-        else []
-    )
+    few = [row for row in families if row["repeats"] < row["repeats_needed"]]
+    if not few:
+        return []
+    least, most = (choose(row["repeats"] for row in few) for choose in (min, max))
+    given = f"{least} to {most}" if most > least else f"{least}"
+    count = f"{len(few)} of {len(families)} families of tests can show nothing with {given} replicates"
+    needed = max(row["repeats_needed"] for row in few)
+    return [f"{study.name}: {count}; {needed} are needed (`deltaswarm study --plan` lists the families)"]
 
 
 def text(planned: dict[str, Any]) -> str:

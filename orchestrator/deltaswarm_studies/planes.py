@@ -68,7 +68,7 @@ def plane(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
         told += " Ellipses span one standard deviation around the mean"
         told += "." if min(sizes.values()) >= BOX_FROM else f"; fewer than {BOX_FROM} points have none."
     notable = (*numbered, *_axes_from(figure.axes), *averaged(settings, study))
-    return Drawing(figure, (told, *notable, *notes(settings, study, evidence, rows, sizes)))
+    return Drawing(figure, (told, *notable, *notes(settings, study, evidence, rows, sizes, factors)))
 
 
 def frontier(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
@@ -112,7 +112,15 @@ def frontier(settings: FigureSettings, study: Study, evidence: Evidence) -> Draw
     told = [f"Medians of {n_of(sizes)} replicates, {intervals(has_interval)} along both axes."]
     if beside := [f"{what} of {name}" for name, (what, _) in along.items() if what]:
         told.append(f"Beside the points: {', '.join(beside)}.")
-    return Drawing(figure, (*told, *numbered, *_axes_from(figure.axes), *notes(settings, study, evidence, rows, sizes)))
+    return Drawing(
+        figure,
+        (
+            *told,
+            *numbered,
+            *_axes_from(figure.axes),
+            *notes(settings, study, evidence, rows, sizes, list(study.factors)),
+        ),
+    )
 
 
 def path_labels(study: Study, path: Sequence[str]) -> tuple[str, dict[str, str]]:

@@ -7,9 +7,9 @@ from deltaswarm_orchestrator.results.metric import Metric
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.event_checks import scenarios_of
 from deltaswarm_studies.metrics import CONVERGENCE, COUNTS
-from deltaswarm_studies.settings import ClaimSettings
 from deltaswarm_studies.stats import ALPHA, Interval
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.checked import Problem, did_you_mean, plain
@@ -61,7 +61,7 @@ def _reasons(study: Study, claim: ClaimSettings, alpha: float) -> Iterator[tuple
         return
     if claim.of:
         yield from _of_value(study, claim, alpha)
-    else:
+    elif claim.kind != "trend":
         yield from _of_two(study, claim)
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from deltaswarm_orchestrator.base.frozen import HASH, Table, as_read
 from deltaswarm_studies.ceilings import undecided
+from deltaswarm_studies.claim_settings import ClaimSettings, expected_of
 from deltaswarm_studies.claims import claims_of
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.fixed import completed, fixed_keys
@@ -16,7 +17,6 @@ from deltaswarm_studies.origin import BEGUN, PROVENANCE
 from deltaswarm_studies.protocol import Protocol, timely
 from deltaswarm_studies.rendering import Table as Shown
 from deltaswarm_studies.rendering import table, with_interval
-from deltaswarm_studies.settings import ClaimSettings, expected_of
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError

@@ -12,6 +12,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from deltaswarm_studies import style
+from deltaswarm_studies.claim_settings import ANYWAY, DEPENDS
 
 MAX_SVG_BYTES = 400_000
 """A drawing whose SVG is larger than this goes into the page as PNG."""
@@ -21,7 +22,7 @@ SIGNIFICANT = 3
 MAX_DECIMALS = 6
 GROUPED_FROM = 10_000
 
-MARKS = {"undecided": "unsure"} | dict.fromkeys(("holds", "alike", "agrees"), "good")
+MARKS = dict.fromkeys(("undecided", DEPENDS, ANYWAY), "unsure") | dict.fromkeys(("holds", "alike", "agrees"), "good")
 MARKS |= dict.fromkeys(("refuted", "differs"), "bad")
 """The colour of a row by its verdict; the row also shows the verdict as a word."""
 

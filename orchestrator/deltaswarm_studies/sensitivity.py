@@ -15,7 +15,7 @@ from scipy import stats as scipy_stats
 
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings, SensitivitySettings
 from deltaswarm_studies import stats
-from deltaswarm_studies.settings import ClaimSettings
+from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.tables import Row, samples_of
 

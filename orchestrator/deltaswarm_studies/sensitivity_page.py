@@ -16,9 +16,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from deltaswarm_orchestrator.sweeps.sensitivity import LOG, RangeSettings
 from deltaswarm_studies import stats, style
+from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.rendering import CaptionedFigure, Table, number, p_value, table
 from deltaswarm_studies.sensitivity import NEITHER, TURNS, Feature, Sensitivity, tests_in
-from deltaswarm_studies.settings import ClaimSettings
 from deltaswarm_studies.study import Study
 from deltaswarm_studies.style import Look
 

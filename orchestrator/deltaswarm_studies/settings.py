@@ -3,32 +3,23 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
+from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.event_settings import HORIZON_DOC, RingsSettings, SurvivalSettings
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.metrics import MetricSettings
-from deltaswarm_studies.stats import MEDIAN_ERROR
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.reading import FILE_NAME_RULE, is_file_name
 
-ClaimVerdict = Literal["holds", "refuted", "undecided", "no data", "agrees", "differs"]
-"""Of a published number: it agrees within the tolerance, or differs; of other claims: it holds, or is refuted."""
-ContrastVerdict = Literal["higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "no data"]
+ContrastVerdict = Literal[
+    "higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "depends on the metric", "no data"
+]
 """Slightly higher or lower: there is a difference, and it is within the margin."""
 FitVerdict = Literal["closest", "farther", "no data"]
 
-RESULT_KEYS = {
-    "claim": ("claim", "is"),
-    "contrast": ("contrast", "is", "metric", "level", "reference", "within"),
-    "fit": ("fit", "is", "within"),
-}
-"""The keys of a result that supports a finding, by its kind. A value may be a list: then every row must agree."""
-VERDICTS: dict[str, tuple[str, ...]] = {
-    "claim": get_args(ClaimVerdict),
-    "contrast": get_args(ContrastVerdict),
-    "fit": get_args(FitVerdict),
-}
+RESULT_KEYS = {"claim": (), "contrast": ("metric", "level", "reference", "within"), "fit": ()}
+"""What can be named of a result in a finding, by its kind. A value may be a list."""
 
 Pairs = tuple[tuple[str, ...], ...]
 
@@ -51,6 +42,9 @@ class StudySettings:
     )
     factors: dict[str, Any] = key(dict, "what varies, in the sweep's order: a name for each with its title")
     metrics: tuple[str, ...] = key(("waiting", "messages"), "names of metrics to tabulate, the main one first")
+    words: dict[str, str] = key(
+        dict, 'levels in a sentence, with a preposition: { "no recruitment" = "without recruitment" }; default: "with"'
+    )
     from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)
     until_s: float | None = key(None, "end of that time [s]; default: the end of the run", low=0)
     window_s: float = key(300.0, "length of the windows of time in figures and for recovery [s]", above=0)
@@ -93,134 +87,6 @@ class ContrastSettings:
             yield Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`")
         if self.across_pairs and not self.across:
             yield Problem("across", "missing", "must name the factor of across_pairs")
-
-
-@dataclass(frozen=True)
-class ClaimSettings:
-    """A table `[[claim]]`: a statement about the runs that the study tests."""
-
-    id: str = key("", "by which findings refer to it")
-    text: str = key("", "the claim, in a sentence")
-    source: str = key("", "who says so, and where")
-    says: str = key("", "what the source says, as it says it")
-    kind: str = key(
-        "order",
-        "order: one variant has more than another; value: one within a tolerance; published: one against a published "
-        "number with its spread; alike: two within a margin; predicts: the better of two predictors",
-        choices=("order", "value", "published", "alike", "predicts"),
-    )
-    metric: str = key("waiting", "the metric's name; of predicts: what is predicted")
-    less: str = key("", "of an order: the variant that has less; of predicts: the metric that predicts worse")
-    more: str = key("", "of an order: the variant that has more; of predicts: the metric that predicts better")
-    at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
-    of: str = key("", "of a value or published: the variant")
-    within: tuple[float, ...] = key(
-        (), "of a value: the tolerance, two numbers [metric's unit]; of published: where it counts as agreeing"
-    )
-    above: float | None = key(None, "of a value, instead of the tolerance: the value is higher than this")
-    published: float | None = key(None, "of published: the number [metric's unit], a median if its iqr is given")
-    iqr: float = key(0.0, "of a value or published: the interquartile range that the source gives; 0: none", low=0)
-    sd: float = key(0.0, "of published, instead: the standard deviation", low=0)
-    se: float = key(0.0, "of published, instead: the standard error of the mean", low=0)
-    n: int = key(0, "the replicates behind the source's number, if it gives a spread", low=0)
-    assumes: str = key("", "what is assumed about the source's number, such as its n where it gives two")
-    calibrated: tuple[str, ...] = key(
-        (),
-        "keys of the scenario, or metrics, that were chosen so that this number agrees: its agreement is no evidence",
-    )
-    a: str = key("", "of alike: a variant")
-    b: str = key("", "of alike: the other variant")
-    margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
-    ratio: float = key(1.0, "of alike: not 1 but this ratio of a to b, to within the margin", above=0)
-    expect: str = key(
-        "holds", "the verdict that you expect", choices=("holds", "refuted", "undecided", "agrees", "differs")
-    )
-    why: str = key("", "why it is expected not to hold, as far as is known")
-
-    def problems(self) -> Iterator[Problem]:
-        """List what the claim's kind needs and does not have."""
-        has_tolerance = len(self.within) == 2 and self.within[0] < self.within[1]
-        needed: dict[str, dict[str, Any]] = {
-            "order": {"less": self.less, "more": self.more},
-            "value": {"of": self.of, "within": has_tolerance != (self.above is not None)},
-            "published": {"of": self.of, "published": self.published is not None},
-            "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
-            "predicts": {"less": self.less, "more": self.more},
-        }
-        for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items():
-            if not value:
-                yield Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
-        if self.ratio != 1 and self.kind != "alike":
-            yield Problem(
-                "ratio", f"{self.ratio:.15g}", f"must not be given for a claim of kind {self.kind!r}: only for 'alike'"
-            )
-        yield from self._spread_problems()
-        names = self.variants or self.predictors
-        if len(set(names)) < len(names):
-            yield Problem("b" if self.kind == "alike" else "more", names[0], "must be another one")
-
-    def _spread_problems(self) -> Iterator[Problem]:
-        """Check that a spread comes with its number of replicates."""
-        spreads = {name: value for name in ("iqr", "sd", "se") if (value := getattr(self, name))}
-        got = ", ".join(f"{name} {value:.15g}" for name, value in {**spreads, "n": self.n}.items())
-        if self.kind != "published":
-            if bool(self.iqr) != bool(self.n):
-                yield Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n")
-            if {"sd", "se"} & set(spreads) or self.published is not None:
-                yield Problem("kind", repr(self.kind), "must be 'published' for a published number with sd or se")
-            return
-        if len(spreads) != 1 or self.n < 2:
-            allowed = "must be one of iqr, sd and se, with an n of at least 2; without them no two samples can be "
-            yield Problem("n", got, allowed + "compared, only a value with a tolerance (kind 'value')")
-        if self.above is not None:
-            yield Problem("above", f"{self.above:.15g}", "must not be given for a published number: use within")
-        if self.within and not (len(self.within) == 2 and self.within[0] < (self.published or 0.0) < self.within[1]):
-            yield Problem("within", repr(list(self.within)), "must be two numbers with the published one between them")
-
-    @property
-    def published_error(self) -> float:
-        """The standard error of the published number; 0 if its source gives no spread."""
-        return (MEDIAN_ERROR * self.iqr or self.sd) / math.sqrt(self.n) if self.n and not self.se else self.se
-
-    @property
-    def variants(self) -> list[str]:
-        """The variants that the claim is about; those of `predicts` are all of the study."""
-        if self.kind == "predicts":
-            return []
-        return [name for name in (self.less, self.more, self.of, self.a, self.b) if name]
-
-    @property
-    def predictors(self) -> list[str]:
-        """The metrics that `predicts` compares."""
-        return [name for name in (self.less, self.more) if name] if self.kind == "predicts" else []
-
-    @property
-    def region(self) -> tuple[float, float]:
-        """Where the tested quantity must be: a ratio of `more` to `less` or of `a` to `b`, or a value."""
-        if self.kind in ("order", "predicts"):
-            return self.at_least, math.inf
-        if self.kind == "alike":
-            return self.ratio / self.margin, self.ratio * self.margin
-        if self.above is not None:
-            return self.above, math.inf
-        return (self.within[0], self.within[1]) if self.within else (math.nan, math.nan)
-
-    @property
-    def expected(self) -> str | None:
-        """The expected verdict, by its name for this kind of claim."""
-        return expected_of(self.kind, self.expect)
-
-    @property
-    def verdicts(self) -> tuple[str, ...]:
-        """The verdicts that a claim of this kind can have, from the best to the worst, besides that it has no data."""
-        if self.kind != "published":
-            return "holds", "undecided", "refuted"
-        return ("agrees", "undecided", "differs") if self.within else ("undecided", "differs")
-
-
-def expected_of(kind: str | None, expect: str | None) -> str | None:
-    """Return the name that an expected verdict has for a kind of claim: what is published agrees rather than holds."""
-    return {"holds": "agrees", "refuted": "differs"}.get(expect or "", expect) if kind == "published" else expect
 
 
 @dataclass(frozen=True)
@@ -341,33 +207,31 @@ def listed(value: Any) -> list[Any]:
 
 @dataclass(frozen=True)
 class FindingSettings:
-    """A table `[[finding]]`: a sentence written by a person, and the results that support it."""
+    """A table `[[finding]]`: results that a page states first; the sentences are made from them."""
 
-    text: str = key("", "the sentence")
-    because: tuple[dict[str, Any], ...] = key(
-        (), "results: {claim, is} or {contrast, metric, level, within, is}; values or lists"
+    heading: str = key("", "what they are about, in a few words")
+    results: tuple[dict[str, Any], ...] = key(
+        (),
+        "a sentence for each metric: {contrast, metric, level, reference, within}, {claim} or {fit}; values or lists",
     )
+    remark: str = key("", "what a reader needs besides, such as a definition: no result and no comparison")
 
     def problems(self) -> Iterator[Problem]:
-        """List results that name no claim or contrast, no verdict, or something else."""
-        if not self.text:
-            yield Problem("text", "missing", "a finding needs a sentence")
-        if not self.because:
-            yield Problem("because", "missing", "a finding must name the results that support it")
-        for i, result in enumerate(self.because):
-            where = f"because[{i}]"
+        """List results that name no claim or contrast, or something else."""
+        if not self.heading:
+            yield Problem("heading", "missing", "a finding needs a heading")
+        if not self.results:
+            yield Problem("results", "missing", "a finding must name results")
+        for i, result in enumerate(self.results):
+            where = f"results[{i}]"
             kinds = [kind for kind in RESULT_KEYS if kind in result]
             if len(kinds) != 1:
                 yield Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit")
                 continue
-            keys, verdicts = RESULT_KEYS[kinds[0]], VERDICTS[kinds[0]]
             for name in result:
-                if name not in keys:
-                    yield Problem(f"{where}.{name}", "unknown key", f"known are {', '.join(keys)}")
-            named = listed(result.get("is", []))
-            if not named or not set(named) <= set(verdicts):
-                allowed = f"must be one of {', '.join(verdicts)}, or a list of them"
-                yield Problem(f"{where}.is", repr(result["is"]) if "is" in result else "nothing", allowed)
+                if name not in (kinds[0], *RESULT_KEYS[kinds[0]]):
+                    known = ", ".join((kinds[0], *RESULT_KEYS[kinds[0]]))
+                    yield Problem(f"{where}.{name}", "unknown key", f"known are {known}")
 
 
 @dataclass(frozen=True)

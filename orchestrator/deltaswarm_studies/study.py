@@ -29,6 +29,10 @@ class Comparison(NamedTuple):
     """The variants with `level` and with `reference`; of an interaction, those of both levels that it is between."""
     within_title: str
     """The cell's name for people."""
+    cell: tuple[str, ...]
+    """The levels that make up the cell."""
+    between: tuple[str, ...]
+    """Of an interaction, the levels that it is between."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,12 @@ class Study:
         """Return the name of a combination of factors' levels for people."""
         return ", ".join(self.level_title(factor, level) for factor, level in cell.items())
 
+    def words(self, level: str) -> str:
+        """Return a level, or a factor for all of its levels, as a sentence has it."""
+        factor = next((name for name, levels in self.factors.items() if level in levels), "")
+        default = f"with {self.level_title(factor, level)}" if factor else f"whatever the {level}"
+        return self.file.study.words.get(level, default)
+
     @cached_property
     def levels(self) -> Mapping[str, Mapping[str, str]]:
         """Each variant's level of each factor."""
@@ -155,7 +165,7 @@ class Study:
                     within = ", ".join([*cell.values(), *([INTERACTION.join(ends)] if across else [])])
                     between = [INTERACTION.join(self.level_title(across, end) for end in ends)] if across else []
                     title = ", ".join(filter(None, [self.cell_title(cell), *between]))
-                    yield Comparison(level, reference, within, sides, title)
+                    yield Comparison(level, reference, within, sides, title, tuple(cell.values()), tuple(ends))
 
     def metrics_of(self, contrast: ContrastSettings) -> Sequence[str]:
         """Return the metrics that a contrast is about."""

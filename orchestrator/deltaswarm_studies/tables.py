@@ -52,6 +52,12 @@ def with_levels(study: Study, rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(**{factor: rows["variant"].map(levels) for factor, levels in of.items()})
 
 
+def planned_runs(study: Study) -> pd.DataFrame:
+    """Make a row per run that the study plans: `variant`, `replicate`, each factor's level."""
+    runs = [(label, number) for label, repeats in study.sweep.repeats.items() for number in range(repeats)]
+    return with_levels(study, pd.DataFrame(runs, columns=["variant", "replicate"]))
+
+
 def metrics_by_run(study: Study) -> list[str]:
     """List every metric that is computed for each run.
 

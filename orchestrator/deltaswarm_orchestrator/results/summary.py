@@ -222,7 +222,7 @@ _INBOX: tuple[tuple[str, str, dict[str, Any]], ...] = (
     (
         "alerts_read_after_s",
         "mean time from an alert's arrival until it was read, of those that were read",
-        {**_SECONDS, "title": "Time until an alert is read", "study": "alerts_read_after"},
+        {**_SECONDS, "title": "Time from an alert's arrival until it is read", "study": "alerts_read_after"},
     ),
     (
         "alerts_missed",
@@ -241,7 +241,7 @@ PERSON = (
     _of_person(
         "utilisation",
         "share of time in which the person is busy",
-        title="Operator busy, share of the time",
+        title="Share of the time in which the operator is busy",
         study="person_utilisation",
     ),
     _of_person(

@@ -188,7 +188,7 @@ def test_a_caption_says_of_how_many_replicates_a_value_is(figure: str) -> None:
     lost = (runs["mode"] == "hybrid 3") & (runs["loss"] == "loss=0.5")
     fewer = " ".join(drawing(figure, runs[~(lost & (runs["replicate"] < 3))]).notes)
     assert "n = 7 to 10" in fewer
-    assert re.search(r"Fewer than the 10 replicates of the study: .*hybrid 3.*\(7\)", fewer)
+    assert re.search(r"hybrid 3.*\(7 of 10\)", fewer)
     assert "0.5" in fewer
     none = drawing(figure, runs[~lost])
     assert re.search(r"No values: .*0\.5", " ".join(none.notes))

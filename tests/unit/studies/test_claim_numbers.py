@@ -1,4 +1,4 @@
-"""The numbers of claims, findings, fits and plans against SciPy and sums done by hand."""
+"""The numbers of claims, fits and plans against SciPy and sums done by hand."""
 
 import itertools
 import math
@@ -11,9 +11,9 @@ import pytest
 from scipy import stats as scipy_stats
 
 from deltaswarm_studies import plan as planning
-from deltaswarm_studies.claims import claims_of, findings_of, vacuous_claims
-from deltaswarm_studies.contrasts import contrasts_of, smallest_effects
-from deltaswarm_studies.evidence import Evidence, fits_of, grids_of, recovery_of, too_few
+from deltaswarm_studies.claims import claims_of, vacuous_claims
+from deltaswarm_studies.contrasts import smallest_effects
+from deltaswarm_studies.evidence import Evidence, fits_of, grids_of, recovery_of
 from deltaswarm_studies.tables import ORIGIN, windows_with_levels
 from tests.support.studying import FAST, OWN, SAME, SLOW, SWEEP, made, series, spread, table
 from tests.support.tiers import in_one_test
@@ -149,27 +149,7 @@ def test_predictors_are_compared_by_spearmans_correlation_of_each_replicate() ->
     assert row["verdict"] == "holds"
 
 
-def test_why_a_finding_is_broken_in_words() -> None:
-    finding = '[[finding]]\ntext = "f"\nbecause = [{ claim = "c", is = "refuted" }]\n'
-    study = made(OWN + TWO_CLAIMS.format("c", f'less = "{SAME}"\nmore = "{SLOW}"') + finding)
-    claims = claims_of(study, runs_with(study, noisy))
-    assert findings_of(study, {"claim": claims})["broken"].tolist() == ["claim 'c' is holds, not refuted"]
-    assert findings_of(study, {"claim": claims[:0]})["broken"].tolist() == ["there is no result with claim 'c'"]
-    assert findings_of(made(OWN), {}).columns.tolist() == ["text", "broken"]
-
-
 # Evidence
-
-
-def test_too_few_replicates_in_words() -> None:
-    study = made(OWN + ONE)
-    runs = runs_with(study, noisy)
-    found = contrasts_of(study, runs[runs["replicate"] < 6])
-    assert too_few(study, found) == [
-        "6 replicates can show nothing of Mean time until an event is sensed in the contrast 'c': Holm's correction "
-        "over 2 comparisons needs at least 7."
-    ]
-    assert too_few(study, contrasts_of(study, runs[runs["replicate"] < 7])) == []
 
 
 def test_a_fits_numbers_by_hand() -> None:

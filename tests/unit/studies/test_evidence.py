@@ -1,4 +1,4 @@
-"""From made-up runs to estimates, contrasts, verdicts and findings: what must come out is known."""
+"""From made-up runs to estimates, contrasts, verdicts and fits: what must come out is known."""
 
 import math
 from collections.abc import Sequence
@@ -8,13 +8,12 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from deltaswarm_studies.claims import claims_of, findings_of
+from deltaswarm_studies.claims import claims_of
 from deltaswarm_studies.contrasts import contrasts_of
-from deltaswarm_studies.evidence import Evidence, fits_of, too_few
+from deltaswarm_studies.evidence import Evidence, fits_of
 from deltaswarm_studies.tables import estimates_of, invalid_of, missing_metrics, missing_runs, runs_of, same_arrivals
 from deltaswarm_studies.tables import too_few as variants_with_too_few
 from tests.support.studying import FAST, LIMIT, OWN, SAME, SLOW, SWEEP, made, series, spread, table, worse_at_90
-from tests.support.tiers import in_one_test
 
 NONE = pd.DataFrame()
 
@@ -41,16 +40,6 @@ def test_a_contrast_compares_levels_within_each_cell() -> None:
     assert waiting.loc[("loss=0.9", "hybrid 3"), "estimate"] == pytest.approx(2)
     assert (waiting["family"] == 4).all()
     assert waiting.loc[("loss=0.9", "hybrid 3"), "p_holm"] == pytest.approx(4 * 2 / 2**10)
-
-
-@in_one_test(("replicates", "is_told"), [(0, False), (1, True), (7, True), (8, False)])
-def test_too_few_replicates_are_told(replicates: int, is_told: bool) -> None:
-    """From one on, up to those that could show something of four comparisons; none at all are told elsewhere."""
-    study = made(OWN + LIMIT)
-    runs = runs_of(study, table(worse_at_90), NONE)
-    found = contrasts_of(study, runs[runs["replicate"] < replicates])
-    assert bool(too_few(study, found)) == is_told
-    assert too_few(study, pd.DataFrame()) == []
 
 
 def test_an_interaction_is_on_one_scale() -> None:
@@ -139,26 +128,6 @@ def test_evidence_is_the_same_from_its_saved_tables(tmp_path: Path) -> None:
         Evidence.of_folder(study, tmp_path)
 
 
-def test_a_finding_that_is_no_longer_carried_is_named() -> None:
-    own = OWN + LIMIT + (
-        '[[finding]]\ntext = "carried"\nbecause = [{ contrast = "limit", metric = "waiting_all", level = "loss=0.9", '
-        'within = "hybrid 3", is = "higher" }]\n'
-        '[[finding]]\ntext = "not carried"\nbecause = [{ contrast = "limit", metric = "waiting_all", '
-        'level = "loss=0.5", within = "hybrid 3", is = "higher" }]\n'
-        '[[finding]]\ntext = "either"\nbecause = [{ contrast = "limit", metric = "waiting_all", '
-        'level = ["loss=0.5", "loss=0.9"], within = "hybrid 3", is = ["alike", "higher"] }]\n'
-        '[[finding]]\ntext = "one of two"\nbecause = [{ contrast = "limit", metric = "waiting_all", '
-        'level = ["loss=0.5", "loss=0.9"], within = "hybrid 3", is = "higher" }]\n'
-    )  # fmt: skip
-    study = made(own)
-    runs = runs_of(study, table(worse_at_90), NONE)
-    results = {"claim": claims_of(study, runs), "contrast": contrasts_of(study, runs)}
-    found = findings_of(study, results).set_index("text")["broken"]
-    assert found["carried"] == found["either"] == ""
-    assert "alike" in found["not carried"]
-    assert "alike" in found["one of two"]
-
-
 FIT = """
 [[fit]]
 text = "Which loss fits"
@@ -170,15 +139,11 @@ targets = [
 """
 
 
-def test_a_finding_may_rest_on_the_closest_combination() -> None:
-    """Resamples say how sure the first place is."""
-    finding = '[[finding]]\ntext = "{0}"\nbecause = [{{ fit = "Which loss fits", within = "{0}", is = "closest" }}]\n'
-    study = made(OWN + FIT + finding.format("loss=0.9") + finding.format("loss=0.5"))
+def test_resamples_say_how_sure_the_first_place_is() -> None:
+    study = made(OWN + FIT)
     runs = runs_of(study, table(worse_at_90), NONE)
     found = fits_of(study, runs)
-    broken = findings_of(study, {"fit": found}).set_index("text")["broken"]
-    assert broken["loss=0.9"] == ""
-    assert "farther" in broken["loss=0.5"]
+    assert found.drop_duplicates("within")[["within", "verdict"]].to_numpy().tolist()[0] == ["loss=0.9", "closest"]
     assert found.groupby("within")["closest"].first().sum() == pytest.approx(1.0)
     assert found["closest"].iloc[0] > 0.5
 
@@ -192,6 +157,19 @@ def test_a_fit_without_runs_is_infinitely_far() -> None:
     assert found["closest"].iloc[-1] == 0
 
 
+def test_a_fit_uses_every_replicate_of_each_variant() -> None:
+    """Of 30 replicates the median is that of 30, although the others have 10."""
+    own = OWN + FIT.replace(
+        'level = "decentralised", metric = "messages", says = 25.0',
+        'level = "decentralised", metric = "messages", says = 1.0',
+    )
+    study = made(own, SWEEP.replace("repeats = 10", f'repeats = 10\nrepeats_of = {{ "{SLOW}" = 30 }}'))
+    more = pd.DataFrame({"variant": SLOW, "replicate": range(30), "waiting_all": [60.0] * 10 + [90.0] * 20})
+    others = pd.DataFrame({"variant": FAST, "replicate": range(10), "messages": 1.0})
+    found = fits_of(study, pd.concat([more, others])).set_index(["within", "metric"])
+    assert found.loc[("loss=0.9", "waiting_all"), "distance"] == 3.0
+
+
 def lost(variant: str, replicates: Sequence[int]) -> list[dict[str, Any]]:
     reason = "not valid: agent 3 failed in step 5 (25 steps missed): boom"
     return [{"variant": variant, "replicate": number, "means": "in-process", "reason": reason} for number in replicates]
@@ -199,7 +177,7 @@ def lost(variant: str, replicates: Sequence[int]) -> list[dict[str, Any]]:
 
 CLAIMED = (
     f'[[claim]]\nid = "same"\ntext = "t"\nkind = "alike"\nmetric = "waiting_all"\na = "{SAME}"\nb = "{SLOW}"\n'
-    'margin = 1.5\n[[finding]]\ntext = "Nothing matters."\nbecause = [{ claim = "same", is = "holds" }]\n'
+    'margin = 1.5\n[[finding]]\nheading = "Loss"\nresults = [{ claim = "same" }]\n'
 )
 
 
@@ -216,7 +194,7 @@ def test_a_variant_with_more_than_a_fifth_invalid_runs_is_not_judged(invalid: in
     assert set(contrasts[is_of_it]["verdict"]) == ({"alike"} if is_judged else {"no data"})
     assert set(contrasts[~is_of_it]["verdict"]) == {"alike"}
     assert (found.claims["verdict"].tolist() == ["no data"]) == (not is_judged)
-    assert (found.findings["broken"] == "").all() == is_judged
+    assert ("no data" in found.findings[0].sentences[0]) == (not is_judged)
     if not invalid:
         assert found.incomplete == []
         return

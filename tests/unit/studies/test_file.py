@@ -75,8 +75,8 @@ DRAWN = '[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\n'
 TIMED = OWN.replace("window_s", "from_s = 500.0\nwindow_s").replace('"waiting_all"', '"trees"')
 CONTRAST = '[[contrast]]\nid = "a"\nfactor = "loss"\nreference = "loss=0.0"\n'
 CLAIM = '[[claim]]\nid = "a"\ntext = "t"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.5, hybrid 3"\n'
-FINDING = '[[finding]]\ntext = "t"\nbecause = [{ contrast = "a", metric = "messages", level = "loss=0.5", '
-FINDING += 'within = "hybrid 3", is = "higher" }]\n'
+FINDING = '[[finding]]\nheading = "t"\nresults = [{ contrast = "a", metric = "messages", level = "loss=0.5", '
+FINDING += 'within = "hybrid 3" }]\n'
 
 
 def test_sound_tables_are_taken() -> None:
@@ -89,23 +89,18 @@ def test_sound_tables_are_taken() -> None:
     [
         (CONTRAST + CLAIM + CLAIM, "claim.id"),
         (CONTRAST + CONTRAST, "contrast.id"),
-        (CONTRAST + FINDING.replace(', is = "higher"', ""), "finding[0].because[0].is"),
-        (CONTRAST + FINDING.replace("higher", "hihger"), "finding[0].because[0].is"),
-        (CONTRAST + FINDING.replace("higher", "holds"), "finding[0].because[0].is"),
-        (CONTRAST + FINDING.replace("loss=0.5", "loss=0.6"), "finding[0].because[0].level"),
-        (CONTRAST + FINDING.replace("loss=0.5", "loss=0.0"), "finding[0].because[0].level"),
-        (CONTRAST + FINDING.replace('"messages"', '"mesages"'), "finding[0].because[0].metric"),
-        (CONTRAST + FINDING.replace('"messages"', '"trees"'), "finding[0].because[0].metric"),
-        (CONTRAST + FINDING.replace("hybrid 3", "hybrid"), "finding[0].because[0].within"),
-        (CONTRAST + FINDING.replace('"loss=0.5"', '["loss=0.5", "loss=0.6"]'), "finding[0].because[0].level"),
-        (CONTRAST + FINDING.replace('"higher"', '["higher", "hihger"]'), "finding[0].because[0].is"),
-        (CONTRAST + FINDING.replace('"higher"', "[]"), "finding[0].because[0].is"),
-        (CONTRAST + FINDING.replace('"a"', '["a"]').replace("loss=0.5", "loss=0.6"), "finding[0].because[0].level"),
-        (CONTRAST + FINDING.replace("within", "whitin"), "finding[0].because[0].whitin"),
-        (CONTRAST + FINDING.replace('contrast = "a"', 'contrast = "b"'), "finding[0].because[0].contrast"),
-        (CONTRAST + FINDING.replace('contrast = "a", ', ""), "finding[0].because[0]"),
-        ('[[finding]]\ntext = "t"\n', "finding[0].because"),
-        ('[[finding]]\ntext = "t"\nbecause = []\n', "finding[0].because"),
+        (CONTRAST + FINDING.replace("loss=0.5", "loss=0.6"), "finding[0].results[0].level"),
+        (CONTRAST + FINDING.replace("loss=0.5", "loss=0.0"), "finding[0].results[0].level"),
+        (CONTRAST + FINDING.replace('"messages"', '"mesages"'), "finding[0].results[0].metric"),
+        (CONTRAST + FINDING.replace('"messages"', '"trees"'), "finding[0].results[0].metric"),
+        (CONTRAST + FINDING.replace("hybrid 3", "hybrid"), "finding[0].results[0].within"),
+        (CONTRAST + FINDING.replace('"loss=0.5"', '["loss=0.5", "loss=0.6"]'), "finding[0].results[0].level"),
+        (CONTRAST + FINDING.replace('"a"', '["a"]').replace("loss=0.5", "loss=0.6"), "finding[0].results[0].level"),
+        (CONTRAST + FINDING.replace("within", "whitin"), "finding[0].results[0].whitin"),
+        (CONTRAST + FINDING.replace('contrast = "a"', 'contrast = "b"'), "finding[0].results[0].contrast"),
+        (CONTRAST + FINDING.replace('contrast = "a", ', ""), "finding[0].results[0]"),
+        ('[[finding]]\nheading = "t"\n', "finding[0].results"),
+        ('[[finding]]\nheading = "t"\nresults = []\n', "finding[0].results"),
         (CONTRAST + "margin = 0.9\n", "contrast[0].margin"),
         (CONTRAST + "margin = 1.0\n", "contrast[0].margin"),
         (CONTRAST.replace('reference = "loss=0.0"', 'pairs = [["loss=0.0"]]'), "contrast[0].pairs[0]"),
@@ -115,6 +110,9 @@ def test_sound_tables_are_taken() -> None:
         (CONTRAST + 'across_pairs = [["hybrid 3", "decentralised"]]\n', "contrast[0].across"),
         (CONTRAST + 'across = "loss"\nacross_pairs = [["loss=0.5", "loss=0.9"]]\n', "contrast[0].across"),
         (CLAIM.replace("loss=0.5", "loss=0.0"), "claim[0].more"),
+        (CLAIM + 'reference = "loss=0.0, hybrid 3"\n', "claim[0].reference"),
+        (CLAIM + 'kind = "trend"\nalong = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3"]\n', "claim[0].along"),
+        (OWN + '[study.words]\n"loss=0.6" = "with loss"\n', "study.words"),
         (CLAIM + 'kind = "value"\nof = "loss=0.0, hybrid 3"\nwithin = [1.0, 2.0]\nabove = 1.0\n', "claim[0].within"),
         (CLAIM + 'kind = "value"\nof = "loss=0.0, hybrid 3"\nwithin = [1.0, 2.0]\niqr = 1.0\n', "claim[0].iqr"),
         (OWN.replace("window_s = 100.0", "window_s = 150.0") + DRAWN, "study.window_s"),
@@ -185,13 +183,13 @@ def test_sound_tables_are_taken() -> None:
         ('[[figure]]\nname = "f"\nkind = "levels"\n', "figure[0].x"),
         ('[[figure]]\nname = "f"\nkind = "frontier"\npaths = {a = ["loss=0.0, hybrid"]}\n', "figure[0].x"),
         ('[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\nhue = "mode"\n', "figure[0].hue"),
-        ('[[finding]]\ntext = "t"\nbecause = [{ claim = "none", is = "holds" }]\n', "finding[0].because[0].claim"),
+        ('[[finding]]\nheading = "t"\nresults = [{ claim = "none" }]\n', "finding[0].results[0].claim"),
         (
             '[[fit]]\ntext = "f"\nfactor = "mode"\ntargets = [{ level = "hybrid 3", metric = "waiting" }]\n'
-            '[[finding]]\ntext = "t"\nbecause = [{ fit = "f", within = "loss=0.6", is = "closest" }]\n',
-            "finding[0].because[0].within",
+            '[[finding]]\nheading = "t"\nresults = [{ fit = "f", within = "loss=0.6" }]\n',
+            "finding[0].results[0].within",
         ),
-        ('[[finding]]\ntext = "t"\nbecause = [{ fit = "none", is = "closest" }]\n', "finding[0].because[0].fit"),
+        ('[[finding]]\nheading = "t"\nresults = [{ fit = "none" }]\n', "finding[0].results[0].fit"),
         ('[[metric]]\nname = "m"\nkind = "window"\nof = "waiting"\n', "metric[0].of"),
         ('[[metric]]\nname = "m"\n', "metric[0].column"),
         ("[study]\nfactors = { loss = \"one\" }\n", "study.factors"),
@@ -241,8 +239,8 @@ def test_a_name_that_is_none_is_told_with_those_that_are() -> None:
         ),
         (CONTRAST.replace('"loss"', '"x"'), "contrast[0].factor must be one of 'loss', 'mode' (got 'x')"),
         (
-            '[[finding]]\ntext = "t"\nbecause = [{ claim = "x", is = "holds" }]\n',
-            "finding[0].because[0].claim must be one of none that is declared (got 'x')",
+            '[[finding]]\nheading = "t"\nresults = [{ claim = "x" }]\n',
+            "finding[0].results[0].claim must be one of none that is declared (got 'x')",
         ),
     ):
         with pytest.raises(SettingsError) as caught:

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats as scipy_stats
 
 from deltaswarm_studies import stats
-from deltaswarm_studies.contrasts import contrasts_of, disagreements, smallest_effects
+from deltaswarm_studies.contrasts import contrasts_of, smallest_effects
 from tests.support.studying import OWN, SWEEP, made
 from tests.support.tiers import in_one_test
 from tests.support.verdicts import NOISE, ONE, noisy, runs_with, walsh
@@ -189,38 +189,6 @@ def test_an_interaction_by_hand(least: float, estimate: float, scale: str) -> No
     [row] = contrasts_of(study, runs_with(study, value)).to_dict("records")
     assert (row["scale"], row["verdict"], row["n"]) == (scale, "higher", 10)
     assert (row["estimate"], row["within"]) == (pytest.approx(estimate), "hybrid 3 against decentralised")
-
-
-@pytest.mark.parametrize(("few", "is_told"), [(5, False), (6, True)])
-def test_waiting_that_ranks_in_opposite_order_is_told_only_if_one_is_significant(few: int, is_told: bool) -> None:
-    """Sensed events say less, all events say more: five replicates are no evidence, six are."""
-    study = made(OWN + ONE)
-    runs = runs_with(
-        study,
-        lambda level, _, r: (20.0 + r) * (1.1 if level == "loss=0.9" else 1),
-        sensed=lambda level, _, r: (20.0 + r) * (0.9 if level == "loss=0.9" else 1),
-    )
-    told = disagreements(study, runs[runs["replicate"] < few])
-    assert len(told) == (2 if is_told else 0)
-    assert not disagreements(made(OWN + ONE.replace('"waiting_all"', '"messages"')), runs)
-    assert not disagreements(study, runs.drop(columns="waiting"))
-    other = ONE.replace('"waiting_all"', '"messages"').replace('id = "c"', 'id = "d"')
-    assert disagreements(made(OWN + other + ONE), runs)[:1] == [
-        "frames lost [share]: 0.9 against frames lost [share]: 0.0 (decentralised): waiting by sensed events and by "
-        "all events rank them in opposite order"
-    ]
-
-
-def test_one_significant_ranking_is_enough_to_tell() -> None:
-    study = made(OWN + ONE)
-    runs = runs_with(
-        study,
-        lambda level, _, r: (20.0 + r) * ((0.95, 1.06)[r % 2] if level == "loss=0.9" else 1),
-        sensed=lambda level, _, r: (20.0 + r) * (0.9 if level == "loss=0.9" else 1),
-    )
-    assert len(disagreements(study, runs)) == 2
-    lower = ONE.replace('"waiting_all"', '"waiting"')
-    assert contrasts_of(made(OWN + lower), runs)["verdict"].tolist() == ["lower"] * 2
 
 
 @pytest.mark.parametrize(("replicates", "is_known"), [(2, False), (3, True)])

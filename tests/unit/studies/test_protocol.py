@@ -28,7 +28,7 @@ CLAIM = (
 )
 SHOWN = (
     '[[figure]]\nname = "f"\nx = "mode"\nhue = "loss"\ncaption = "F."\n'
-    '[[finding]]\ntext = "It is open."\nbecause = [{ claim = "c", is = "undecided" }]\n'
+    '[[finding]]\nheading = "Waiting"\nresults = [{ claim = "c" }]\n'
 )
 ASKED = OWN + LIMIT + CLAIM
 EARLY, BEGUN, LATE = (f"2026-01-0{day}T12:00:00+00:00" for day in (1, 2, 3))

@@ -154,13 +154,15 @@ def test_the_page_shows_both_numbers_with_their_sizes_and_what_would_decide() ->
     )
     assert needed is not None
     minutes, seconds = divmod(round((needed - 10) * 9.5), 60)
-    assert row["To decide"] == f"{needed} replicates ({needed - 10} more, in about 0:{minutes:02}:{seconds:02})"
+    told = f"{needed} replicates ({needed - 10} more, in about 0:{minutes:02}:{seconds:02})"
+    assert row["To decide"] == f"{told}, for a difference only: no margin"
     assert row["Here"].startswith("22.4 (n = 10) against 21.0 (n = 40), difference 1.40 (1.12) [")
     assert row["Published"] == "as told (assumed: n of the caption)"
     assert row["Of what"].endswith(": frames lost [share]: 0.0, hybrid 3 less the published")
     assert "To decide" not in shown("published = 10.0\nsd = 2.0\nn = 40\n", 9.5)
     assert (
-        shown("published = 21.0\nsd = 2.0\nn = 40\n", None)["To decide"] == f"{needed} replicates ({needed - 10} more)"
+        shown("published = 21.0\nsd = 2.0\nn = 40\n", None)["To decide"]
+        == f"{needed} replicates ({needed - 10} more), for a difference only: no margin"
     )
     uncertain = shown("published = 21.0\nsd = 6.0\nn = 10\n", 9.5)["To decide"]
     assert uncertain.startswith("no number of ours alone, since the published number is too uncertain; ")
@@ -210,7 +212,7 @@ def test_without_data_there_is_no_test() -> None:
     study = made(OWN + order.format("a", "x", SAME, SLOW) + order.format("b", "y", SAME, FAST))
     runs = runs_with(study, lambda _level, _mode, replicate: VALUES[replicate])
     evidence = Evidence(study, runs[runs["variant"] != SLOW], pd.DataFrame(), pd.DataFrame())
-    assert counted(evidence) == {"tests": 1, "families": 1}
+    assert counted(evidence.tables) == {"tests": 1, "families": 1}
     assert evidence.claims["about"].tolist() == [f"{SLOW} over {SAME}", f"{FAST} over {SAME}"]
 
 

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings
+from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.sensitivity import (
     MOVES,
@@ -21,7 +22,6 @@ from deltaswarm_studies.sensitivity import (
     smallest_correlation,
     with_verdicts,
 )
-from deltaswarm_studies.settings import ClaimSettings
 from tests.support.drawn_studies import found, noise, rate
 from tests.support.studying import made
 
