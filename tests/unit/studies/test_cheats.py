@@ -142,7 +142,7 @@ def first_line(result: StudyResult) -> str:
 def kinds(result: StudyResult) -> list[str]:
     """Return what contradicts the protocol; the exit code then tells, too, and the page has a warning for each."""
     found = [breach.kind for breach in result.protocol.breaches]
-    assert (result.code(is_whole=True) in (MISSED, FAILED)) or not found
+    assert (result.code() in (MISSED, FAILED)) or not found
     page = result.page.with_suffix(".md").read_text()
     assert all(f"> {line}" in page for line in result.protocol.problems)
     assert all(breach.brief in first_line(result) for breach in result.protocol.breaches[:1])
@@ -337,7 +337,7 @@ def test_rows_that_are_left_out_are_missed(author: Author) -> None:
     """Cheat: leave out a replicate that does not fit, and plan fewer."""
     author.edit_runs(lambda runs: runs[runs["replicate"] < 6], reseal=True)
     result = author.render()
-    assert result.code(is_whole=True) == FAILED
+    assert result.code() == FAILED
     assert result.evidence.incomplete
     author.write(STUDY.replace("repeats = 7", "repeats = 6"))
     assert kinds(author.render()) == [protocol.FILE_CHANGED]

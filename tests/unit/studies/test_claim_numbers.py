@@ -299,11 +299,11 @@ def test_a_plan_measures_at_most_24_variants(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_plan_says_which_engine_does_the_runs() -> None:
     """The dense one where it covers them; and why not the others."""
-    study = made(sweep=SWEEP.replace("1000.0", "4000.0"))
-    assert planning.engines_of(study) == {
+    sweep = SWEEP.replace("1000.0", "4000.0").replace("radio.loss", "downlink.jitter_s")
+    assert planning.engines_of(made(OWN.replace("loss =", "jitter_s ="), sweep)) == {
         "dense": 20,
         "python": 40,
-        "because": ["radio.loss = 0.5", "radio.loss = 0.9"],
+        "because": ["downlink.jitter_s = 0.5", "downlink.jitter_s = 0.9"],
     }
 
 
