@@ -25,7 +25,6 @@ RUN_ELSEWHERE = {
     "README.md": "docs/test_readme",
     "agent/README.md": "boards/test_docs",
     "docs/CONTROLLERS.md": "docs/test_controllers",
-    "docs/PERFORMANCE.md": "processes/test_compiled",
     "docs/ROS2.md": "docs/test_ros2",
     "docs/SCALE.md": "docs/test_scale",
     "docs/SESSION.md": "docs/test_session",
