@@ -42,7 +42,7 @@ def findings(study: str) -> Iterator[str]:
     page = (STUDIES / study / "page.md").read_text(encoding="utf-8")
     yield ""
     lines = page.partition("\n## Design\n")[0].splitlines()
-    yield from (line for line in lines if line.startswith("- "))
+    yield from (line for line in lines if line.lstrip().startswith("- "))
     yield ""
 
 
