@@ -56,8 +56,7 @@ def sentences_of(study: Study, chosen: Mapping[str, Any], results: Mapping[str, 
         ]
         parts = [_filled("short" if place else "long", study, block, apart) for place, block in enumerate(blocks)]
         text = re.sub(r" +(?=[ ,;)])", "", "; ".join(parts))
-        yield f"{text[0].upper()}{text[1:]}."
-        yield from _of_the_source(same)
+        yield " ".join([f"{text[0].upper()}{text[1:]}.", *_of_the_source(same)])
 
 
 def _grouped(results: Iterable[Result], key: Callable[[Result], Any]) -> list[list[Result]]:

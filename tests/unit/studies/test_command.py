@@ -11,7 +11,7 @@ from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import provenance, seal
 from tests.support.studying import OWN
 
-FINDING = "- **Loss.** Messages to the operator are"
+FINDING = "- **Loss**\n  - Messages to the operator are"
 
 QUESTION = """
 schema = 1

@@ -83,9 +83,10 @@ def test_findings_stand_before_the_design(evidence: Evidence) -> None:
     """With their headings and remarks, as text."""
     html, markdown, _ = pages(made(ASKED), evidence, PROVENANCE)
     head = markdown.partition("\n## Design\n")[0]
-    [line] = [line for line in head.splitlines() if line.startswith("- ")]
-    assert line.startswith("- **Waiting.** It is open whether the mean waiting time of sensed events is longer")
-    assert line.endswith("By <b>runs</b>.")
+    heading, sentence, remark = [line for line in head.splitlines() if line.lstrip().startswith("- ")]
+    assert heading == "- **Waiting**"
+    assert sentence.startswith("  - It is open whether the mean waiting time of sensed events is longer")
+    assert remark == "  - By <b>runs</b>."
     assert "By &lt;b&gt;runs&lt;/b&gt;." in html
 
 

@@ -81,14 +81,11 @@ ORDER = f'[[claim]]\nid = "o"\ntext = "o"\nmetric = "waiting_all"\nsays = "twice
 
 
 def test_what_a_source_says_stands_beside_what_contradicts_it() -> None:
-    sentence, source = told(ORDER, '{ claim = "o" }')
+    [sentence] = told(ORDER, '{ claim = "o" }')
     assert sentence.startswith("The mean time until an event is sensed is 0.50 times as long without loss")
-    assert sentence.endswith("the opposite of the claim.")
-    assert source == "The source says: “twice”."
-    assert (
-        len(told(ORDER.replace("less", "m").replace("more", "less").replace("\nm =", "\nmore ="), '{ claim = "o" }'))
-        == 1
-    )
+    assert sentence.endswith("the opposite of the claim. The source says: “twice”.")
+    holding = ORDER.replace("less", "m").replace("more", "less").replace("\nm =", "\nmore =")
+    assert "The source says" not in " ".join(told(holding, '{ claim = "o" }'))
 
 
 def test_agreement_by_calibration_is_called_no_evidence() -> None:
