@@ -87,6 +87,17 @@ def add_study(command: argparse.ArgumentParser) -> None:
     command.set_defaults(func=do_studies, makes_files=True)
 
 
+def _seeded(study: "Study", folder: Path) -> "Study":
+    """Return a study with the seeds of its protocol, if it is frozen."""
+    from deltaswarm_studies.settings import PROTOCOL
+
+    if not (folder / PROTOCOL).exists():
+        return study
+    from deltaswarm_studies.protocol import seeded  # needs pandas
+
+    return seeded(study, folder)
+
+
 def _rows(text: str) -> int:
     """Parse a number of rows, or all."""
     return sys.maxsize if text == "all" else whole(1)(text)
@@ -97,7 +108,6 @@ def do_studies(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
     from deltaswarm_studies.load import COLLECTIONS, OF_A_STUDY, load_study
     from deltaswarm_studies.plan import plan, text
-    from deltaswarm_studies.protocol import seeded
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}
@@ -105,7 +115,7 @@ def do_studies(arguments: argparse.Namespace) -> int:
     is_collection = len(studies) > 1
     out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
     folders = {study.name: out / study.name if is_collection else out for study in studies}
-    studies = [seeded(study, folders[study.name]) for study in studies]
+    studies = [_seeded(study, folders[study.name]) for study in studies]
 
     def result(rows: list[Any]) -> Any:
         return rows if is_collection else rows[0]

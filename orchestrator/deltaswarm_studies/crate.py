@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_studies import protocol
 from deltaswarm_studies.origin import BEGUN, COMMIT, VERSIONS
+from deltaswarm_studies.settings import PROTOCOL
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.files import write_whole
 
@@ -72,7 +72,7 @@ def entities(study: Study, origin: Mapping[str, str], files: Mapping[str, int]) 
             "encodingFormat": FORMATS[Path(name).suffix],
             "contentSize": str(size),
         }
-    inputs = {"object": {"@id": protocol.FILE}} if protocol.FILE in files else {}
+    inputs = {"object": {"@id": PROTOCOL}} if PROTOCOL in files else {}
     yield {
         "@id": "#runs",
         "@type": "CreateAction",

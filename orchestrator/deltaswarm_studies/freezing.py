@@ -17,7 +17,6 @@ from deltaswarm_studies.fixed import FORMAT
 from deltaswarm_studies.origin import PROVENANCE, facts_of, sealed_tables
 from deltaswarm_studies.protocol import (
     EDITED,
-    FILE,
     Protocol,
     ProtocolError,
     code_of,
@@ -26,7 +25,7 @@ from deltaswarm_studies.protocol import (
     read,
     some,
 )
-from deltaswarm_studies.settings import EXPLORATORY
+from deltaswarm_studies.settings import EXPLORATORY, PROTOCOL
 from deltaswarm_studies.study import Study
 
 FOUND = ("estimate", "low", "high", "verdict")
@@ -66,11 +65,11 @@ def freeze(
         )
         frozen_on = known.entries[0]["date"]
         raise ProtocolError(
-            f"{folder / FILE} must not be there yet: it was frozen on {frozen_on}; to change it: {amend}; to ask anew, "
-            f"with other seeds: {replace}"
+            f"{folder / PROTOCOL} must not be there yet: it was frozen on {frozen_on}; to change it: {amend}; to ask "
+            f"anew, with other seeds: {replace}"
         )
     if replaces and not known.entries:
-        raise ProtocolError(f"--replaces must be given with a protocol that is replaced (got no {folder / FILE})")
+        raise ProtocolError(f"--replaces must be given with a protocol that is replaced (got no {folder / PROTOCOL})")
     runs = _runs(folder)
     if runs and not known.entries:
         raise ProtocolError(f"{study.name} must be frozen before its first run ({len(runs)} are there, as {runs[0]})")
@@ -94,7 +93,7 @@ def amend(study: Study, folder: Path, file: Path | None, reason: str) -> Path:
     if not reason.strip():
         raise ProtocolError("--amend must be a reason (got an empty one)")
     if not known.entries:
-        raise ProtocolError(f"{folder / FILE} must be there before it is amended; to freeze it: --freeze")
+        raise ProtocolError(f"{folder / PROTOCOL} must be there before it is amended; to freeze it: --freeze")
     for breach in known.breaches:
         if breach.kind == EDITED:
             raise ProtocolError(f"{folder}: {breach.line} Restore it first.")
@@ -127,11 +126,11 @@ def _runs(folder: Path) -> list[Path]:
 
 def _record(name: str, folder: Path, reason: str) -> Table:
     """Return what is kept of a protocol that is replaced: all its entries, and the verdicts on its page."""
-    if not (folder / FILE).exists():
-        raise ProtocolError(f"{folder / FILE} must be there: it is replaced ({reason})")
-    record = read(folder / FILE)
+    if not (folder / PROTOCOL).exists():
+        raise ProtocolError(f"{folder / PROTOCOL} must be there: it is replaced ({reason})")
+    record = read(folder / PROTOCOL)
     if [entry[HASH] for entry in record["entries"]] != frozen.hashes_of(record["entries"], record["study"]):
-        raise ProtocolError(f"{folder / FILE} was edited by hand; restore it before it is replaced")
+        raise ProtocolError(f"{folder / PROTOCOL} was edited by hand; restore it before it is replaced")
     sealed_tables(folder)
     origin = folder / "provenance.csv"
     return {
@@ -185,7 +184,7 @@ def _add(known: Protocol, folder: Path, file: Path | None, reason: str, replaces
         entry |= {"format": FORMAT, "code": code, "runs": len(_runs(folder)), "replaces": list(replaces)}
     before = known.entries[-1][HASH] if known.entries else ""
     entry[HASH] = frozen.hash_of(entry, known.study.name, before)
-    return frozen.write(folder / FILE, {"study": known.study.name, "entries": [*known.entries, entry]})
+    return frozen.write(folder / PROTOCOL, {"study": known.study.name, "entries": [*known.entries, entry]})
 
 
 def _commits(file: Path | None) -> Iterator[tuple[str, str | None]]:

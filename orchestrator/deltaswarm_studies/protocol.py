@@ -22,11 +22,9 @@ from deltaswarm_orchestrator.sweeps.load import make_sweep
 from deltaswarm_orchestrator.sweeps.plan import replicate_seed
 from deltaswarm_studies.fixed import FORMAT, content, differences
 from deltaswarm_studies.origin import BEGUN, CHANGED, CODE, PLUGINS, facts_of, plugin_digests, plugins_of
-from deltaswarm_studies.settings import EXPLORATORY
+from deltaswarm_studies.settings import EXPLORATORY, PROTOCOL
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
-
-FILE = "protocol.json"
 
 ENTRY = {"date": str, "commit": dict, "uncommitted": list, "reason": str, "protocol": dict, HASH: str}
 SINCE_2 = {"format": int, "code": dict, "runs": int, "replaces": list}
@@ -137,8 +135,8 @@ class Protocol:
             if entry[HASH] != right:
                 what = "amendment" if place else "the protocol"
                 line = f"{what} of {entry['date']} has the hash {entry[HASH]}, its content has {right}."
-                brief = f"Not known what was frozen, or when, since {FILE} was edited by hand"
-                yield Breach(EDITED, brief, f"{FILE} was edited by hand: {line}")
+                brief = f"Not known what was frozen, or when, since {PROTOCOL} was edited by hand"
+                yield Breach(EDITED, brief, f"{PROTOCOL} was edited by hand: {line}")
         frozen_on = self.entries[0]["date"]
         if not self.is_before_the_runs:
             yield Breach(
@@ -296,7 +294,7 @@ def protocol_of(
 
 
 def _entries(study: Study, folder: Path) -> Sequence[Entry]:
-    file = folder / FILE
+    file = folder / PROTOCOL
     record = read(file) if file.exists() else {}
     if record and record.get("study") != study.name:
         raise ProtocolError(f"{file} must be the protocol of the study {study.name!r} (got {record.get('study')!r})")

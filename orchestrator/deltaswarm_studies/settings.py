@@ -23,6 +23,9 @@ RESULT_KEYS = {"claim": (), "contrast": ("metric", "level", "reference", "within
 
 Pairs = tuple[tuple[str, ...], ...]
 
+PROTOCOL = "protocol.json"
+"""The file that says what a study asked before its runs, beside its page."""
+
 CONFIRMATORY, EXPLORATORY = "confirmatory", "exploratory"
 
 

@@ -32,8 +32,9 @@ from deltaswarm_studies.fixed import content
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.load import load_study
 from deltaswarm_studies.origin import WITH_THE_RUNS, seal_tables
-from deltaswarm_studies.protocol import FILE, ProtocolError, seeded
+from deltaswarm_studies.protocol import ProtocolError, seeded
 from deltaswarm_studies.protocol_page import NOT_JUDGED, Record
+from deltaswarm_studies.settings import PROTOCOL
 
 STUDY = """
 schema = 1
@@ -119,12 +120,12 @@ class Author:
 
     def edit(self, edit: Edit, *, rehash: bool = False) -> None:
         """Edit the protocol by hand, and perhaps make its hashes right again."""
-        record = json.loads((self.folder / FILE).read_text())
+        record = json.loads((self.folder / PROTOCOL).read_text())
         edit(record["entries"])
         if rehash:
             for place, entry in enumerate(record["entries"]):
                 entry["hash"] = hashes_of(record["entries"][: place + 1], "own")[-1]
-        (self.folder / FILE).write_text(json.dumps(record))
+        (self.folder / PROTOCOL).write_text(json.dumps(record))
 
     def edit_runs(self, change: Callable[[pd.DataFrame], pd.DataFrame], *, reseal: bool) -> None:
         (self.folder / seal.RECORD).unlink()
@@ -250,10 +251,10 @@ def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     author.write(STUDY.replace(CONTRAST + NEAR, "").replace('["messages"]', '["waiting_all", "messages"]'))
     with pytest.raises(ProtocolError, match="--replaces"):
         author.freeze()
-    (author.folder / FILE).rename(author.folder / "elsewhere.json")
+    (author.folder / PROTOCOL).rename(author.folder / "elsewhere.json")
     with pytest.raises(ProtocolError, match="before its first run"):
         author.freeze()
-    (author.folder / "elsewhere.json").rename(author.folder / FILE)
+    (author.folder / "elsewhere.json").rename(author.folder / PROTOCOL)
     author.freeze("The first outcome was the wrong one.")
     result = author.run()
     assert kinds(result) == []
@@ -272,9 +273,9 @@ def test_the_verdicts_of_what_is_replaced_cannot_be_taken_out(author: Author) ->
     """Cheat: take the older study out of the chain, also with a new hash, which gives other seeds."""
     author.freeze("To ask it again.")
     author.run()
-    whole = (author.folder / FILE).read_text()
+    whole = (author.folder / PROTOCOL).read_text()
     for rehash, kind in ((False, protocol.EDITED), (True, protocol.SEEDS)):
-        (author.folder / FILE).write_text(whole)
+        (author.folder / PROTOCOL).write_text(whole)
         author.edit(lambda entries: entries[0].update(replaces=[]), rehash=rehash)
         assert kinds(author.render())[0] == kind
 
@@ -286,10 +287,10 @@ def test_a_protocol_that_was_edited_is_named(author: Author) -> None:
         lambda entries: entries[0].update(date="2020-01-01T00:00:00+00:00"),
         lambda entries: entries[0]["code"].update(digest="0123456789abcdef"),
     ]
-    whole = (author.folder / FILE).read_text()
+    whole = (author.folder / PROTOCOL).read_text()
     for edit in edits:
         for rehash, kind in ((False, protocol.EDITED), (True, protocol.SEEDS)):
-            (author.folder / FILE).write_text(whole)
+            (author.folder / PROTOCOL).write_text(whole)
             author.edit(edit, rehash=rehash)
             assert kinds(author.render())[0] == kind
 
@@ -301,7 +302,7 @@ def test_a_protocol_of_the_older_format_is_told_from_others(tmp_path: Path) -> N
     told = {"date": "2020-01-01T00:00:00+00:00", "commit": {}, "uncommitted": [], "reason": ""}
     entry = {**told, "protocol": content(author.study, 1)}
     entry["hash"] = hashes_of([{**entry, "hash": ""}], "own")[0]
-    (author.folder / FILE).write_text(json.dumps({"study": "own", "entries": [entry]}))
+    (author.folder / PROTOCOL).write_text(json.dumps({"study": "own", "entries": [entry]}))
     result = author.render()
     assert kinds(result) == []
     assert protocol.OWN_SEEDS in first_line(result)

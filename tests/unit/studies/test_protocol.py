@@ -16,8 +16,9 @@ from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.fixed import content, differences
 from deltaswarm_studies.freezing import amend, freeze
 from deltaswarm_studies.page import pages, write
-from deltaswarm_studies.protocol import EDITED, FILE, ProtocolError, protocol_of, seeded
+from deltaswarm_studies.protocol import EDITED, ProtocolError, protocol_of, seeded
 from deltaswarm_studies.protocol_page import Record
+from deltaswarm_studies.settings import PROTOCOL
 from deltaswarm_studies.study import Study
 from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
@@ -60,14 +61,14 @@ def origin(begun: str) -> pd.DataFrame:
 
 def edited(folder: Path, edit: Callable[[dict[str, Any]], object]) -> None:
     """Edit the record by hand."""
-    record = json.loads((folder / FILE).read_text())
+    record = json.loads((folder / PROTOCOL).read_text())
     edit(record)
-    (folder / FILE).write_text(json.dumps(record))
+    (folder / PROTOCOL).write_text(json.dumps(record))
 
 
 def test_a_protocol_holds_what_is_run_asked_and_expected(folder: Path) -> None:
     """Conditions, replicates, outcomes, criteria, margins, expectations, date, code, commit and hash; no seed."""
-    [entry] = json.loads((folder / FILE).read_text())["entries"]
+    [entry] = json.loads((folder / PROTOCOL).read_text())["entries"]
     assert entry["date"] == EARLY
     assert entry["commit"]["deltaswarm"] == provenance.commit()
     assert len(entry["hash"]) == 64
@@ -175,8 +176,8 @@ def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], Non
     """Its protocol, its date or its reason; and one whose predecessor was taken out."""
     at(LATE)
     amend(made(ASKED.replace("1.1", "1.2")), folder, None, "typo")
-    whole = (folder / FILE).read_text()
-    (folder / FILE).write_text(json.dumps(json.loads(whole), sort_keys=True, indent=1))  # as a formatter does
+    whole = (folder / PROTOCOL).read_text()
+    (folder / PROTOCOL).write_text(json.dumps(json.loads(whole), sort_keys=True, indent=1))  # as a formatter does
     assert protocol_of(made(ASKED.replace("1.1", "1.2")), folder).problems == []
     edits: list[Callable[[dict[str, Any]], object]] = [
         lambda record: record["entries"][0]["protocol"]["contrast"]["limit"].update(margin=1.2),
@@ -185,7 +186,7 @@ def test_an_entry_that_was_edited_is_named(folder: Path, at: Callable[[str], Non
         lambda record: record["entries"].pop(0),
     ]
     for edit in edits:
-        (folder / FILE).write_text(whole)
+        (folder / PROTOCOL).write_text(whole)
         edited(folder, edit)
         found = protocol_of(made(ASKED.replace("1.1", "1.2")), folder)
         problems = found.problems
@@ -211,11 +212,11 @@ def test_a_new_hash_over_an_old_date_still_shows_that_runs_were_first(folder: Pa
 
 def test_an_amendment_keeps_the_entry_before_it(folder: Path, at: Callable[[str], None]) -> None:
     """With reason, key, old and new value, and whether it was made before or after the runs."""
-    first = json.loads((folder / FILE).read_text())["entries"]
+    first = json.loads((folder / PROTOCOL).read_text())["entries"]
     at(LATE)
     study = made(ASKED.replace("margin = 1.1", "margin = 1.2"))
     amend(study, folder, None, "  the margin\nwas a typo ")
-    assert json.loads((folder / FILE).read_text())["entries"][:1] == first
+    assert json.loads((folder / PROTOCOL).read_text())["entries"][:1] == first
     found = protocol_of(study, folder, origin(BEGUN))
     assert found.problems == []
     [(title, changes)] = found.amendments
@@ -247,7 +248,7 @@ def test_surprises_are_counted_against_what_was_expected_before_the_runs(
 
 def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_path: Path) -> None:
     """Nothing is written otherwise."""
-    before = (folder / FILE).read_bytes()
+    before = (folder / PROTOCOL).read_bytes()
     other = made(ASKED.replace("1.1", "1.2"))
     for study, where, reason, told in (
         (made(ASKED), folder, "r", "nothing differs"),
@@ -257,7 +258,7 @@ def test_an_amendment_needs_a_protocol_a_change_and_a_reason(folder: Path, tmp_p
     ):
         with pytest.raises(ProtocolError, match=told):
             amend(study, where, None, reason)
-    assert (folder / FILE).read_bytes() == before
+    assert (folder / PROTOCOL).read_bytes() == before
 
 
 def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -> None:
@@ -265,10 +266,10 @@ def test_what_was_run_or_frozen_cannot_be_frozen(folder: Path, tmp_path: Path) -
     study = made(ASKED)
 
     def refused(study: Study, where: Path, told: str) -> None:
-        before = sorted(tmp_path.rglob(FILE))
+        before = sorted(tmp_path.rglob(PROTOCOL))
         with pytest.raises(ProtocolError, match=told):
             freeze(study, where, None)
-        assert sorted(tmp_path.rglob(FILE)) == before
+        assert sorted(tmp_path.rglob(PROTOCOL)) == before
 
     refused(study, folder, "--amend REASON")
     for name in ("a/sweep/runs/x.in-process.json", "b/runs.csv"):
@@ -287,7 +288,7 @@ def test_a_study_of_another_name_is_replaced_by_a_key(folder: Path) -> None:
     where = folder.parent / "anew"
     freeze(study, where, None)
     [record] = protocol_of(study, where).replaced
-    assert record["entries"] == json.loads((folder / FILE).read_text())["entries"]
+    assert record["entries"] == json.loads((folder / PROTOCOL).read_text())["entries"]
     assert (record["study"], record["reason"]) == ("made-up", "It had too few replicates.")
     dropped = protocol_of(replace(made(ASKED), name="anew"), where)
     assert [change.key for change in dropped.unamended] == ["study.replaces.made-up"]
@@ -306,7 +307,7 @@ def test_a_protocol_in_the_history_of_the_folder_is_replaced_too(folder: Path, a
     git("init", "-q")
     git("add", ".")
     git("commit", "-qm", "x")
-    (folder / FILE).unlink()
+    (folder / PROTOCOL).unlink()
     at(LATE)
     freeze(made(ASKED), folder, None)
     with pytest.raises(ProtocolError, match="nothing"):
@@ -315,14 +316,14 @@ def test_a_protocol_in_the_history_of_the_folder_is_replaced_too(folder: Path, a
     found = protocol_of(made(ASKED), folder)
     assert [record["entries"][0]["date"] for record in found.replaced] == [EARLY, LATE]
     assert [record["reason"].partition(" (as of")[0] for record in found.replaced] == ["Forgotten.", "Again."]
-    assert [path.name for path in folder.glob("replaced/*/*")] == [FILE]
+    assert [path.name for path in folder.glob("replaced/*/*")] == [PROTOCOL]
     assert found.problems == []
 
 
 @in_one_test("text", ["", "[]", "{}", '{"study": "made-up", "entries": []}', '{"study": "made-up", "entries": [{}]}'])
 def test_a_file_that_is_no_protocol_is_named(text: str, folder: Path) -> None:
-    (folder / FILE).write_text(text)
-    with pytest.raises(ProtocolError, match=FILE):
+    (folder / PROTOCOL).write_text(text)
+    with pytest.raises(ProtocolError, match=PROTOCOL):
         protocol_of(made(ASKED), folder)
 
 
@@ -342,11 +343,11 @@ EDITS: list[Callable[[dict[str, Any]], object]] = [
 @in_one_test("edit", EDITS)
 def test_a_protocol_of_the_wrong_form_is_named(edit: Callable[[dict[str, Any]], object], folder: Path) -> None:
     """Whatever part of it was taken out or replaced."""
-    whole = (folder / FILE).read_text()
+    whole = (folder / PROTOCOL).read_text()
     edited(folder, lambda record: edit(record["entries"][0]))
     with pytest.raises(ProtocolError, match="restore it"):
         protocol_of(made(ASKED), folder)
-    (folder / FILE).write_text(whole)
+    (folder / PROTOCOL).write_text(whole)
 
 
 def test_the_first_line_of_a_page_says_what_was_frozen(folder: Path, tmp_path: Path) -> None:
