@@ -46,9 +46,9 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def driver() -> "Iterator[Chrome]":
-    """One browser for all tests of a worker; each has a station of its own, and so an origin of its own."""
+    """One browser for a file's tests; each has a station of its own, and so an origin of its own."""
     from tests.support.station_page import browser
 
     with browser() as made:

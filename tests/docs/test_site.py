@@ -1,5 +1,6 @@
 """The documentation site: it builds without a warning, and its reference pages hold what the code has."""
 
+import json
 import re
 import subprocess
 from pathlib import Path
@@ -58,9 +59,11 @@ def test_the_first_page_leads_to_the_four_kinds_of_documentation(site: Path) -> 
 
 
 def test_the_citation_is_of_this_version() -> None:
-    """CITATION.cff names the version that pip installs, and the paper with its five authors."""
+    """CITATION.cff and codemeta.json name the version that pip installs; the first also the paper's five authors."""
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert (citation["version"], citation["license"]) == (__version__, "Apache-2.0")
+    described = json.loads((ROOT / "codemeta.json").read_text())
+    assert (described["version"], described["license"].rpartition("/")[2]) == (__version__, citation["license"])
     [paper] = citation["references"]
     assert paper["title"] in (ROOT / "README.md").read_text().replace("\n", " ")
     assert len(paper["authors"]) == 5
@@ -75,6 +78,6 @@ def test_the_files_to_read_first_exist() -> None:
 
 def test_warnings_of_pages_are_warnings(site: Path) -> None:
     """Not the marks by which a forge knows them."""
-    page = (site / "docs" / "studies" / "paper" / "page.html").read_text()
+    page = (site / "docs" / "studies" / "budget" / "page.html").read_text()
     assert 'class="admonition warning"' in page
     assert "[!WARNING]" not in page
