@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from deltaswarm.sweeps import sweep as sweep
     from deltaswarm_learn.make import env as env
     from deltaswarm_learn.make import parallel_env as parallel_env
+    from deltaswarm_learn.make import vector_env as vector_env
     from deltaswarm_studies.conducting import StudyResult as StudyResult
     from deltaswarm_studies.conducting import study as study
 
@@ -29,6 +30,7 @@ WHERE = {
     "StudyResult": "deltaswarm_studies.conducting",
     "study": "deltaswarm_studies.conducting",
     "sweep": "deltaswarm.sweeps",
+    "vector_env": "deltaswarm_learn.make",
 }
 """The module of each public name; a new name is a line here and an import above, for type checkers."""
 

@@ -47,17 +47,17 @@ def entry(function: Callable[..., Any]) -> Any:
         settings.CACHE_DIR = before
 
 
-def compile_once(run: Callable[[], object]) -> None:
+def compile_once(what: str, run: Callable[[], object]) -> None:
     """Compile by a run, unless this machine's code is on disk; of several processes one does, and the others wait."""
     folder = cache_folder()
     versions = numba.__version__, platform.python_version()
-    done = folder / f"compiled-{'-'.join(versions)}-{platform.node()}"
+    done = folder / f"{what}-{'-'.join(versions)}-{platform.node()}"
     if done.exists():
         return
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not done.exists():
-            notice("compiling the dense engine for this machine: one to two minutes, once")
+            notice(f"compiling the {what} for this machine: one to two minutes, once")
             run()
             done.touch()
 

@@ -26,5 +26,5 @@ class Dense:
         from deltaswarm_dense.compiled import compile_once  # imports numba, which is slow
         from deltaswarm_dense.engine import run_dense
 
-        compile_once(lambda: run_dense(Scenario()))
+        compile_once("dense engine", lambda: run_dense(Scenario()))
         return run_dense(scenario, wanted)

@@ -53,7 +53,7 @@ def set_up(scenario: Scenario, environment: Environment, has: Room, *, is_modell
     """
     n = scenario.agents.count
     made = [_made(scenario, i) for i in range(n)]
-    settings, events = _settings(scenario, made[0]), _events(scenario, environment)
+    settings, events = _settings(scenario, made[0]), events_in_order(scenario, environment)
     loss = 0.0 if is_modelled else scenario.radio.loss
     settings["is_modelled"], settings["loss"] = is_modelled, loss
     rows, e = min(MAX_TABLE, max(1, n - 1)), len(events)
@@ -235,7 +235,7 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
     return made
 
 
-def _events(scenario: Scenario, environment: Environment) -> np.ndarray:
+def events_in_order(scenario: Scenario, environment: Environment) -> np.ndarray:
     """Return all events of a run, each with the step in which it arrives, in the order of arrival."""
     step_s, steps, arrivals = scenario.run.step_s, scenario.run.steps, environment._arrivals
     found = [(arrival, step) for step in range(steps) for arrival in arrivals.until(step * step_s)]

@@ -64,11 +64,11 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
         render_mode: str | None = None,
     ) -> None:
         sizes = {"event_slots": event_slots, "frame_slots": frame_slots, "message_size": message_size}
-        self.scenario = _scenario_of(scenario, keys or {}, sizes)
+        self.scenario = scenario_of(scenario, keys or {}, sizes)
         self.possible_agents = [f"agent_{agent}" for agent in range(self.scenario.agents.count)]
         self._numbers = {name: agent for agent, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
-        self.max_cycles = _checked_cycles(max_cycles, self.scenario.run.steps)
+        self.max_cycles = checked_cycles(max_cycles, self.scenario.run.steps)
         self.render_mode = _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self._is_flat = _one_of("observation", observation, (FLAT, DICT)) == FLAT
         self._leaving = leaving
@@ -286,7 +286,7 @@ class _Episode:
         return controller
 
 
-def _scenario_of(given: str | Path | Scenario, keys: Mapping[str, Any], sizes: Mapping[str, int]) -> Scenario:
+def scenario_of(given: str | Path | Scenario, keys: Mapping[str, Any], sizes: Mapping[str, int]) -> Scenario:
     """Return the checked scenario of an environment. Raises SettingsError with every mistake."""
     table = plain(given) if isinstance(given, Scenario) else read_table(str(given))
     problems = [problem for path, value in keys.items() for problem in put(table, path, value)]
@@ -301,7 +301,7 @@ def _scenario_of(given: str | Path | Scenario, keys: Mapping[str, Any], sizes: M
     return scenario
 
 
-def _checked_cycles(max_cycles: Any, steps: int) -> int | None:
+def checked_cycles(max_cycles: Any, steps: int) -> int | None:
     if max_cycles is None:
         return None
     if isinstance(max_cycles, int | np.integer) and not isinstance(max_cycles, bool) and 1 <= max_cycles <= steps:

@@ -1,4 +1,4 @@
-"""Make environments: `deltaswarm.parallel_env` and `deltaswarm.env`."""
+"""Make environments: `deltaswarm.parallel_env`, `deltaswarm.env` and `deltaswarm.vector_env`."""
 
 import inspect
 from typing import TYPE_CHECKING, Any
@@ -9,6 +9,7 @@ from deltaswarm.errors import one_error
 if TYPE_CHECKING:
     from pettingzoo import AECEnv
 
+    from deltaswarm_learn.batch import SwarmVectorEnv
     from deltaswarm_learn.environment import SwarmEnv
 
 
@@ -31,3 +32,16 @@ def env(*arguments: Any, **named: Any) -> "AECEnv[str, Any, Any]":
     from pettingzoo.utils import OrderEnforcingWrapper, parallel_to_aec
 
     return OrderEnforcingWrapper(parallel_to_aec(parallel))
+
+
+def vector_env(*arguments: Any, **named: Any) -> "SwarmVectorEnv":
+    """Make many swarms' environment, whose arrays have a row per run; the arguments are those of `SwarmVectorEnv`.
+
+    Raises:
+        Error: arguments are wrong, or the extra `learn` or `fast` is not installed.
+    """
+    with one_error("deltaswarm.vector_env"):
+        from deltaswarm_learn.batch import SwarmVectorEnv
+
+        bound = fitted(inspect.signature(SwarmVectorEnv), arguments, named, {"runs": COUNTS, "max_cycles": COUNTS})
+        return SwarmVectorEnv(*bound.args, **bound.kwargs)

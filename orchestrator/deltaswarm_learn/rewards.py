@@ -92,6 +92,11 @@ def reward_function(reward: Reward, agents: Sequence[str]) -> Callable[[StepOutc
     """
     if callable(reward):
         return partial(_from_function, reward, agents)
+    return partial(_from_names, signed_weights(reward), agents)
+
+
+def signed_weights(reward: str | Mapping[str, float]) -> list[tuple[str, float]]:
+    """Return the weights of the numbers in a reward, negative for costs. Raises SettingsError."""
     weights = {reward: 1.0} if isinstance(reward, str) else reward
     if not isinstance(weights, Mapping) or not weights:
         raise _wrong(repr(reward), "must be a name, weights by name, or a function")
@@ -102,7 +107,7 @@ def reward_function(reward: Reward, agents: Sequence[str]) -> Callable[[StepOutc
             )
         if not _is_number(weight):
             raise _wrong(f"{weight!r} for {name!r}", "must have finite weights")
-    return partial(_from_names, [(name, weight * REWARDS[name][0]) for name, weight in weights.items()], agents)
+    return [(name, weight * REWARDS[name][0]) for name, weight in weights.items()]
 
 
 def _wrong(given: str, must: str) -> SettingsError:

@@ -9,4 +9,4 @@ from deltaswarm_scenario.scenario import Scenario
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled() -> None:
-    compile_once(lambda: run_dense(Scenario()))
+    compile_once("dense engine", lambda: run_dense(Scenario()))

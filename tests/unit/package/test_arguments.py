@@ -11,6 +11,7 @@ import pytest
 import deltaswarm
 from deltaswarm import testing
 from deltaswarm.keys import overrides
+from deltaswarm_learn.batch import SwarmVectorEnv
 from deltaswarm_learn.environment import SwarmEnv
 
 WRONG = [
@@ -28,7 +29,10 @@ WRONG = [
 ]
 """Values of which no argument takes one."""
 
-REQUIRED = {"folder": ".", "sweep": "smoke", "study": "paper", "cls": object, "file": "x.mcap"}
+MADE: dict[str, Callable[..., Any]] = {"parallel_env": SwarmEnv, "env": SwarmEnv, "vector_env": SwarmVectorEnv}
+"""Whose arguments these functions take."""
+
+REQUIRED = {"runs": 2, "folder": ".", "sweep": "smoke", "study": "paper", "cls": object, "file": "x.mcap"}
 
 
 def _public() -> Iterator[tuple[Callable[..., Any], inspect.Signature]]:
@@ -38,8 +42,7 @@ def _public() -> Iterator[tuple[Callable[..., Any], inspect.Signature]]:
             value = getattr(module, name)
             is_own = inspect.getmodule(value) is testing or module is deltaswarm
             if inspect.isfunction(value) and is_own and not name.startswith("_"):
-                learns = name in ("parallel_env", "env")
-                yield value, inspect.signature(SwarmEnv if learns else value)
+                yield value, inspect.signature(MADE.get(name, value))
     yield testing.Swarm, inspect.signature(testing.Swarm)
     run = object.__new__(deltaswarm.Run)
     for name, method in inspect.getmembers(run, inspect.ismethod):
@@ -50,9 +53,19 @@ def _public() -> Iterator[tuple[Callable[..., Any], inspect.Signature]]:
 def test_every_wrong_argument_of_every_public_function_is_named() -> None:
     """As a `deltaswarm.Error` with its name, what must hold and what was given."""
     public = list(_public())
-    assert {"run", "open", "sweep", "study", "parallel_env", "env", "controller", "percept", "Swarm", "show"} <= {
-        function.__name__ for function, _ in public
-    }
+    there = {function.__name__ for function, _ in public}
+    assert {
+        "run",
+        "open",
+        "sweep",
+        "study",
+        "parallel_env",
+        "env",
+        "vector_env",
+        "controller",
+        "Swarm",
+        "show",
+    } <= there
     for function, signature in public:
         required = {name for name, one in signature.parameters.items() if one.default is one.empty}
         for name in signature.parameters:
