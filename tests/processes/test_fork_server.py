@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -96,3 +97,20 @@ def test_a_long_path_for_temporary_files_is_no_obstacle(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert not list(temporary.iterdir())
+
+
+CLEARED = """
+import multiprocessing, shutil, sys
+import deltaswarm
+for number in range(2):
+    run = deltaswarm.run("smoke", {"run.duration_s": 20.0}, engine="processes", out=f"{sys.argv[1]}/{number}")
+    shutil.rmtree(multiprocessing.current_process()._config["tempdir"])
+    print(run.summary["valid"])
+"""
+
+
+def test_a_folder_of_sockets_that_was_cleared_is_made_anew(tmp_path: Path) -> None:
+    """As where old files below /tmp are removed while somebody works in a notebook."""
+    command = [sys.executable, "-c", CLEARED, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split()) == (0, ["True", "True"]), done.stderr

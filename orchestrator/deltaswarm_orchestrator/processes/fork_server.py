@@ -55,10 +55,11 @@ def kill_fork_server() -> None:
 def place_sockets() -> None:
     """Let Python put its sockets into a folder that does not stay if this process is killed.
 
-    It is below /tmp if the folder for temporary files has too long a path (`TMPDIR`).
+    It is below /tmp if the folder for temporary files has too long a path (`TMPDIR`). One that somebody has removed, as
+    those do that clear /tmp, is replaced.
     """
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
-    if "tempdir" not in config:
+    if not os.path.isdir(config.get("tempdir") or ""):
         is_long = len(os.fsencode(tempfile.gettempdir())) > MAX_FOLDER
         folder = TemporaryFolder(Path("/tmp") if is_long else None)
         config["tempdir"] = str(folder.path)

@@ -212,6 +212,7 @@ class Starter:
             if server := FORK_SERVER._forkserver_pid:
                 kill_fork_server()
                 end_orphans(server, [part.pid for part in self.parts])  # a process that it could not tell of
+            place_sockets()
 
     def start_and_read(
         self,
