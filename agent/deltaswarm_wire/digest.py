@@ -6,6 +6,7 @@ hash of both parts.
 
 import hashlib
 import struct
+from collections.abc import Iterable
 
 HEAD = struct.Struct("<IHBI")
 """What comes before each message: step, agent, kind, length [bytes]."""
@@ -30,11 +31,16 @@ class Digest:
     def end_step(self) -> None:
         """Close a step with the messages since the last call; a step without messages changes nothing."""
         if self._parts:
-            self.state = hashlib.blake2b(b"".join((self.state, *self._parts)), digest_size=SIZE_BYTES).digest()
+            self.state = next_link(self.state, self._parts)
             self._parts.clear()
 
     def hex(self) -> str:
         return self.state.hex()
+
+
+def next_link(state: bytes, parts: Iterable[bytes | memoryview]) -> bytes:
+    """Return the state of a chain after the messages of one more step, each with its head."""
+    return hashlib.blake2b(b"".join((state, *parts)), digest_size=SIZE_BYTES).digest()
 
 
 def combine(world: str, operator: str) -> str:

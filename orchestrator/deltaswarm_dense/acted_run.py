@@ -1,19 +1,18 @@
 """A run in arrays whose agents are moved from outside: its set-up, its steps, and which scenarios allow it."""
 
-import hashlib
 from dataclasses import replace
 
 import numpy as np
 
 from deltaswarm_dense.acted import AGENT, FRAME, SETTINGS, Acted, Broadcasts, advance_acted
 from deltaswarm_dense.coverage import not_covered
-from deltaswarm_dense.layout import TROUBLE, World
+from deltaswarm_dense.layout import TROUBLE
 from deltaswarm_dense.modelled import is_modelled
-from deltaswarm_dense.setting_up import DRAWS, events_in_order
+from deltaswarm_dense.setting_up import draw_losses, events_in_order, room_for_draws, world_of
 from deltaswarm_dense.step import BYTES_PER_AGENT
 from deltaswarm_orchestrator.run.engine import UncoveredError
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.digest import SIZE_BYTES, combine
+from deltaswarm_wire.digest import SIZE_BYTES, combine, next_link
 from deltaswarm_wire.messages import MAX_SENSED
 from deltaswarm_wire.settings import ControlSettings
 from deltaswarm_world.core.air.channel.loss import Loss
@@ -47,7 +46,7 @@ def set_up(scenario: Scenario, event_slots: int, frame_slots: int, message_size:
     agents = np.zeros(n, AGENT)
     agents["id"], agents["sees"] = np.arange(n), True
     agents["x_m"], agents["y_m"] = environment.positions_m.T
-    draws = np.zeros(0 if radio.loss == 0 else max(DRAWS, 2 * n * n))
+    draws = room_for_draws(radio.loss, n)
 
     def numbers(*shape: int) -> np.ndarray:
         return np.zeros(shape, np.int64)
@@ -55,7 +54,7 @@ def set_up(scenario: Scenario, event_slots: int, frame_slots: int, message_size:
     return Acted(
         settings=settings,
         agents=agents,
-        world=World(events, numbers(e + 1), numbers(2), numbers(e), numbers(e), numbers(e)),
+        world=world_of(events),
         air=Broadcasts(
             frames=np.zeros((2, n), FRAME),
             messages=numbers(2, n, message_size),
@@ -117,16 +116,11 @@ class ActedRun:
         Raises:
             UncoveredError: an agent senses or hears more than its frame has room for.
         """
-        air = self._acted.air
-        if used := int(air.drawn[0]):
-            air.draws[:-used] = air.draws[used:]
-            air.draws[-used:] = self._lossy.random(used)
-            air.drawn[0] = 0
+        draw_losses(self._acted.air, self._lossy)
         advance_acted(self._acted, self._step, actions, observations, numbers)
         if trouble := int(self._acted.trouble[0]):
             raise UncoveredError(TROUBLE[trouble])
         for which, (buffer, end) in enumerate(zip(self._acted.buffers, self._acted.ends.tolist(), strict=True)):
             if end:
-                chain = self._chains[which] + buffer[:end].tobytes()
-                self._chains[which] = hashlib.blake2b(chain, digest_size=SIZE_BYTES).digest()
+                self._chains[which] = next_link(self._chains[which], [buffer[:end].data])
         self._step += 1

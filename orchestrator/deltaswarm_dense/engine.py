@@ -1,6 +1,5 @@
 """A run by the dense engine: blocks of steps in arrays, the chains of digests over their bytes, and its outcome."""
 
-import hashlib
 import math
 import time
 from collections.abc import Sequence
@@ -12,12 +11,12 @@ from deltaswarm_dense.layout import MAX_ORDERS
 from deltaswarm_dense.modelled import Models, Uplinked, is_modelled
 from deltaswarm_dense.operating import Operator, messages_of
 from deltaswarm_dense.results import events_of, step_records, told_s, totals_of_operator, workloads
-from deltaswarm_dense.setting_up import Room, set_up
+from deltaswarm_dense.setting_up import Room, draw_losses, set_up
 from deltaswarm_dense.step import advance
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import NOTHING_MORE, UncoveredError, Wanted
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.digest import SIZE_BYTES
+from deltaswarm_wire.digest import SIZE_BYTES, next_link
 from deltaswarm_wire.operator_messages import Workload, decode_report
 from deltaswarm_world.core.air.channel.loss import Loss
 from deltaswarm_world.core.arrays import Floats, generator
@@ -90,21 +89,13 @@ class DenseRun:
                 self._operator.begin(swarm, first, *self._before(first))
                 block = self._operator.steps_from(first, block)
             counts = self._counts[first : first + block]
-            self._draw()
+            draw_losses(swarm.air, self._lossy)
             done = advance(swarm, first, block, steps, counts)
             if trouble := int(swarm.trouble[0]):
                 return trouble
             self._done += done
             self._close(first, counts[:done])
         return 0
-
-    def _draw(self) -> None:
-        """Replace the used draws of the loss of frames by new ones."""
-        air = self._swarm.air
-        if used := int(air.drawn[0]):
-            air.draws[:-used] = air.draws[used:]
-            air.draws[-used:] = self._lossy.random(used)
-            air.drawn[0] = 0
 
     def _before(self, step: int) -> tuple[Floats, list[bool]]:
         """Return where agents will be in a step (`step.move`), and which of them listen."""
@@ -150,7 +141,7 @@ class DenseRun:
         chain = self._chains[which]
         for part in parts:
             if part:
-                chain = hashlib.blake2b(chain + part, digest_size=SIZE_BYTES).digest()
+                chain = next_link(chain, [part])
         self._chains[which] = chain
 
     def outcome(self) -> Outcome:

@@ -63,7 +63,7 @@ def set_up(scenario: Scenario, environment: Environment, has: Room, *, is_modell
     frames = np.zeros((has.slots, n), layout.FRAME)
     frames["kind"] = NONE
     cells = int(scenario.arena.width_m) + 1, int(scenario.arena.height_m) + 1
-    draws, bits = np.zeros(0 if loss == 0 else max(DRAWS, 2 * n * n)), np.zeros(1)
+    draws, bits = room_for_draws(loss, n), np.zeros(1)
     sensed = min(e, MAX_SENSED) if settings["has_finds"][0] or settings["report_finds"][0] else 0
     room = max(BLOCK_BYTES, 2 * n * BYTES_PER_AGENT)
 
@@ -77,7 +77,7 @@ def set_up(scenario: Scenario, environment: Environment, has: Room, *, is_modell
         settings=settings,
         agents=agents,
         trail_m=np.zeros((int(settings["trail"][0]), n, 2)),
-        world=World(events, numbers(e + 1), numbers(2), numbers(e), numbers(e), numbers(e)),
+        world=world_of(events),
         air=Air(
             frames=frames,
             tables=tables(has.slots, n),
@@ -140,6 +140,26 @@ def set_up(scenario: Scenario, environment: Environment, has: Room, *, is_modell
         ),
         trouble=numbers(1),
     )
+
+
+def world_of(events: np.ndarray) -> World:
+    """Return the arrays of a world in which none of its events has arrived."""
+    count = len(events)
+    return World(events, *(np.zeros(size, np.int64) for size in (count + 1, 2, count, count, count)))
+
+
+def room_for_draws(loss: float, agents: int) -> np.ndarray:
+    """Return an array for draws of the loss of frames, for at least two steps; an empty one if none is lost."""
+    return np.zeros(max(DRAWS, 2 * agents * agents) if loss else 0)
+
+
+def draw_losses(air: Any, rng: np.random.Generator) -> None:
+    """Replace the used draws by new ones, in the order of the generator, if the rest may be too few for a step."""
+    agents, used = len(air.senders) - 1, int(air.drawn[0])
+    if used and len(air.draws) - used < agents * agents:
+        air.draws[:-used] = air.draws[used:]
+        air.draws[-used:] = rng.random(used)
+        air.drawn[0] = 0
 
 
 def _made(scenario: Scenario, agent: int, restart: int = 0) -> Agent:
