@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -120,29 +120,25 @@ class DenseRun:
         if self._models is not None:
             self._models.end(self._swarm, counts[0], first)
         if self._uplinked is not None:
-            self._hash(
-                WORLD, [acts.tobytes() + reports.tobytes() for acts, reports in zip(said, reported, strict=True)]
-            )
+            self._hash(WORLD, zip(said, reported, strict=True))
             whereabouts = self._whereabouts()
             for step, reports in enumerate(reported, start=first):
                 workload = self._uplinked.carry(self._swarm, step, *whereabouts, reports)
                 if self._operator is not None:
                     self._operator.end([workload], [self._uplinked.meter.reports_of_closed_step])
             return
-        self._hash(WORLD, said)
-        self._hash(OPERATOR, reported)
+        self._hash(WORLD, zip(said, strict=True))
+        self._hash(OPERATOR, zip(reported, strict=True))
         if self._operator is not None:
             rows = workloads(self._scenario, self._counts["reports"][: self._done], first)
             self._operator.end(rows, ([decode_report(data) for *_, data in messages_of(part)] for part in reported))
             self._workloads += rows
 
-    def _hash(self, which: int, parts: Sequence[memoryview | bytes]) -> None:
-        """Add the bytes of some steps to a digest."""
-        chain = self._chains[which]
-        for part in parts:
-            if part:
-                chain = next_link(chain, [part])
-        self._chains[which] = chain
+    def _hash(self, which: int, steps: Iterable[Sequence[memoryview]]) -> None:
+        """Add the messages of some steps to a digest."""
+        for parts in steps:
+            if any(parts):
+                self._chains[which] = next_link(self._chains[which], parts)
 
     def outcome(self) -> Outcome:
         """Return what the run recorded."""
