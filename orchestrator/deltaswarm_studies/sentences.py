@@ -126,7 +126,8 @@ def _filled(form: str, study: Study, block: Block, apart: Sequence[int]) -> str:
         level, reference = (_listed([pair[at] for pair in pairs], "and") for at in (0, 1))
         reference += ", respectively"
     place = " ".join(f"rather than {places[at]}" if at == 1 else places[at] for at in apart)
-    words |= {"level": level, "reference": reference, "place": place, "between": " and ".join(columns[-1])}
+    words |= {"level": level, "reference": reference, "between": " and ".join(columns[-1])}
+    words["place"] = f"{place}," if place else ""
     cell = cell[:-1] if kind == "interaction" else cell
     words["where"] = "".join(f", {one}" for one in _cells(study, block, cell))
     words["where"] = words["where"] if level else words["where"].removeprefix(",")
@@ -186,7 +187,7 @@ def _words(study: Study, block: Block) -> dict[str, str]:
         "without": first.get("without", ""),
         **{name: number(_known(first.get(name)), decimals) for name in ("ours", "published")},
         "published_n": number(_known(first.get("published_n")), 0),
-        "open": ", or ".join(_open(same) for same in _grouped(block, lambda own: own.row["open"])),
+        "open": "; elsewhere ".join(_open(same) for same in _grouped(block, lambda own: own.row["open"])),
         "twin": f"the {_lower(study.metrics[TWINS[first['metric']]].title)}"
         if first["metric"] in TWINS
         else "another outcome",
