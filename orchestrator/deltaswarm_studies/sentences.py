@@ -187,7 +187,7 @@ def _words(study: Study, block: Block) -> dict[str, str]:
         "without": first.get("without", ""),
         **{name: number(_known(first.get(name)), decimals) for name in ("ours", "published")},
         "published_n": number(_known(first.get("published_n")), 0),
-        "open": "; elsewhere ".join(_open(same) for same in _grouped(block, lambda own: own.row["open"])),
+        "open": "; or ".join(_open(same) for same in _grouped(block, lambda own: own.row["open"])),
         "twin": f"the {_lower(study.metrics[TWINS[first['metric']]].title)}"
         if first["metric"] in TWINS
         else "another outcome",
