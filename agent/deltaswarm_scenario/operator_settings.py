@@ -86,6 +86,13 @@ class BudgetSettings:
     highest_rho: float = key(
         8.0, "value above which the rule does not raise rho, while free agents only walk", source=OURS, low=2, high=1000
     )
+    first_level: float | None = key(
+        None,
+        "level that the rule starts from (default: that of control.delta); with a gain of 0 it stays there",
+        source=OURS,
+        low=-998,
+        high=999,
+    )
 
 
 NO_ORDERS = ("none",)

@@ -154,8 +154,8 @@ def report(swarm, agent, now, time_s):
     elif found.size:
         attends = is_of_tree = False
     else:
-        return False
-    followers = frame.rows if is_of_tree else 0
+        return False, False
+    followers, is_news = frame.rows if is_of_tree else 0, False
     members = min(followers, MAX_MEMBERS) if settings.report_members else 0
     delta = max(delta_of(agent), 0)
     out, bits, begins = swarm.output.operator, swarm.output.bits, swarm.output.ends[1]
@@ -176,9 +176,9 @@ def report(swarm, agent, now, time_s):
             place = swarm.beliefs.places[agent.id, order[k]]
             at = put_unsigned(out, put_array(out, at, 3), events[place.event].id)
             at = put_float(out, put_float(out, at, place.x_cm / 100, bits), place.y_cm / 100, bits)
-            _tell(events[place.event], time_s)
+            is_news |= _tell(events[place.event], time_s)
     else:
-        at = _write_found(agent, swarm.output, at, events, time_s, attends, found)
+        at, is_news = _write_found(agent, swarm.output, at, events, time_s, attends, found)
     if members:
         at = put_array(out, put_text(out, at, MEMBERS), 4 * members)
         for row in range(members):
@@ -191,35 +191,38 @@ def report(swarm, agent, now, time_s):
     swarm.output.ends[1] = at
     put_head(out, begins, now, agent.id, REPORT, at - begins - HEAD_BYTES)
     agent.sequence += 1
-    return True
+    return True, is_news
 
 
 @compiled
 def _write_found(agent, output, at, events, time_s, attends, found):
     """Write the event that an agent attends to, if it does, and the others that it has come upon."""
-    out, bits, count = output.operator, output.bits, 1 if attends else 0
+    out, bits, count, is_news = output.operator, output.bits, 1 if attends else 0, False
     for k in range(found.size):
         count += not (attends and found[k] == agent.target)
     at = put_array(out, at, min(count, MAX_REPORTED))
     if attends:
         at = put_unsigned(out, put_array(out, at, 3), events[agent.target].id)
         at = put_float(out, put_float(out, at, agent.target_x_m, bits), agent.target_y_m, bits)
-        _tell(events[agent.target], time_s)
+        is_news |= _tell(events[agent.target], time_s)
     written = 1 if attends else 0
     for k in range(found.size):
         event = events[found[k]]
         if not (attends and found[k] == agent.target) and written < MAX_REPORTED:
             at = put_unsigned(out, put_array(out, at, 3), event.id)
             at = put_float(out, put_float(out, at, event.x_m, bits), event.y_m, bits)
-            _tell(event, time_s)
+            is_news |= _tell(event, time_s)
             written += 1
-    return at
+    return at, is_news
 
 
 @compiled
 def _tell(event, time_s):
-    if np.isnan(event.told_s):
+    """Note that the operator is told of an event; return whether for the first time."""
+    is_news = np.isnan(event.told_s)
+    if is_news:
         event.told_s = time_s
+    return is_news
 
 
 @inlined

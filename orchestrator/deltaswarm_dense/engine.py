@@ -168,7 +168,7 @@ class DenseRun:
             outcome.told_s = told_s(self._swarm.world.events)
             by_agent = sequences + models.reports_before if models else sequences
             outcome.operator["digest"] = self._chains[OPERATOR].hex()
-            outcome.operator |= totals_of_operator(scenario, counts["reports"], by_agent)
+            outcome.operator |= totals_of_operator(scenario, counts, by_agent)
         if self._operator is not None:
             self._operator.finish(outcome)
         return outcome

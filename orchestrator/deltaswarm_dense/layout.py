@@ -134,7 +134,7 @@ COUNTS = record(
     "roots_from_densest_m",
     """
     asked in_trees roots covered_area_m2 frames_sent bytes_sent frames_received frames_lost reports refused_claims
-    events_open events_completed deltas deltas_sum world_end operator_end
+    events_open events_completed deltas deltas_sum news world_end operator_end
     """,
 )
 """What happened in one step; the last two are where its bytes end in the buffers of both digests.

@@ -76,8 +76,9 @@ def _rate_hz(reports: np.ndarray, window_s: float, step_s: float) -> np.ndarray:
     return (so_far - before) / (lengths * step_s)
 
 
-def totals_of_operator(scenario: Scenario, reports: np.ndarray, by_agent: np.ndarray) -> dict[str, Any]:
+def totals_of_operator(scenario: Scenario, counts: np.ndarray, by_agent: np.ndarray) -> dict[str, Any]:
     """Return the operator's totals of a run (`WorkloadMeter.totals`)."""
+    reports = counts["reports"]
     steps, step_s, messages = len(reports), scenario.run.step_s, int(reports.sum())
     above = int((_rate_hz(reports, LONG_WINDOW_S, step_s) > scenario.operator.threshold_hz).sum())
     senders = {agent: count for agent, count in enumerate(by_agent.tolist()) if count}
@@ -86,6 +87,7 @@ def totals_of_operator(scenario: Scenario, reports: np.ndarray, by_agent: np.nda
         "messages": messages,
         "messages_per_s": messages / (steps * step_s) if steps else 0.0,
         "senders": len(senders),
+        "news": int(counts["news"].sum()),
         "time_above_s": above * step_s,
         "per_sender": {str(agent): {"messages": count, "lost": 0, "rejected": 0} for agent, count in senders.items()},
     }

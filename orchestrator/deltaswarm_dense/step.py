@@ -92,7 +92,7 @@ def command(settings, agent, vx_mps, vy_mps):
 
 @inlined
 def step_agent(swarm, agent, now, time_s, sensed, heard):
-    """Let an agent decide; write what it says. Return whether it reports, its frame's bytes, and refused claims."""
+    """Let an agent decide; write what it says. Return if it reports, and news; its frame's bytes; refused claims."""
     settings, world = swarm.settings[0], swarm.world
     decide(swarm, agent, now, sensed, heard)
     vx_mps, vy_mps, until = motion(settings, agent, now)
@@ -110,12 +110,12 @@ def step_agent(swarm, agent, now, time_s, sensed, heard):
         if wake != NONE:
             until = min(until, wake)
     agent.role = role_of(agent, frame)
-    reports = report(swarm, agent, now, time_s)
+    reports, is_news = report(swarm, agent, now, time_s)
     size = send(agent, frame, length, swarm.commands, swarm.output, now)
     act(swarm, agent, now, (vx_mps, vy_mps), until, observed)
     command(settings, agent, vx_mps, vy_mps)
     agent.until = min(until, now + MAX_POSES)
-    return reports, size, observed - claim(world, observed, sensed)
+    return reports, is_news, size, observed - claim(world, observed, sensed)
 
 
 @inlined
@@ -164,7 +164,7 @@ def advance(swarm, first, steps, all_steps, counts):
         now = first + done
         time_s, is_last = now * settings.step_s, now == all_steps - 1
         count = counts[done]
-        count.asked = count.frames_sent = count.bytes_sent = count.frames_received = count.reports = 0
+        count.asked = count.frames_sent = count.bytes_sent = count.frames_received = count.reports = count.news = 0
         count.refused_claims = count.frames_lost = 0
         if now > 0 and not settings.is_modelled:
             move(settings, agents)
@@ -197,13 +197,14 @@ def advance(swarm, first, steps, all_steps, counts):
                 hear_commands(swarm, agent, now, arrived)
             heard = air.heard[: read(air, arrived)]
             count.asked += 1
-            reports, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
+            reports, is_news, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
             agent.has_status = True
             if size > MAX_RADIO_BYTES:
                 swarm.trouble[0] = FRAME_SIZE
             if swarm.trouble[0]:
                 return done
             count.reports += reports
+            count.news += is_news
             count.refused_claims += refused
             count.frames_sent += size > 0
             count.bytes_sent += size

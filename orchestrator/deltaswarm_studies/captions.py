@@ -73,7 +73,7 @@ def heights(settings: FigureSettings, study: Study, evidence: Evidence, rows: pd
 
     A variant without values has no line.
     """
-    runs = evidence.runs
+    runs = evidence.means
     values = runs.groupby("variant")[settings.metric].median() if settings.metric in runs else pd.Series(dtype=float)
     lines = {name: values.get(value) if isinstance(value, str) else value for name, value in settings.lines.items()}
     if at_ceiling(study, settings.metric, rows).any():

@@ -44,7 +44,7 @@ LETTERS_PER_IN = 18
 
 def boxes(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw one box per level of the factor `x` (and of the hue), with a point per replicate."""
-    shown = chosen(settings, study, evidence.runs)
+    shown = chosen(settings, study, evidence.means)
     factors = [settings.facet, settings.x, settings.hue]
     rows = per_replicate(settings, study, shown)
     levels = levels_in(settings, study, settings.x)
@@ -83,7 +83,7 @@ def boxes(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing
 
 def levels(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw medians with exact 95 % intervals along a factor: at its levels' numbers if they have any, else evenly."""
-    shown = chosen(settings, study, evidence.runs)
+    shown = chosen(settings, study, evidence.means)
     factors = [settings.facet, settings.x, settings.hue]
     rows = per_replicate(settings, study, shown)
     names = levels_in(settings, study, settings.x)

@@ -59,7 +59,9 @@ def _mechanism(study: Study) -> Iterator[str]:
     )
     if sensitivity := study.sweep.file.sensitivity:
         ranges = _joined(f"{_lower(one.label)}, {one.distribution}" for one in sensitivity.range)
-        yield f"A replicate is one of {sensitivity.points} points of {sensitivity.design}, drawn from: {ranges}."
+        each = sensitivity.runs_per_point
+        runs = "A replicate is" if each == 1 else f"Every {each} replicates are the runs at"
+        yield f"{runs} one of {sensitivity.points} points of {sensitivity.design}, drawn from: {ranges}."
     yield from _varied(study, is_method=False)
 
 
@@ -68,7 +70,7 @@ def _replicates(study: Study) -> str:
     for label, repeats in study.sweep.repeats.items():
         labels.setdefault(repeats, []).append(label)
     if len(labels) == 1:
-        return f"{study.repeats} of each of {len(study.levels)} variants"
+        return f"{next(iter(labels))} of each of {len(study.levels)} variants"
     most = max(labels, key=lambda repeats: len(labels[repeats]))
     return "; ".join(
         f"{repeats} of {'each other variant' if repeats == most else _joined(labels[repeats])}"

@@ -64,8 +64,10 @@ class Evidence:
         self.invalid = tables.invalid_of(runs, invalid)
         self.unjudged = tables.too_few(study, self.invalid)
         """Variants that are not judged, with their number of valid replicates."""
-        judged = runs[~runs["variant"].isin(self.unjudged)]
-        self.estimates = tables.estimates_of(study, runs)
+        self.means = tables.by_point(study, runs)
+        """The runs; of a sensitivity study with several at a point, their means."""
+        judged = self.means[~self.means["variant"].isin(self.unjudged)]
+        self.estimates = tables.estimates_of(study, self.means)
         contrasts, claims, at_ceiling = undecided(
             study, judged, contrasts_of(study, judged), claims_of(study, judged, is_whole=not self.unjudged)
         )

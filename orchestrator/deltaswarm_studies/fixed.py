@@ -61,6 +61,8 @@ def content(study: Study, entry_format: int = FORMAT) -> Table:
     sensitivity = {"sensitivity": fixed_keys(drawn) | {"range": _rows(drawn.range)}} if drawn else {}
     if drawn and entry_format >= FORMAT:
         del sensitivity["sensitivity"]["seed"]
+    if drawn and drawn.runs_per_point == 1:  # entries from before the key was there lack it
+        del sensitivity["sensitivity"]["runs_per_point"]
     return as_read(
         {"scenario": shared, "condition": own, "runs": runs, **sensitivity, "tests": {"alpha": ALPHA}} | asked
     )

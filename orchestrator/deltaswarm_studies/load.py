@@ -4,7 +4,7 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, load_sweep, read_file
@@ -44,14 +44,59 @@ def load_study(
             levels, variants, metrics or results that do not exist, and times that do not fit.
     """
     table, _ = read_file(name, "study", COLLECTIONS)
-    file, problems = checked.check(StudyFile, {key: value for key, value in table.items() if key in STUDY_TABLES})
+    own, unclear = expanded({key: value for key, value in table.items() if key in STUDY_TABLES})
+    file, problems = checked.check(StudyFile, own)
+    problems = unclear or problems
     try:
         sweep = load_sweep(name, overrides, settings)
     except SettingsError as error:
         raise SettingsError([*error.problems, *problems]) from None
+    if unclear:
+        raise SettingsError(unclear)
     if file is None:
         raise SettingsError(problems)
     return replace(make_study(sweep.name, file, sweep), is_built_in=name in COLLECTIONS["all"])
+
+
+def expanded(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+    """Repeat each row that has a table `each` for every combination of its words, which replace their names in braces.
+
+    `each = { cell = ["few", "many"] }` makes two rows, with "few" and "many" for "{cell}" wherever it stands.
+    """
+    rows: dict[str, Any] = {}
+    problems = []
+    for name, given in tables.items():
+        if not isinstance(given, list) or not all(isinstance(row, dict) for row in given):
+            rows[name] = given
+            continue
+        rows[name] = []
+        for place, row in enumerate(given):
+            each = row.get("each", {})
+            if not isinstance(each, dict) or not all(_are_words(words) for words in each.values()):
+                allowed = 'must be lists of words by name, such as { cell = ["few events", "many events"] }'
+                problems.append(Problem(f"{name}[{place}].each", repr(each), allowed))
+                continue
+            plain = {key: value for key, value in row.items() if key != "each"}
+            rows[name] += [
+                _put_in(plain, dict(zip(each, words, strict=True))) for words in itertools.product(*each.values())
+            ]
+    return rows, problems
+
+
+def _are_words(words: Any) -> bool:
+    return isinstance(words, list) and bool(words) and all(isinstance(word, str) for word in words)
+
+
+def _put_in(value: Any, words: Mapping[str, str]) -> Any:
+    if isinstance(value, str):
+        for name, word in words.items():
+            value = value.replace(f"{{{name}}}", word)
+        return value
+    if isinstance(value, list):
+        return [_put_in(item, words) for item in value]
+    if isinstance(value, dict):
+        return {_put_in(key, words): _put_in(item, words) for key, item in value.items()}
+    return value
 
 
 def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:

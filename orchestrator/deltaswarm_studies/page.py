@@ -204,7 +204,7 @@ def _recovered(study: Study, recovery: pd.DataFrame) -> Iterator[Table]:
 def _estimates(study: Study, evidence: Evidence) -> Table:
     rows = evidence.estimates.copy()
     metrics = list(dict.fromkeys(rows["metric"]))
-    replicates = evidence.runs.groupby("variant")["replicate"].nunique()
+    replicates = evidence.means.groupby("variant")["replicate"].nunique()
     rows["cell"] = [
         shown(
             with_interval(*(verdicts.known(row[name]) for name in ("median", "low", "high", "mcse"))),

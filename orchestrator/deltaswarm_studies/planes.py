@@ -39,7 +39,7 @@ from deltaswarm_studies.style import Look
 def plane(settings: FigureSettings, study: Study, evidence: Evidence) -> Drawing:
     """Draw a point per replicate, and an ellipse of one standard deviation around the mean of each level of the hue."""
     metrics = [settings.x, settings.metric]
-    shown = chosen(settings, study, evidence.runs)
+    shown = chosen(settings, study, evidence.means)
     factors = [settings.facet, settings.hue]
     rows = per_replicate(settings, study, shown).dropna(subset=metrics)
     look_of = hues(settings, study, rows)
@@ -76,7 +76,7 @@ def frontier(settings: FigureSettings, study: Study, evidence: Evidence) -> Draw
     metrics = [settings.x, settings.metric]
     groups = {**settings.paths, **{name: [name] for name in settings.variants}}
     variants = list(itertools.chain(*groups.values()))
-    rows = chosen(settings, study, evidence.runs, variants).dropna(subset=metrics)
+    rows = chosen(settings, study, evidence.means, variants).dropna(subset=metrics)
     look_of = looks.of_groups(study, groups, are_paths=True)
     along = {name: path_labels(study, path) for name, path in settings.paths.items()}
     labels: list[Label] = []

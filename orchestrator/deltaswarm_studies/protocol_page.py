@@ -163,7 +163,7 @@ def by_criteria(study: Study, asked: Table, evidence: Evidence) -> pd.DataFrame:
 
     Claims about variants or metrics that the runs do not have, or that mean something else now, are left out.
     """
-    was, runs = completed(asked), evidence.runs[~evidence.runs["variant"].isin(evidence.unjudged)]
+    was, runs = completed(asked), evidence.means[~evidence.means["variant"].isin(evidence.unjudged)]
     claims = tuple(claim for one in was["claim"].values() if (claim := _claim(one)) and _has(study, claim, was, runs))
     own = replace(study, file=replace(study.file, claim=claims, contrast=()))
     found = claims_of(own, runs, is_whole=not evidence.unjudged)

@@ -1,7 +1,7 @@
 """Where the claims of a sensitivity study hold: the share of points, and the keys on which that depends.
 
-A point is a replicate, at which every variant ran once with the same arrivals. At each point a claim holds or does not,
-by the two runs there; so where the sides hardly differ, whether it holds is random.
+At a point every variant ran once with the same arrivals, or as often as the study says, of which the mean counts. At
+each point a claim holds or does not, by the two sides there; so where they hardly differ, whether it holds is random.
 """
 
 import math

@@ -36,7 +36,7 @@ correlations of this section. Framed: what is drawn is correlated with whether t
 
 TURNING = """
 {text}. Effect at each of {n} points, against the two drawn keys with the strongest rank correlations: {strongest}.
-{shown} The claim holds at {holds} points. Each point is one run of each side."""
+{shown} The claim holds at {holds} points. Each point is {each} of each side."""
 
 
 def section(study: Study, result: Sensitivity) -> dict[str, Any]:
@@ -52,6 +52,7 @@ def facts(study: Study, result: Sensitivity) -> dict[str, Any]:
         "method": result.settings.design,
         "points": result.settings.points,
         "ran": study.repeats,
+        "each": study.sweep.runs_per_point,
         "variants": len(study.sweep.variants),
         "tests": tests_in(result.keys),
     }
@@ -126,6 +127,7 @@ def _pictures(study: Study, result: Sensitivity) -> Iterator[CaptionedFigure]:
             n=share["n"],
             holds=share["holds"],
             strongest=" and ".join(_plain(feature.title) for feature in strongest),
+            each="one run" if study.sweep.runs_per_point == 1 else f"the mean of {study.sweep.runs_per_point} runs",
             shown="" if are_shown else "Not each is shown to matter.",
         )
         drawing = turning(study, result, claim, strongest)

@@ -72,12 +72,12 @@ class Study:
 
     @property
     def repeats(self) -> int:
-        """Replicates of every variant; of some there can be more."""
+        """Replicates of every variant, of some there can be more; of a sensitivity study, points."""
         return self.sweep.file.sweep.repeats
 
     def repeats_of(self, variants: Iterable[str]) -> int:
-        """Replicates that all of these variants have."""
-        return min(self.sweep.repeats[variant] for variant in variants)
+        """Replicates, or points, that all of these variants have."""
+        return min(self.sweep.repeats[variant] for variant in variants) // self.sweep.runs_per_point
 
     @property
     def ranges(self) -> Sequence[RangeSettings]:
@@ -93,6 +93,8 @@ class Study:
         for table, key in ((sweep["sweep"], "repeats_of"), (asked["study"], "replaces")):
             if not table[key]:  # so that files without it keep their digest
                 del table[key]
+        if self.ranges and self.sweep.runs_per_point == 1:
+            del sweep["sensitivity"]["runs_per_point"]
         tables = (sweep, asked)
         runs, questions = (hashlib.blake2b(json.dumps(table).encode(), digest_size=8).hexdigest() for table in tables)
         return runs, questions

@@ -46,6 +46,23 @@ def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataF
     return runs
 
 
+def by_point(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
+    """Make a row per variant and point of a sensitivity study: the means of its runs, where all of them have a value.
+
+    The row has the point's number as `replicate`, and no digest. Other studies, and those with one run per point, keep
+    their runs.
+    """
+    each, names = study.sweep.runs_per_point, metrics_by_run(study)
+    if each == 1:
+        return runs
+    points = runs.drop(columns=[*ORIGIN], errors="ignore").assign(replicate=runs["replicate"] // each)
+    groups = points.groupby(["variant", "replicate"], sort=False)
+    measured = [name for name in names if name in points]
+    complete = groups[measured].count() == each
+    means = groups[measured].mean().where(complete)
+    return groups.first().assign(**means).reset_index()[points.columns]
+
+
 def with_levels(study: Study, rows: pd.DataFrame) -> pd.DataFrame:
     """Add each factor's level by the rows' variants."""
     of = {factor: {label: levels[factor] for label, levels in study.levels.items()} for factor in study.factors}

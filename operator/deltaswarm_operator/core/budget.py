@@ -64,10 +64,9 @@ class Budget:
         self.ordered_s = due_s if due_s + settings.every_s > now_s else now_s
         level, aim_hz = self.structure.level, settings.aim * self.budget_hz
         room = max(-2.0, (aim_hz - rate_hz) / aim_hz)
-        highest = max(settings.highest_delta - 1, level)  # one above it is not raised, but need not fall at once
-        self.structure = structure_at(
-            max(LEAST_DELTA - settings.highest_rho, min(highest, level + settings.gain * room))
-        )
+        # A level beyond its bound goes no further, but need not come back at once.
+        highest, lowest = max(settings.highest_delta - 1, level), min(LEAST_DELTA - settings.highest_rho, level)
+        self.structure = structure_at(max(lowest, min(highest, level + settings.gain * room)))
         return self.structure
 
 
@@ -75,4 +74,6 @@ def budget_of(briefing: Briefing) -> Budget | None:
     operator, delta = briefing.operator, first_delta(briefing)
     if not operator.autonomy.keeps_budget or delta is None:
         return None
-    return Budget(operator.budget, operator.threshold_hz, Structure(float(delta), 1.0))
+    level = operator.budget.first_level
+    structure = Structure(float(delta), 1.0) if level is None else structure_at(level)
+    return Budget(operator.budget, operator.threshold_hz, structure)

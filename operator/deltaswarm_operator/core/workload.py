@@ -72,6 +72,7 @@ class WorkloadMeter:
         self._steps = 0
         self._steps_missed = 0
         self._steps_above = 0
+        self._news = 0
         self._messages: Counter[int] = Counter()
         self._lost: Counter[int] = Counter()
         self._rejected: Counter[int] = Counter()
@@ -136,8 +137,10 @@ class WorkloadMeter:
         self.reports_of_closed_step = tuple([report for _, _, report, _ in held])
         if len(self.told_s) < MAX_TOLD:
             for report in self.reports_of_closed_step:
+                known = len(self.told_s)
                 for event, _, _ in report.events:
                     self.told_s.setdefault(event, clock.time_s)
+                self._news += len(self.told_s) > known
         self._skip(missed)
         rate_1s_hz, rate_60s_hz = (rate.add(len(held)) for rate in self._rates)
         self._steps += 1
@@ -185,6 +188,7 @@ class WorkloadMeter:
             "steps_missed": self._steps_missed,
             "messages": messages,
             "messages_per_s": messages / simulated_s if simulated_s else 0.0,
+            "news": self._news,
             "senders": len(self._messages),
             "lost": self._lost.total(),
             "rejected": self._rejected.total(),

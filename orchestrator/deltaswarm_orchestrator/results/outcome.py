@@ -39,6 +39,11 @@ TimeOf = Callable[[EventLife], float | None]
 """A time in the life of an event [s]; None: it has not come."""
 
 
+MINUTE_S = 60.0
+ROUNDING = 1e-9
+"""A time that is a whole number of minutes, but for rounding, begins one."""
+
+
 @dataclass(frozen=True)
 class Moment:
     """One of the moments in the life of an event."""
@@ -208,6 +213,41 @@ def per_second(column: str, rows: Callable[[RunData], Sequence[Any]] = attrgette
         return None if per_step is None else per_step / run.scenario.run.step_s
 
     return compute
+
+
+def of_minutes(statistic: Callable[[Sequence[float]], float | None]) -> Compute:
+    """Summarise the operator's message rates in whole minutes of the clock [1/s]."""
+
+    def compute(run: RunData) -> float | None:
+        messages = [0] * int(len(run.steps) * run.scenario.run.step_s / MINUTE_S + ROUNDING)
+        for workload in run.workloads:
+            minute = int(workload.time_s / MINUTE_S + ROUNDING)
+            if minute < len(messages):
+                messages[minute] += workload.messages
+        return statistic([count / MINUTE_S for count in messages])
+
+    return compute
+
+
+def minutes_above(run: RunData) -> float | None:
+    """Return the share of whole minutes with a message rate above the threshold."""
+    threshold_hz = run.scenario.operator.threshold_hz
+    share: float | None = of_minutes(lambda rates: mean_of([rate_hz > threshold_hz for rate_hz in rates]))(run)
+    return share
+
+
+def longest_above(run: RunData) -> float | None:
+    """Return the longest time without a break in which the rate over 60 s was above the threshold [s]."""
+    threshold_hz, longest, lasts = run.scenario.operator.threshold_hz, 0, 0
+    for workload in run.workloads:
+        lasts = lasts + 1 if workload.rate_60s_hz > threshold_hz else 0
+        longest = max(longest, lasts)
+    return longest * run.scenario.run.step_s if run.workloads else None
+
+
+def news_per_second(run: RunData) -> float | None:
+    news, simulated_s = run.outcome.operator.get("news"), len(run.steps) * run.scenario.run.step_s
+    return None if news is None or not simulated_s else news / simulated_s
 
 
 def total(column: str) -> Compute:

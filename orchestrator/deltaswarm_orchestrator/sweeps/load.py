@@ -255,7 +255,7 @@ def _with_points(file: SweepFile, given: Any) -> tuple[SweepFile, list[Problem]]
         return replace(file, sweep=replace(file.sweep, repeats=points)), []
     if (repeats := file.sweep.repeats) <= points:
         return file, []
-    allowed = f"must be at most sensitivity.points, {points}: each point is run once"
+    allowed = f"must be at most sensitivity.points, {points}"
     return file, [Problem("sweep.repeats", str(repeats), allowed)]
 
 

@@ -116,7 +116,10 @@ class Sweep:
     factors: Sequence[Sequence[str]] = ()
     """The labels of each axis, each paired table and the single variants; every combination is a variant."""
     points: Sequence[Sequence[Variant]] = ()
-    """Of a sensitivity sweep, the variants at each point, a point for each replicate; `variants` are the first's."""
+    """Of a sensitivity sweep, the variants at each point; `variants` are the first's.
+
+    Replicates are numbered from point to point: with two runs per point, 0 and 1 are those of the first.
+    """
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -133,14 +136,21 @@ class Sweep:
         """The number of runs, for people."""
         numbers = list(self.repeats.values())
         times = " to ".join(map(str, dict.fromkeys([min(numbers), max(numbers)])))
-        each = "points" if self.points else "replicates"
+        each = "replicates"
+        if self.points:
+            times, each = str(len(self.points)), f"points{f' x {self.runs_per_point}' * (self.runs_per_point > 1)}"
         return f"{self.name}: {len(numbers)} variants x {times} {each}, {sum(numbers)} runs"
+
+    @property
+    def runs_per_point(self) -> int:
+        """The number of runs of each variant at a point of a sensitivity sweep; 1 in other sweeps."""
+        return self.file.sensitivity.runs_per_point if self.file.sensitivity else 1
 
     @cached_property
     def repeats(self) -> dict[str, int]:
-        """The number of replicates of each variant, by label."""
-        settings = self.file.sweep
-        return {one.label: settings.repeats_of.get(one.label, settings.repeats) for one in self.variants}
+        """The number of runs of each variant, by label: replicates, or all runs at all points."""
+        settings, each = self.file.sweep, self.runs_per_point
+        return {one.label: each * settings.repeats_of.get(one.label, settings.repeats) for one in self.variants}
 
     @property
     def seeds(self) -> list[int]:
@@ -158,7 +168,7 @@ class Sweep:
         return [
             Job(variant, number, replace(variant.scenario, seed=seed), every_s)
             for number, seed in enumerate(self.seeds)
-            for variant in (self.points[number] if self.points else self.variants)
+            for variant in (self.points[number // self.runs_per_point] if self.points else self.variants)
             if number < self.repeats[variant.label]
         ]
 

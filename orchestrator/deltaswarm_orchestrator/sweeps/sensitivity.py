@@ -101,6 +101,7 @@ class SensitivitySettings:
         choices=(LATIN_HYPERCUBE, SOBOL),
     )
     points: int = key(300, "number of points, at least ten for each range", low=1, high=MAX_POINTS)
+    runs_per_point: int = key(1, "runs of each variant at a point; studies judge their mean", low=1, high=1000)
     seed: int = key(1, "of the drawing; the runs' seeds are derived from `sweep.seed`", low=0, high=2**63 - 1)
     range: tuple[RangeSettings, ...] = key((), "the keys that are drawn")
 
@@ -112,6 +113,9 @@ class SensitivitySettings:
             for name, times in Counter(words).items():
                 if times > 1 and name:
                     yield Problem("range", f"{times} of {name!r}", f"must have different {what}")
+        if self.points * self.runs_per_point > MAX_POINTS:
+            runs = f"{self.points} x {self.runs_per_point}"
+            yield Problem("runs_per_point", runs, f"must be at most {MAX_POINTS} runs of a variant at all points")
         least = MIN_POINTS_PER_RANGE * len(self.range)
         if self.points < least:
             allowed = f"must be at least {least}, {MIN_POINTS_PER_RANGE} for each of {len(self.range)} ranges"

@@ -54,6 +54,22 @@ def test_room_brings_all_back_and_then_raises_delta() -> None:
     assert given[3:] == [Structure(2.0, 1.0), Structure(2.5, 1.0), Structure(3.0, 1.0), Structure(3.0, 1.0)]
 
 
+def test_a_level_beyond_its_bounds_stays_where_it_is_put() -> None:
+    """A fixed structure of the rule's own scale: with a gain of 0 it is ordered again and again, whatever arrives."""
+    for level, structure in ((0.25, Structure(2.0, 0.25)), (4.5, Structure(5.5, 1.0)), (-7.0, Structure(9.0, 0.0))):
+        fixed = load_scenario(
+            "smoke",
+            [
+                'operator.autonomy.sets_delta="budget"',
+                "operator.budget.gain=0",
+                f"operator.budget.first_level={level}",
+            ],
+        )
+        one = budget_of(briefing_of(fixed))
+        assert one is not None
+        assert set(orders(one, [100.0] * 200).values()) == {structure}
+
+
 def test_an_order_is_repeated_though_nothing_changes() -> None:
     """At its aim the rule says the same again, for those that did not hear it."""
     assert orders(rule(), [2.0] * 21) == {10.0: Structure(2.0, 1.0), 20.0: Structure(2.0, 1.0)}

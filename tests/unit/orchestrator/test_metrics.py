@@ -33,7 +33,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DROP_REASONS, EventState
 from deltaswarm_wire.checked import load
 from tests.support.swarms import run
-from tests.unit.orchestrator.test_results import STEP_S, event, whole, workload
+from tests.unit.orchestrator.test_results import STEP_S, event, record, whole, workload
 
 
 def a_scenario(horizon_s: float = 1.0) -> Scenario:
@@ -170,6 +170,24 @@ def test_rates_are_per_second_not_per_step() -> None:
     assert found["operator_messages_per_s"] == {"mean": 5.0}
     assert found["operator_senders"] == {"mean": 2.0}
     assert found["operator_time_above_threshold_s"] == 2.5
+
+
+def test_minutes_above_the_threshold() -> None:
+    """Of three whole minutes two exceed 1 message per s; the fourth is cut off. The longest overload has no break."""
+    steps = round(200 / STEP_S)
+    outcome = whole()
+    outcome.step_records = [record(step) for step in range(steps)]
+    counts = [3 if step * STEP_S < 60 else 0 if step * STEP_S < 120 else 1 for step in range(steps)]
+    above = {*range(10, 40), *range(41, 60), 70}
+    outcome.workloads = [
+        workload(step, time_s=step * STEP_S, messages=counts[step], rate_60s_hz=1.5 if step in above else 1.0)
+        for step in range(steps)
+    ]
+    outcome.operator = {"news": 5}
+    found = metrics(outcome, load(Scenario, {"run": {"step_s": STEP_S}, "operator": {"threshold_hz": 1.0}}))
+    assert found["operator_minutes"] == {"above_share": pytest.approx(2 / 3), "p95_per_s": 3 / STEP_S}
+    assert found["operator_longest_above_s"] == 30 * STEP_S
+    assert found["operator_news_per_s"] == 5 / 200
 
 
 def test_drops_are_told_by_reason() -> None:

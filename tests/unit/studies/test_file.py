@@ -9,7 +9,7 @@ import pytest
 from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.sweeps.load import built_in_files
 from deltaswarm_orchestrator.sweeps.table import write_table
-from deltaswarm_studies.load import COLLECTIONS
+from deltaswarm_studies.load import COLLECTIONS, expanded
 from deltaswarm_studies.plan import plan, text
 from deltaswarm_studies.stats import pairs_needed
 from deltaswarm_studies.study import default_factors
@@ -345,3 +345,16 @@ def test_a_study_file_is_a_sweep_too(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "own.toml").write_text(SWEEP + OWN)
     assert main(["sweep", str(tmp_path / "own.toml"), "--dry-run"]) == 0
     assert "6 variants x 10 replicates" in capsys.readouterr().out
+
+
+def test_a_row_stands_for_each_combination_of_its_words() -> None:
+    """In values, keys and lists; rows without `each` stay as they are, and words that are none are named."""
+    row = {"each": {"cell": ["a", "b"], "n": ["1", "2"]}, "id": "{cell}-{n}", "along": ["{cell}, x"], "paths": {"{n}": 1}}
+    rows, problems = expanded({"claim": [row, {"id": "{cell}"}], "study": {"title": "{n}"}})
+    assert not problems
+    assert [one["id"] for one in rows["claim"]] == ["a-1", "a-2", "b-1", "b-2", "{cell}"]
+    assert rows["claim"][1] == {"id": "a-2", "along": ["a, x"], "paths": {"2": 1}}
+    assert rows["study"] == {"title": "{n}"}
+    for each in ("a", {"cell": "a"}, {"cell": []}, {"cell": [1]}):
+        _, [problem] = expanded({"claim": [{"each": each}]})
+        assert problem.path == "claim[0].each"

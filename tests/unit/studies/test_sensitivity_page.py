@@ -34,6 +34,24 @@ def test_a_point_without_valid_runs_is_counted_and_no_loss() -> None:
     assert re.search(r"Trees report less \| +57 \| +3 \| +57", pages(study, evidence, PROVENANCE)[1])
 
 
+def test_several_runs_of_a_point_count_as_one() -> None:
+    """Their mean is judged, and a point that lacks one of them is lost; the table of runs has them all."""
+    study = made(CLAIMED, DRAWN.replace("points = 60", "points = 60\nruns_per_point = 2"))
+    assert len(study.sweep.jobs()) == 240
+    rows = table(study, lambda values, number: 3.0 if number % 2 else 0.5)
+    lost = (rows["variant"] == "trees") & (rows["replicate"] == 7)
+    evidence = Evidence.of_sweep(study, rows[~lost].reset_index(drop=True), pd.DataFrame())
+    assert evidence.sensitivity
+    [share] = evidence.sensitivity.shares.to_dict("records")
+    assert (share["n"], share["missing"], share["holds"]) == (59, 1, 59)
+    assert evidence.sensitivity.points["effect: quiet"].dropna().tolist() == [pytest.approx(1.75)] * 59
+    assert len(evidence.runs) == 239
+    page = pages(study, evidence, PROVENANCE)[1]
+    assert "means of these runs are judged" in page
+    assert "239 of 240" not in page
+    assert "1 of 240 runs are missing: trees (replicates 7)." in page
+
+
 def test_a_look_at_some_points_says_so() -> None:
     """The first 12 of 60 points, at the top of the page; of 9 no correlation is tested."""
     few = DRAWN.replace("prove = 0", "prove = 0\nrepeats = 12")

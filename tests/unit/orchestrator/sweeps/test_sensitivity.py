@@ -61,7 +61,7 @@ def test_a_latin_hypercube_has_a_point_in_each_stratum_of_each_range() -> None:
 def test_sobol_points_fill_each_cell_of_a_plane_equally() -> None:
     """64 scrambled points of two ranges: four in each of the 16 cells, and so in the first 16 points, one in each."""
     ranges = (RangeSettings("a", "A", low=0.0, high=4.0), RangeSettings("b", "B", low=0.0, high=4.0))
-    points = drawn(SensitivitySettings("sobol", 64, 3, ranges))
+    points = drawn(SensitivitySettings("sobol", 64, seed=3, range=ranges))
     cells = [(math.floor(point["a"]), math.floor(point["b"])) for point in points]
     assert set(Counter(cells).values()) == {4}
     assert set(Counter(cells[:16]).values()) == {1}
@@ -199,11 +199,29 @@ def test_other_mistakes_are_reported_once_and_as_ever() -> None:
     [line] = mistakes(table() | {"scenario": {"radio.losss": 1}})
     assert line.startswith("radio.losss: unknown key")
     [line] = mistakes(table(sweep={**MODES, "repeats": 41}))
-    assert line == "sweep.repeats must be at most sensitivity.points, 40: each point is run once (got 41)"
+    assert line == "sweep.repeats must be at most sensitivity.points, 40 (got 41)"
     [line] = mistakes(table(sweep={}))
     assert line.endswith("(got nothing varies)")
     with pytest.raises(SettingsError, match=r"radio.range_m varies in this sweep, so it cannot also be given by --set"):
         make_sweep(table(), Path(), ["radio.range_m=9.0"])
+
+
+def test_runs_of_a_point_are_counted_from_point_to_point() -> None:
+    """Each with a seed of its own; of fewer points the same runs, so that a look at some is a part of all."""
+    several = {**table(RANGE, COUNT), "sensitivity": {**table(RANGE, COUNT)["sensitivity"], "runs_per_point": 3}}
+    jobs = make_sweep(several, Path()).jobs()
+    values = {job.replicate: job.variant.keys["radio.range_m"] for job in jobs}
+    assert len(values) == 120
+    assert len({job.scenario.seed for job in jobs}) == 120
+    once = {job.replicate: job.variant.keys["radio.range_m"] for job in made(RANGE, COUNT).jobs()}
+    assert [values[number] for number in range(120)] == [once[number // 3] for number in range(120)]
+    few = make_sweep({**several, "sweep": {**several["sweep"], "repeats": 5}}, Path()).jobs()
+    assert len(few) == 15 * len(jobs) // 120
+    assert {job.key for job in few} < {job.key for job in jobs}
+    several["sensitivity"]["runs_per_point"] = 1000
+    several["sensitivity"]["points"] = 101
+    with pytest.raises(SettingsError, match=r"runs_per_point must be at most 100000 runs"):
+        make_sweep(several, Path())
 
 
 def test_windows_must_fit_the_steps_of_all_points() -> None:
