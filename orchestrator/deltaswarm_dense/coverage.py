@@ -65,7 +65,7 @@ ANY = frozenset(
         "control.patience_finds",
         "control.return_to_finds",
         "control.find_memory_s",
-        "control.adapts_delta",
+        "control.delta_rule",
         "control.report_finds",
         "control.member_observes",
         "control.report_every_s",

@@ -31,6 +31,9 @@ RUN_ONLY = ("schema", "record")
 UNUSED_UNLESS = {"operator.budget.": ("operator.autonomy.sets_delta", BUDGET)}
 """Keys of a scenario that do nothing unless another has this value: another default of theirs changes no run."""
 
+RENAMED = {"control.adapts_delta": ("control.delta_rule", {False: "fixed", True: "busy"})}
+"""Keys of older protocols, with their names of today and what their values are called now."""
+
 
 def content(study: Study, entry_format: int = FORMAT) -> Table:
     """Return all of a study that its protocol fixes: runs, outcomes, criteria, margins, expectations."""
@@ -106,7 +109,7 @@ def completed(protocol: Table) -> Table:
     shared = protocol["scenario"]
     completed = {name: table for name, table in protocol.items() if name != "scenario"}
     completed["condition"] = {
-        label: _used({**_defaults({**shared, **own}["control.mode"]), **shared, **own})
+        label: _used({**_defaults({**shared, **own}["control.mode"]), **_named_now({**shared, **own})})
         for label, own in protocol["condition"].items()
     }
     for name, kind in get_type_hints(StudyFile).items():
@@ -117,6 +120,13 @@ def completed(protocol: Table) -> Table:
         else:
             completed[name] = {**as_read(fixed_keys(kind())), **told}
     return completed
+
+
+def _named_now(table: Table) -> Table:
+    """Return a table with the keys of today in place of older ones."""
+    older = {name: table[name] for name in RENAMED if name in table}
+    named = {RENAMED[name][0]: RENAMED[name][1][value] for name, value in older.items()}
+    return {name: value for name, value in table.items() if name not in older} | named
 
 
 def _used(table: Table) -> Table:

@@ -111,8 +111,8 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
             problems.append(Problem("operator.person.policy", repr(operator.person.policy), wrong))
         if operator.autonomy.commands:
             problems.append(Problem("operator.autonomy.sets_delta", repr(operator.autonomy.sets_delta), wrong))
-    if operator.autonomy.sets_delta == SWARM and not scenario.control.options.get("adapts_delta"):
-        wrong = "needs agents that choose delta themselves: control.mode = 'adaptive', or control.adapts_delta = true"
+    if operator.autonomy.sets_delta == SWARM and scenario.control.options.get("delta_rule", "fixed") == "fixed":
+        wrong = "needs agents that choose delta themselves: control.mode = 'adaptive', or control.delta_rule = 'busy'"
         problems.append(Problem("operator.autonomy.sets_delta", repr(SWARM), wrong))
     if operator.person.commands and operator.autonomy.sets_delta != OPERATOR:
         wrong = "must be operator with a simulated person that sets delta, or that person's policy none"

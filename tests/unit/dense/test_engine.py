@@ -84,7 +84,7 @@ scenarios = st.fixed_dictionaries(
                 "patience_finds": st.sampled_from([0.0, 0.1, 0.5]),
                 "return_to_finds": st.booleans(),
                 "find_memory_s": st.sampled_from([20.0, 1500.0]),
-                "adapts_delta": st.booleans(),
+                "delta_rule": st.sampled_from(["fixed", "busy"]),
                 "report_finds": st.booleans(),
                 "leg_max_s": st.sampled_from([3.0, 100.0]),
                 "leg_exponent": st.sampled_from([0.0, 1.0, 1.7]),

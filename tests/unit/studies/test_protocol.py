@@ -152,6 +152,18 @@ def test_a_key_that_is_new_in_deltaswarm_counts_as_its_default(folder: Path) -> 
     assert [(row.key, row.old, row.new) for row in found] == [("study.window_s", "300.0", "100.0")]
 
 
+def test_a_key_by_its_older_name_is_no_change() -> None:
+    """Published protocols keep the names of the day on which they were frozen."""
+    old, new = content(made(ASKED)), content(made(ASKED))
+    assert old["scenario"].pop("control.delta_rule") == "fixed"
+    old["scenario"]["control.adapts_delta"] = False
+    assert not differences(old, new)
+    old["scenario"]["control.adapts_delta"] = True
+    assert [(row.key, row.old, row.new) for row in differences(old, new)] == [
+        ("scenario.control.delta_rule", "busy", "fixed")
+    ]
+
+
 def test_a_key_of_a_part_that_is_switched_off_is_no_change() -> None:
     """A rule for budgets does nothing without a budget, so another default of it changes no run."""
     old, new = content(made(ASKED)), content(made(ASKED))

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from deltaswarm_agent.controllers.paper.controller import PaperController
-from deltaswarm_agent.controllers.paper.settings import ALL, PaperSettings
+from deltaswarm_agent.controllers.paper.settings import ALL, BUSY, PaperSettings
 from deltaswarm_wire.checked import with_default
 
 
 @dataclass(frozen=True)
 class AdaptiveSettings(PaperSettings):
-    adapts_delta: bool = with_default(PaperSettings, "adapts_delta", True)
+    delta_rule: str = with_default(PaperSettings, "delta_rule", BUSY)
     patience_finds: float = with_default(PaperSettings, "patience_finds", 0.3)
     return_to_finds: bool = with_default(PaperSettings, "return_to_finds", True)
     member_observes: str = with_default(PaperSettings, "member_observes", ALL)

@@ -7,7 +7,7 @@ hierarchical swarm does at rho. So delta sets how much of the swarm is centralis
 
 from dataclasses import dataclass
 
-from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.controllers.paper.settings import BUSY, PaperSettings
 
 
 @dataclass(frozen=True)
@@ -35,4 +35,4 @@ def strategy_of(mode: str, control: PaperSettings) -> Strategy:
         return Strategy(founds_at=None, attends=True)
     if mode == "hierarchical":
         return Strategy(founds_at=control.rho, attends=False)
-    return Strategy(founds_at=control.delta, attends=True, has_delta=True, adapts=control.adapts_delta)
+    return Strategy(founds_at=control.delta, attends=True, has_delta=True, adapts=control.delta_rule == BUSY)

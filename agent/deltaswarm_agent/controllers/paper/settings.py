@@ -8,6 +8,7 @@ from deltaswarm_wire.settings import AgentSettings
 ALL, NEAREST = "all", "nearest"
 STAYS, LEAVES = "stays", "leaves"
 WITH_EVENTS, ANY = "with-events", "any"
+FIXED, BUSY = "fixed", "busy"
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,11 @@ class PaperSettings:
     )
     return_to_finds: bool = key(False, "some legs of the walk lead back to where events were found", source=OURS)
     find_memory_s: float = key(1500.0, "time for which the place of a find is remembered [s]", source=OURS, above=0)
-    adapts_delta: bool = key(
-        False, "each agent chooses delta itself, from the share of time in which agents work", source=OURS
+    delta_rule: str = key(
+        FIXED,
+        "hybrid: what sets delta: the key delta, or each agent, by how busy agents are",
+        source=OURS,
+        choices=(FIXED, BUSY),
     )
     leg_max_s: float = key(
         100.0, "maximum duration of a leg of the walk; durations are uniform [s]", source=OURS, above=0

@@ -314,5 +314,5 @@ def test_an_operator_who_sets_delta_ends_the_agents_own_choice() -> None:
 def test_adaptive_is_hybrid_control_with_other_defaults() -> None:
     own, hybrid = find_controller("adaptive").Settings(), find_controller("hybrid").Settings()
     changed = {name for name in vars(hybrid) if getattr(own, name) != getattr(hybrid, name)}
-    assert changed == {"adapts_delta", "patience_finds", "return_to_finds", "member_observes"}
+    assert changed == {"delta_rule", "patience_finds", "return_to_finds", "member_observes"}
     assert own.member_observes == ALL
