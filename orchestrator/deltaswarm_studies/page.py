@@ -47,7 +47,7 @@ def pages(
             evidence.undrawn.append(f"The figure {figure.name!r} is missing: {error}.")
             continue
         caption = " ".join(" ".join([figure.caption, *drawing.notes]).split())
-        pictures.append(CaptionedFigure(figure.name, drawing.figure, caption))
+        pictures.append(CaptionedFigure(figure.name.replace(" ", "-"), drawing.figure, caption))
     sections = list(_sections(study, evidence, pictures, provenance, sealed, record))
     context: dict[str, Any] = {
         "title": study.title,

@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -259,10 +258,12 @@ def by_reason(drops: str, reasons: Iterable[str]) -> Compute:
     """Sum drops over the run, by reason: these reasons first, then those of radio models from outside."""
 
     def compute(run: RunData) -> dict[str, int]:
-        sums = Counter(dict.fromkeys(reasons, 0))
+        sums = dict.fromkeys(reasons, 0)
         for record in run.steps:
-            sums.update(getattr(record, drops))
-        return dict(sums)
+            for reason, count in getattr(record, drops).items():
+                if count or reason not in sums:
+                    sums[reason] = sums.get(reason, 0) + count
+        return sums
 
     return compute
 

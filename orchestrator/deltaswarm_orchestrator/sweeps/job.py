@@ -1,5 +1,6 @@
 """Do one run of a sweep; return the result that the sweep keeps."""
 
+import math
 import os
 import platform
 import resource
@@ -177,14 +178,15 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     starts = range(0, len(outcome.step_records), width)
     edges_s = [start * step_s for start in starts]
     columns: dict[str, list[float | None]] = {"time_s": [*edges_s]}
-    records = [record.columns() for record in outcome.step_records]
-    rows = [(name, [row[name] for row in records]) for name in (records[0] if records else COLUMNS)]
-    rows += [(column, [getattr(row, name) for row in outcome.workloads]) for name, column in OPERATOR_COLUMNS.items()]
-    for column, cells in rows:
-        if column in ("step", "time_s"):
-            continue
-        values = np.array(cells, dtype=float)
-        columns[column] = [_mean(values[start : start + width]) for start in starts]
+    records = outcome.step_records
+    names = [*records[0].columns()] if records else [*COLUMNS]
+    cells = np.array([record.values() for record in records], dtype=float).reshape(len(records), len(names)).T
+    rows = dict(zip(names, np.ascontiguousarray(cells), strict=True))
+    for name, column in OPERATOR_COLUMNS.items():
+        rows[column] = np.array([getattr(row, name) for row in outcome.workloads], dtype=float)
+    for column, values in rows.items():
+        if column not in ("step", "time_s"):
+            columns[column] = _means(values, width, len(starts))
 
     def window_of(time_s: float) -> int:
         return bisect_right(edges_s, time_s) - 1
@@ -209,6 +211,18 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
 def events_of(outcome: Outcome) -> dict[str, list[float | None]]:
     lives = outcome.lives
     return {name: [getattr(life, name) for life in lives] for name in EventLife._fields}
+
+
+def _means(values: "np.ndarray[Any, np.dtype[np.float64]]", width: int, windows: int) -> list[float | None]:
+    """Return the mean of each window of `width` values, of which the last may have fewer."""
+    whole = len(values) // width
+    means: list[float | None] = values[: whole * width].reshape(whole, width).mean(axis=1).tolist()
+    return [
+        _mean(values[number * width : (number + 1) * width])
+        if number >= whole or math.isnan(means[number] or 0.0)
+        else means[number]
+        for number in range(windows)
+    ]
 
 
 def _mean(window: "np.ndarray[Any, np.dtype[np.float64]]") -> float | None:

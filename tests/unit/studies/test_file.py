@@ -349,7 +349,8 @@ def test_a_study_file_is_a_sweep_too(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_a_row_stands_for_each_combination_of_its_words() -> None:
     """In values, keys and lists; rows without `each` stay as they are, and words that are none are named."""
-    row = {"each": {"cell": ["a", "b"], "n": ["1", "2"]}, "id": "{cell}-{n}", "along": ["{cell}, x"], "paths": {"{n}": 1}}
+    row = {"id": "{cell}-{n}", "along": ["{cell}, x"], "paths": {"{n}": 1}}
+    row |= {"each": {"cell": ["a", "b"], "n": ["1", "2"]}}
     rows, problems = expanded({"claim": [row, {"id": "{cell}"}], "study": {"title": "{n}"}})
     assert not problems
     assert [one["id"] for one in rows["claim"]] == ["a-1", "a-2", "b-1", "b-2", "{cell}"]
