@@ -76,8 +76,9 @@ class Study:
         return self.sweep.file.sweep.repeats
 
     def repeats_of(self, variants: Iterable[str]) -> int:
-        """Replicates, or points, that all of these variants have."""
-        return min(self.sweep.repeats[variant] for variant in variants) // self.sweep.runs_per_point
+        """Replicates, or points, that all of these variants have; of none named, that every variant has."""
+        named = [*variants] or self.sweep.repeats
+        return min(self.sweep.repeats[variant] for variant in named) // self.sweep.runs_per_point
 
     @property
     def ranges(self) -> Sequence[RangeSettings]:

@@ -247,6 +247,11 @@ def test_a_plan_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
         "--plan` lists the families)"
     ]
     assert planning.too_few(made(OWN + ONE)) == []
+    predicts = '[[claim]]\nid = "p"\ntext = "p"\nkind = "predicts"\nmetric = "waiting_all"\n'
+    over_all = made(
+        OWN + predicts + 'less = "messages"\nmore = "waiting"\n', SWEEP.replace("repeats = 10", "repeats = 3")
+    )
+    assert "with 3 replicates" in planning.too_few(over_all)[0]
     lines = planning.text(planned).splitlines()
     assert lines[1] == "  about 0:00:18 on 4 cores, by the speed of the first steps of each variant"
     two = "2 tests in a family, smallest corrected p 0.062: can show nothing, 7 replicates are needed"
