@@ -34,7 +34,7 @@ def _word(agent):
 @compiled
 def seed(agent, key):
     """Seed an agent's generator by the first of `key` numbers of 32 bits that follow their count (`init_by_array`)."""
-    words, count, mixed = agent.words, np.int64(key[0]), 0xFFFFFFFF
+    words, mixed = agent.words, 0xFFFFFFFF
     words[0] = 19650218
     for k in range(1, WORDS):
         words[k] = (1812433253 * _shifted(words[k - 1]) + k) & mixed
@@ -42,7 +42,7 @@ def seed(agent, key):
     for k in range(2 * WORDS - 1):
         if k < WORDS:
             factor, added = 1664525, np.int64(key[1 + used]) + used
-            used = (used + 1) % count
+            used = used + 1 if used + 1 < key[0] else 0
         else:
             factor, added = 1566083941, -np.int64(place)
         words[place] = ((np.int64(words[place]) ^ (_shifted(words[place - 1]) * factor)) + added) & mixed
