@@ -17,6 +17,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
     from deltaswarm_branches.pairs import Work
+    from deltaswarm_branches.parent import Parent
     from deltaswarm_scenario.operator_links import CommandSettings
 
 ADDED = "--add-command"
@@ -109,6 +110,7 @@ def value(arguments: argparse.Namespace) -> int:
     from deltaswarm_branches.value import in_words, value_of_command, write
 
     parent = read_parent(arguments.run)
+    _check_engine(parent, arguments.engine)
     check_out(parent.folder / VALUES, "RUN/value")
     _say_if_too_few(arguments.replicates, len(set(arguments.orders)) or len(parent.orders))
     rows, found, later = value_of_command(
@@ -126,6 +128,14 @@ def value(arguments: argparse.Namespace) -> int:
     result = {"files": list(map(str, files)), "later_orders": later, "orders": told}
     show(arguments, result, f"{aligned(lines)}\n{files[0]}")
     return OK
+
+
+def _check_engine(parent: "Parent", asked: str) -> None:
+    """Refuse an engine that cannot do even the parent, before hours are spent on it. Raises CommandError."""
+    from deltaswarm_orchestrator.run.choosing import planned_by
+
+    if asked:
+        planned_by(parent.scenario, asked=asked)
 
 
 def _say_done(count: int, of: int) -> None:
@@ -174,6 +184,7 @@ def branch(arguments: argparse.Namespace) -> int:
     if arguments.engine and not arguments.replicates:
         raise CommandError("--engine must be given with --replicates: it is the engine of these")
     parent, drop = read_parent(arguments.run), tuple(arguments.drop_command)
+    _check_engine(parent, arguments.engine)
     step = at_step(parent, arguments.at, drop)
     at_s = step * parent.step_s
     added = tuple(_added(text, at_s) for text in arguments.add_command)

@@ -82,3 +82,15 @@ def test_other_branches_need_the_python_engine(tmp_path: Path) -> None:
         assert (by.engine, because in by.because) == (PYTHON, True)
         with pytest.raises(CommandError, match=because):
             repetition.finish(plan, seed, DENSE)
+
+
+def test_an_engine_that_cannot_do_the_run_is_refused_before(tmp_path: Path, capsys: Printed) -> None:
+    """And one that would have nothing to do."""
+    run = ran(tmp_path / "run", SCRIPT, "run.duration_s=100", "downlink.latency_s=2")
+    capsys.readouterr()
+    for command, says in (
+        (["value", str(run), "--engine", DENSE], "--engine dense cannot do this run: downlink.latency_s"),
+        (["branch", str(run), "--at", "50", "--engine", DENSE], "--engine must be given with --replicates"),
+    ):
+        assert main(command) == 2
+        assert capsys.readouterr().err.startswith(f"deltaswarm: {says}")
