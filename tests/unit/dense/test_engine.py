@@ -214,6 +214,12 @@ def test_frames_that_wait_for_long_are_kept_for_longer() -> None:
     assert differences(load_scenario("paper-25", sets)) == []
 
 
+def test_more_orders_than_a_frame_holds_leave_the_base_in_steps() -> None:
+    """Also when nobody gives one for long, and a block of steps would be long."""
+    order = '{at_s=10, name="set delta", arguments={delta=2}}'
+    assert differences(load_scenario("smoke", [f"command=[{', '.join([order] * 20)}]", "run.duration_s=100"])) == []
+
+
 def test_a_run_that_is_stopped_says_how_far_it_came() -> None:
     """After a block of steps, or before the first."""
     scenario = load_scenario("paper-25", ["run.duration_s=900", "record=off"])
