@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_branches.keys import LATER
 from deltaswarm_cli.arguments import A_RUN, Group, add_json, add_quiet, show
-from deltaswarm_orchestrator.base.exits import OK, aligned, notice
+from deltaswarm_orchestrator.base.exits import OK, CommandError, aligned, notice
 from deltaswarm_orchestrator.base.paths import check_out, free_folder, part_of
+from deltaswarm_orchestrator.processes.elsewhere import IN_ONE_PROCESS
 from deltaswarm_orchestrator.recording import VALUES
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import number, whole
@@ -16,6 +17,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 
 if TYPE_CHECKING:
     from deltaswarm_branches.pairs import Work
+    from deltaswarm_branches.parent import Parent
     from deltaswarm_scenario.operator_links import CommandSettings
 
 ADDED = "--add-command"
@@ -65,11 +67,17 @@ def add_branch(command: argparse.ArgumentParser) -> None:
 
 
 def add_replicates(group: Group, default: int, what: str) -> None:
-    """Add `--replicates` and `--jobs`."""
+    """Add `--replicates`, `--jobs` and `--engine`."""
     group.add_argument(
         "--replicates", type=whole(0), default=default, metavar="N", help=f"{what}, N times (default: {default})"
     )
     group.add_argument("-j", "--jobs", type=whole(1), metavar="N", help="runs in parallel (default: number of cores)")
+    group.add_argument(
+        "--engine",
+        choices=IN_ONE_PROCESS,
+        default="",
+        help="engine of these runs (default: dense where it is installed and covers them)",
+    )
 
 
 def add_value(command: argparse.ArgumentParser) -> None:
@@ -102,6 +110,7 @@ def value(arguments: argparse.Namespace) -> int:
     from deltaswarm_branches.value import in_words, value_of_command, write
 
     parent = read_parent(arguments.run)
+    _check_engine(parent, arguments.engine)
     check_out(parent.folder / VALUES, "RUN/value")
     _say_if_too_few(arguments.replicates, len(set(arguments.orders)) or len(parent.orders))
     rows, found, later = value_of_command(
@@ -110,6 +119,7 @@ def value(arguments: argparse.Namespace) -> int:
         replicates=arguments.replicates,
         later=arguments.later,
         jobs=_jobs(arguments),
+        engine=arguments.engine,
         done=_say_done,
     )
     files = write(parent, rows, found, replicates=arguments.replicates, later=later)
@@ -118,6 +128,14 @@ def value(arguments: argparse.Namespace) -> int:
     result = {"files": list(map(str, files)), "later_orders": later, "orders": told}
     show(arguments, result, f"{aligned(lines)}\n{files[0]}")
     return OK
+
+
+def _check_engine(parent: "Parent", asked: str) -> None:
+    """Refuse an engine that cannot do even the parent, before hours are spent on it. Raises CommandError."""
+    from deltaswarm_orchestrator.run.choosing import planned_by
+
+    if asked:
+        planned_by(parent.scenario, asked=asked)
 
 
 def _say_done(count: int, of: int) -> None:
@@ -163,7 +181,10 @@ def branch(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.results.folder import check_target
     from deltaswarm_orchestrator.run.options import RunOptions
 
+    if arguments.engine and not arguments.replicates:
+        raise CommandError("--engine must be given with --replicates: it is the engine of these")
     parent, drop = read_parent(arguments.run), tuple(arguments.drop_command)
+    _check_engine(parent, arguments.engine)
     step = at_step(parent, arguments.at, drop)
     at_s = step * parent.step_s
     added = tuple(_added(text, at_s) for text in arguments.add_command)
@@ -189,7 +210,7 @@ def branch(arguments: argparse.Namespace) -> int:
     _, scenario = prepare(repetition, planned, difference, out, engine, force=force)
     code = run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
     if arguments.replicates and code == OK:
-        _compare(Work(repetition, [Comparison(planned, unchanged)]), out, arguments)
+        _compare(Work(repetition, [Comparison(planned, unchanged)], arguments.engine), out, arguments)
     return code
 
 

@@ -4,23 +4,26 @@ import os
 import pickle
 import signal
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from deltaswarm_branches.plan import Plan
-from deltaswarm_branches.randomness import replicate_seed
 from deltaswarm_branches.repetition import Repetition
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
+from deltaswarm_orchestrator.processes.elsewhere import PYTHON
 from deltaswarm_orchestrator.results.metric import Metric
 from deltaswarm_orchestrator.results.metrics import METRICS
 from deltaswarm_orchestrator.results.outcome import Outcome, RunData
+from deltaswarm_orchestrator.run.choosing import DoneBy
+from deltaswarm_orchestrator.run.randomness import replicate_seed
 from deltaswarm_scenario.scenario import Scenario
 
 MEASURES = {
@@ -45,6 +48,8 @@ class Pair(NamedTuple):
     """0: the run's own randomness."""
     with_it: Measured
     without: Measured
+    by: Sequence[DoneBy] = ()
+    """The engines of both runs."""
 
 
 class Comparison(NamedTuple):
@@ -60,6 +65,8 @@ class Work:
 
     repetition: Repetition
     comparisons: Sequence[Comparison]
+    asked: str = ""
+    """The engine that is insisted on; empty: the dense one where it can."""
 
     def pair(self, comparison: int, replicate: int) -> Pair:
         """Do both runs of a pair.
@@ -71,23 +78,23 @@ class Work:
         for plan in plans:
             plan.check_inputs()
         seed = replicate and replicate_seed(scenario.seed, plans.with_it.at_step, replicate)
-        sides = [measured(self._outcome(plan, seed), scenario) for plan in plans]
+        (with_it, one), (without, other) = [self._outcome(plan, seed) for plan in plans]
         for plan in plans:
             plan.check_inputs()
-        return Pair(comparison, replicate, *sides)
+        return Pair(comparison, replicate, measured(with_it, scenario), measured(without, scenario), (one, other))
 
-    def _outcome(self, plan: Plan, seed: int) -> Outcome:
+    def _outcome(self, plan: Plan, seed: int) -> tuple[Outcome, DoneBy]:
         if (
             not seed
             and not plan.changes_console
             and not plan.restarts_agents
             and self.repetition.parent.digest is not None
         ):
-            return self.repetition.past  # which was repeated to its end
-        outcome = self.repetition.go_on(plan, seed or None)
+            return self.repetition.past, DoneBy(PYTHON, "the run was repeated to its end")
+        outcome, by = self.repetition.finish(plan, seed or None, self.asked)
         if outcome.messages:
             raise CommandError("; ".join(outcome.messages), FAILED)
-        return outcome
+        return outcome, by
 
 
 def measured(outcome: Outcome, scenario: Scenario) -> Measured:
@@ -95,6 +102,13 @@ def measured(outcome: Outcome, scenario: Scenario) -> Measured:
     run = RunData(outcome, scenario)
     computes = {name: BY_KEY[key].compute for name, key in MEASURES.items()}
     return {name: compute(run) if compute else None for name, compute in computes.items()}
+
+
+def engines(found: Sequence[Pair]) -> dict[str, Any]:
+    """Count the runs of each engine, for JSON; say why some were not done by the dense one."""
+    done_by = [by for pair in found for by in pair.by]
+    because = sorted({by.because for by in done_by} - {""})
+    return {"engines": dict(Counter(by.engine for by in done_by)), **({"because": because} if because else {})}
 
 
 def pairs(work: Work, replicates: int, jobs: int, done: Callable[[int, int], None]) -> list[Pair]:

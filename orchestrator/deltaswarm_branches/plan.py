@@ -10,7 +10,9 @@ from deltaswarm_branches.parent import Order, Parent
 from deltaswarm_orchestrator.base import inputs
 from deltaswarm_orchestrator.base.frozen import changed_keys
 from deltaswarm_orchestrator.base.inputs import Inputs
+from deltaswarm_orchestrator.run.engine import Turn
 from deltaswarm_orchestrator.run.in_process import InProcess, Scripted
+from deltaswarm_orchestrator.run.randomness import Randomness
 from deltaswarm_orchestrator.scenarios.load import apply, check_table
 from deltaswarm_scenario.operator_links import FIRST_STEP, CommandSettings
 from deltaswarm_scenario.operator_settings import NONE, OPERATOR, OperatorSettings
@@ -79,6 +81,11 @@ class Plan:
     def turn_step(self) -> int:
         """The step at whose end the operator decides what leaves the base in `at_step`."""
         return max(0, self.at_step - FIRST_STEP)
+
+    def turn(self, randomness: Randomness | None) -> Turn:
+        """Return the turn of a run from the beginning into this branch, whose agents start nowhere anew."""
+        console = (self.commands, self.rule_drops) if self.changes_console else None
+        return Turn(self.turn_step, self.at_step, self.scenario, console, randomness)
 
     def before(self, swarm: InProcess, step: int, seed: int | None = None) -> None:
         """Before a step, make the difference that is due. With a seed, agents that start anew draw by it."""

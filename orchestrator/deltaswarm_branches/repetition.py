@@ -5,14 +5,16 @@ from dataclasses import dataclass
 
 from deltaswarm_branches.parent import Parent
 from deltaswarm_branches.plan import Plan
-from deltaswarm_branches.randomness import Randomness
 from deltaswarm_orchestrator.base import inputs
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError, Reporter
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
+from deltaswarm_orchestrator.processes.elsewhere import PYTHON
 from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.choosing import DoneBy, run_here
 from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
+from deltaswarm_orchestrator.run.randomness import Randomness
 from deltaswarm_orchestrator.run.state import KeptState, RunState
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_wire.plugin_errors import described, is_interrupt
@@ -32,6 +34,32 @@ class Repetition:
     def state_for(self, plan: Plan) -> RunState:
         """Return the state from which a branch goes on."""
         return self.states[plan.turn_step].load(self.past)
+
+    def finish(self, plan: Plan, seed: int | None = None, asked: str = "") -> tuple[Outcome, DoneBy]:
+        """Do the rest of a run as `go_on` does, or the whole of it by the dense engine, where that can.
+
+        `asked`: as in `planned_by`.
+
+        Raises:
+            CommandError: the dense engine is asked for, and cannot do it.
+        """
+        if (because := self._why_not_whole(plan, seed)) and asked != PYTHON:
+            if asked:
+                raise CommandError(f"--engine {asked} cannot do this branch: {because}")
+            return self.go_on(plan, seed), DoneBy(PYTHON, because)
+        wanted = Wanted(turn=plan.turn(None if seed is None else Randomness(seed)))
+        return run_here(self.parent.scenario, wanted, asked=asked, in_python=lambda *_: self.go_on(plan, seed))
+
+    def _why_not_whole(self, plan: Plan, seed: int | None) -> str:
+        """Return why a branch is not the same run from the beginning in an engine without agents' states."""
+        before, after = self.parent.scenario.operator, plan.scenario.operator
+        reasons = {
+            "only the checkpoint of a killed run is known": self.parent.digest is None,
+            "controllers start anew during the run": plan.restarts_agents,
+            "operator.threshold_hz changes during the run": before.threshold_hz != after.threshold_hz,
+            "faults are drawn anew": seed is not None and bool(plan.scenario.fault),
+        }
+        return next((because for because, holds in reasons.items() if holds), "")
 
     def go_on(self, plan: Plan, seed: int | None = None) -> Outcome:
         """Do the rest of a run from its branching point; with a seed, everything random from there on is drawn anew."""

@@ -7,7 +7,7 @@ from typing import Any
 from deltaswarm_branches.effects import Effect, OrderEffect, effects
 from deltaswarm_branches.figure import draw
 from deltaswarm_branches.keys import DROPPED, KEPT
-from deltaswarm_branches.pairs import MEASURES, Comparison, Pair, Work, pairs
+from deltaswarm_branches.pairs import MEASURES, Comparison, Pair, Work, engines, pairs
 from deltaswarm_branches.parent import Order, Parent
 from deltaswarm_branches.plan import Difference, plan
 from deltaswarm_branches.repetition import repeat
@@ -30,6 +30,7 @@ def value_of_command(
     replicates: int = 20,
     later: str = "",
     jobs: int = 1,
+    engine: str = "",
     done: Callable[[int, int], None] = lambda count, of: None,
 ) -> tuple[list[OrderEffect], list[Pair], str]:
     """Compare a run with itself without each of some orders (default: all), one at a time.
@@ -44,7 +45,7 @@ def value_of_command(
     comparisons = [Comparison(*_plans(parent, order, later)) for order in orders]
     at = [each.with_it.turn_step for each in comparisons]
     repetition = repeat(parent, at, Reporter(), needs_console=True)
-    found = pairs(Work(repetition, comparisons), replicates, jobs, done)
+    found = pairs(Work(repetition, comparisons, engine), replicates, jobs, done)
     rows = [OrderEffect(orders[effect.comparison], effect) for effect in effects(found)]
     return rows, found, comparisons[0].with_it.later if later != DROPPED else DROPPED
 
@@ -84,7 +85,7 @@ def write(
     figures = draw(rows, folder / FIGURE)
     texts = {str(number): _text(rows, number) for number in orders.values()}
     record = {"run": parent.identity, "replicates": replicates, "later_orders": later, "texts": texts}
-    return _seal(folder, record, [TABLE, REPLICATES, *(file.name for file in figures)])
+    return _seal(folder, record | engines(found), [TABLE, REPLICATES, *(file.name for file in figures)])
 
 
 def write_difference(branch: Path, record: dict[str, Any], rows: Sequence[Effect], found: Sequence[Pair]) -> list[Path]:
@@ -96,7 +97,7 @@ def write_difference(branch: Path, record: dict[str, Any], rows: Sequence[Effect
     folder = _unsealed(branch / VALUES)
     write_csv(folder / DIFFERENCE, Effect._fields[1:], (row[1:] for row in rows))
     _write_pairs(folder, found, {})
-    return _seal(folder, record, [DIFFERENCE, REPLICATES])
+    return _seal(folder, record | engines(found), [DIFFERENCE, REPLICATES])
 
 
 def _unsealed(folder: Path) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from deltaswarm_dense import layout
+from deltaswarm_dense.branching import NO_KEYS, Redrawn, redraw_of, until_turn
 from deltaswarm_dense.layout import MAX_ORDERS
 from deltaswarm_dense.modelled import Models, Uplinked, is_modelled
 from deltaswarm_dense.operating import Operator, messages_of
@@ -40,7 +41,8 @@ def run_dense(scenario: Scenario, wanted: Wanted = NOTHING_MORE) -> Outcome:
         UncoveredError: the run needs what the arrays have no room for.
     """
     delay_s = scenario.radio.latency_s + scenario.radio.jitter_s
-    room = Room(slots=2, orders=MAX_ORDERS if scenario.has_commander else 0)
+    has_commander = scenario.has_commander or (wanted.turn is not None and wanted.turn.scenario.has_commander)
+    room = Room(slots=2, orders=MAX_ORDERS if has_commander else 0)
     if is_modelled(scenario):
         room = room._replace(slots=3 + math.ceil(delay_s / scenario.run.step_s))
     while True:
@@ -62,9 +64,12 @@ class DenseRun:
         self._scenario = scenario
         self._world = WorldCore(scenario)
         """For what does not change in a run that is covered, for the base of the operator, and for models."""
-        self._models = Models(scenario, self._world) if is_modelled(scenario) else None
+        self._turn, redraw = wanted.turn, redraw_of(wanted.turn)
+        is_redrawn_air = redraw is not None and scenario.radio.loss > 0.0
+        self._models = Models(scenario, self._world) if is_modelled(scenario) or is_redrawn_air else None
         self._uplinked = Uplinked(scenario, uplink) if (uplink := self._world.uplink) else None
-        self._swarm = set_up(scenario, self._world.environment, room, is_modelled=self._models is not None)
+        environment, has_models = self._world.environment, self._models is not None
+        self._swarm = set_up(scenario, environment, room, is_modelled=has_models, redraw=redraw)
         self._counts = np.zeros(scenario.run.steps, layout.COUNTS)
         self._done = 0
         self._chains = [bytes(SIZE_BYTES), bytes(SIZE_BYTES)]
@@ -72,7 +77,9 @@ class DenseRun:
         self._lossy = generator(scenario.seed, Loss.stream)
         self._stopped = wanted.stopped
         self._workloads: list[Workload] = []
-        self._operator = Operator(scenario, self._world, wanted.folder) if scenario.has_console else None
+        has_operator = scenario.has_console or wanted.turn is not None
+        self._operator = Operator(scenario, self._world, wanted.folder) if has_operator else None
+        self._redrawn: Redrawn | None = None
 
     def advance(self) -> int:
         """Do all steps; return the trouble that ended them, 0 if there was none."""
@@ -80,9 +87,10 @@ class DenseRun:
         while self._done < steps and not self._stopped():
             first = self._done
             swarm.output.ends[:] = 0
-            block = min(BLOCK_STEPS, steps - first)
-            if models is not None or self._scenario.uplink.range_m is not None:
-                block = 1  # between steps they need to know where agents are
+            block = until_turn(self._turn, first, min(first + BLOCK_STEPS, steps)) - first
+            is_redrawn = self._make_turn(first)
+            if models is not None or self._scenario.uplink.range_m is not None or (is_redrawn and self._uplinked):
+                block = 1  # between steps they need to know where agents are, or are seeded
             if models is not None and (trouble := models.begin(swarm, first)):
                 return trouble
             if self._operator is not None:
@@ -90,12 +98,29 @@ class DenseRun:
                 block = self._operator.steps_from(first, block)
             counts = self._counts[first : first + block]
             draw_losses(swarm.air, self._lossy)
-            done = advance(swarm, first, block, steps, counts)
+            keys = self._redrawn.keys(first, block) if self._redrawn is not None and is_redrawn else NO_KEYS
+            done = advance(swarm, first, block, steps, counts, keys)
             if trouble := int(swarm.trouble[0]):
                 return trouble
             self._done += done
             self._close(first, counts[:done])
         return 0
+
+    def _make_turn(self, step: int) -> bool:
+        """Before a step, make the difference of a branch that is due; return whether generators are seeded in it."""
+        if (turn := self._turn) is None or self._operator is None:
+            return False
+        if step == turn.step:
+            if turn.randomness is not None:
+                self._redrawn = Redrawn(self._scenario, turn.randomness, self._world, self._operator.console)
+            if turn.console is not None:
+                self._scenario = turn.scenario
+                self._operator.go_on_with(turn.scenario, *turn.console)
+        if self._redrawn is None or step < turn.at_step:
+            return False
+        self._redrawn.begin_step(step)
+        self._operator.begin_step = self._redrawn.begin_close
+        return True
 
     def _before(self, step: int) -> tuple[Floats, list[bool]]:
         """Return where agents will be in a step (`step.move`), and which of them listen."""
@@ -169,7 +194,7 @@ class DenseRun:
             by_agent = sequences + models.reports_before if models else sequences
             outcome.operator["digest"] = self._chains[OPERATOR].hex()
             outcome.operator |= totals_of_operator(scenario, counts, by_agent)
-        if self._operator is not None:
+        if self._operator is not None and scenario.has_console:
             self._operator.finish(outcome)
         return outcome
 

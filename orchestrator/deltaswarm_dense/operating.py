@@ -1,12 +1,14 @@
 """The operator of a run in arrays: the console takes in the reports of its steps, and its orders leave the base."""
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from deltaswarm_dense.layout import MAX_ORDERS, Swarm
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.script import Scripted
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import UncoveredError
 from deltaswarm_orchestrator.run.operating import Operating
@@ -34,13 +36,29 @@ class Operator:
     """Whoever is at the console of a run; `world` has the turns and the downlink of the Python engine."""
 
     def __init__(self, scenario: Scenario, world: WorldCore, folder: Path | None) -> None:
-        self._scenario, self._world = scenario, world
+        self._world = world
         self._operating = Operating(scenario, folder)
+        self._follow(scenario)
         self._numbers: dict[bytes, int] = {}
         """The number of each command that has left the base, by its bytes."""
+        self.begin_step: Callable[[int], object] = lambda step: None
+        """Called with the number of each step before the console takes it in."""
+
+    @property
+    def console(self) -> Console:
+        return self._operating.console
+
+    def _follow(self, scenario: Scenario) -> None:
         step_s = scenario.run.step_s
+        self._scenario = scenario
         self._script = sorted(max(0, round(command.at_s / step_s) - FIRST_STEP) for command in scenario.command)
         """The steps after which a script gives its orders."""
+
+    def go_on_with(self, scenario: Scenario, commands: Sequence[Scripted], rule_drops: int) -> None:
+        """Between two steps, go on by another scenario at the operator, and by another script."""
+        self._follow(scenario)
+        self._world.go_on_with(scenario)
+        self._operating.go_on_with(self._world.turns, scenario, commands, rule_drops)
 
     def steps_from(self, step: int, most: int) -> int:
         """Return how many steps may be made from this one on before the console takes them in, or the base sends."""
@@ -52,7 +70,7 @@ class Operator:
 
     def _next_act(self, step: int) -> int:
         """Return the first step from this one on after which the console may give an order, or an earlier one."""
-        operator, console, step_s = self._scenario.operator, self._operating.console, self._scenario.run.step_s
+        operator, console, step_s = self._scenario.operator, self.console, self._scenario.run.step_s
         if operator.person.commands or operator.autonomy.sets_delta == SYSTEM or not console.command_log.has_room:
             return step
         acts = self._script[bisect_left(self._script, step) :][:1]
@@ -102,6 +120,7 @@ class Operator:
         last_step = self._scenario.run.steps - 1
         for workload, arrived in zip(workloads, reports, strict=True):
             clock = Clock(workload.step, workload.time_s, workload.step == last_step)
+            self.begin_step(workload.step)
             self._world.turns.accept(self._operating.close_step(clock, workload, arrived))
 
     def finish(self, outcome: Outcome) -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.layout import WORDS
 
 
@@ -29,6 +29,32 @@ def _word(agent):
     y ^= (y << np.uint32(7)) & np.uint32(0x9D2C5680)
     y ^= (y << np.uint32(15)) & np.uint32(0xEFC60000)
     return y ^ (y >> np.uint32(18))
+
+
+@compiled
+def seed(agent, key):
+    """Seed an agent's generator by the first of `key` numbers of 32 bits that follow their count (`init_by_array`)."""
+    words, mixed = agent.words, 0xFFFFFFFF
+    words[0] = 19650218
+    for k in range(1, WORDS):
+        words[k] = (1812433253 * _shifted(words[k - 1]) + k) & mixed
+    place, used = 1, 0
+    for k in range(2 * WORDS - 1):
+        if k < WORDS:
+            factor, added = 1664525, np.int64(key[1 + used]) + used
+            used = used + 1 if used + 1 < key[0] else 0
+        else:
+            factor, added = 1566083941, -np.int64(place)
+        words[place] = ((np.int64(words[place]) ^ (_shifted(words[place - 1]) * factor)) + added) & mixed
+        place += 1
+        if place == WORDS:
+            words[0], place = words[WORDS - 1], 1
+    words[0], agent.used = 0x80000000, WORDS
+
+
+@inlined
+def _shifted(word):
+    return np.int64(word) ^ (np.int64(word) >> 30)
 
 
 @compiled

@@ -34,6 +34,10 @@ BLOCK_BYTES = 4_000_000
 """Size of the buffers whose bytes are hashed at once."""
 
 
+Redraw = tuple[int, int] | None
+"""The step from which on arrivals are drawn anew, and their seed."""
+
+
 class Room(NamedTuple):
     """What the arrays of a run have room for."""
 
@@ -46,14 +50,16 @@ class Room(NamedTuple):
     orders: int = 0
 
 
-def set_up(scenario: Scenario, environment: Environment, has: Room, *, is_modelled: bool) -> Swarm:
+def set_up(
+    scenario: Scenario, environment: Environment, has: Room, *, is_modelled: bool, redraw: Redraw = None
+) -> Swarm:
     """Make the arrays of a run before its first step.
 
     `environment` is that of a world in which nothing has happened; its arrivals are used up.
     """
     n = scenario.agents.count
     made = [_made(scenario, i) for i in range(n)]
-    settings, events = _settings(scenario, made[0]), events_in_order(scenario, environment)
+    settings, events = _settings(scenario, made[0]), events_in_order(scenario, environment, redraw)
     loss = 0.0 if is_modelled else scenario.radio.loss
     settings["is_modelled"], settings["loss"] = is_modelled, loss
     rows, e = min(MAX_TABLE, max(1, n - 1)), len(events)
@@ -255,10 +261,14 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
     return made
 
 
-def events_in_order(scenario: Scenario, environment: Environment) -> np.ndarray:
+def events_in_order(scenario: Scenario, environment: Environment, redraw: Redraw = None) -> np.ndarray:
     """Return all events of a run, each with the step in which it arrives, in the order of arrival."""
     step_s, steps, arrivals = scenario.run.step_s, scenario.run.steps, environment._arrivals
-    found = [(arrival, step) for step in range(steps) for arrival in arrivals.until(step * step_s)]
+    found = []
+    for step in range(steps):
+        if redraw is not None and step == redraw[0]:
+            arrivals.redraw(redraw[1], (step - 1) * step_s)
+        found += [(arrival, step) for arrival in arrivals.until(step * step_s)]
     found += [(arrival, steps) for arrival in arrivals.until((steps - 1) * step_s + step_s)]
     events = np.zeros(len(found), layout.EVENT)
     for name in ("sensed_s", "told_s", "worked_s", "completed_s"):

@@ -14,6 +14,7 @@ from deltaswarm_dense.layout import BUFFER, FRAME_ROOM, FRAME_SIZE, NONE
 from deltaswarm_dense.learning import begin
 from deltaswarm_dense.measures import measure
 from deltaswarm_dense.one_step import decide
+from deltaswarm_dense.randomness import seed
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
 from deltaswarm_wire.messages import MAX_POSES
 
@@ -146,8 +147,10 @@ def note_places(settings, agents, trail_m, now):
 
 
 @entry
-def advance(swarm, first, steps, all_steps, counts):
+def advance(swarm, first, steps, all_steps, counts, keys):
     """Do `steps` steps from `first` on; add their bytes to the buffers of both digests. Return those done.
+
+    `keys` seed the generator of each agent in each step (`branching.keys_of`); none: they draw on.
 
     It ends early when a buffer is full or all draws are used, and with `swarm.trouble` when the run cannot go on here.
     """
@@ -196,6 +199,8 @@ def advance(swarm, first, steps, all_steps, counts):
             if commands.sent[0]:
                 hear_commands(swarm, agent, now, arrived)
             heard = air.heard[: read(air, arrived)]
+            if keys.shape[0] > 0:
+                seed(agent, keys[done, i])
             count.asked += 1
             reports, is_news, size, refused = step_agent(swarm, agent, now, time_s, sensed, heard)
             agent.has_status = True

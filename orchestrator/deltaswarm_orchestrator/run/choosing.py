@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.processes.elsewhere import DENSE, PYTHON
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.run.engine import NOTHING_MORE, UncoveredError, Wanted
+from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Engine, UncoveredError, Wanted
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.state import RunState
 from deltaswarm_scenario.scenario import Scenario
@@ -62,14 +62,21 @@ def _why_not_dense(scenario: Scenario, wanted: Wanted, has_state: bool) -> str:
         return "a recording has the truth of every step, which only the Python engine keeps"
     if has_state:
         return "the run goes on from a state of the Python engine"
-    because: str = engine().why_not(scenario)
+    because: str = engine().why_not(scenario) or (engine().why_not(wanted.turn.scenario) if wanted.turn else "")
     return because
 
 
 def run_here(
-    scenario: Scenario, wanted: Wanted = NOTHING_MORE, state: RunState | None = None, *, asked: str = ""
+    scenario: Scenario,
+    wanted: Wanted = NOTHING_MORE,
+    state: RunState | None = None,
+    *,
+    asked: str = "",
+    in_python: Engine = run_in_process,
 ) -> tuple[Outcome, DoneBy]:
     """Do a run in this process, by the dense engine where it can.
+
+    `in_python` does it where the dense engine cannot.
 
     Raises:
         CommandError: as in `planned_by`.
@@ -83,4 +90,4 @@ def run_here(
             if asked == DENSE:
                 raise CommandError(f"--engine dense cannot do this run: {error}") from None
             by = DoneBy(PYTHON, str(error))
-    return run_in_process(scenario, wanted, state), by
+    return in_python(scenario, wanted, state), by

@@ -1,18 +1,34 @@
 """What every engine of runs in one process takes and gives."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from deltaswarm_orchestrator.base.exits import Reporter
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.randomness import Randomness
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.plugin_errors import PluginError
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.run.state import RunState
+
+
+class Turn(NamedTuple):
+    """Where a run from the beginning turns into a branch of it."""
+
+    step: int
+    """The step at whose end the operator decides what leaves the base in `at_step`."""
+    at_step: int
+    """The first step in which the world can differ."""
+    scenario: Scenario
+    """What holds at the operator from the turn on."""
+    console: tuple[Sequence[Any], int] | None
+    """The script from then on, and how many of the next orders of a rule are not sent; None: all stays."""
+    randomness: Randomness | None = None
+    """By which all draw from `at_step` on; None: as before."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +46,8 @@ class Wanted:
     """Gets the error of each plug-in that fails."""
     listens: bool = False
     """Whether there is a console though nobody is at it, so that a branch can have an operator."""
+    turn: Turn | None = None
+    """For an engine that cannot go on from a state."""
 
 
 NOTHING_MORE = Wanted()

@@ -16,13 +16,12 @@ from typing import NamedTuple
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_operator.core.console import Console
-from deltaswarm_operator.core.reconfigure import reconfigure
 from deltaswarm_operator.core.script import Scripted as Scripted  # for those that make a branch's script
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Wanted
-from deltaswarm_orchestrator.run.operating import Operating, briefing_of
+from deltaswarm_orchestrator.run.operating import Operating
 from deltaswarm_orchestrator.run.state import Cores, RunState
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
@@ -33,7 +32,6 @@ from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugin_errors import PluginError, blamed
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_world.core.turns import AWAITED, OFF
 from deltaswarm_world.core.world import WorldCore
 
 STATUS_EVERY_STEPS = 500
@@ -135,15 +133,11 @@ class InProcess:
         Agents, world and air keep theirs; `restart` gives the agents the new ones. The console is one that has listened
         from the beginning. See `reconfigure`.
         """
-        self.scenario = self.world.scenario = scenario
-        self.world.turns.mode = AWAITED if scenario.has_commander else OFF
+        self.scenario = scenario
+        self.world.go_on_with(scenario)
         self.operator.go_on_with(scenario.operator)
-        if self.console is None:
-            return
-        reconfigure(self.console, briefing_of(scenario), commands, rule_drops)
-        for number in [scripted.number for scripted in commands if scripted.is_dropped and scripted.number is not None]:
-            self.console.command_log.withdraw(number)
-            self.world.turns.withdraw(number)
+        if self._operating is not None:
+            self._operating.go_on_with(self.world.turns, scenario, commands, rule_drops)
 
     def restart(self, step: int, seed: int | None = None) -> None:
         """Before a step, start all agents of the run anew, by the present scenario, with bodies as they are.

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.reconfigure import reconfigure
+from deltaswarm_operator.core.script import Scripted
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.results.outcome import READ, SHOWN, Outcome
 from deltaswarm_scenario.operator_settings import Briefing
@@ -13,6 +15,7 @@ from deltaswarm_wire.commands import Turn, forms_of
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.plugins import find_controller
+from deltaswarm_world.core.turns import Turns
 
 
 def briefing_of(scenario: Scenario) -> Briefing:
@@ -62,6 +65,13 @@ class Operating:
             self._log.write(self.console)
         self.console.actions.clear()
         return turn
+
+    def go_on_with(self, turns: Turns, scenario: Scenario, commands: Sequence[Scripted], rule_drops: int = 0) -> None:
+        """Between two steps, go on by other settings and another script; take dropped commands back."""
+        reconfigure(self.console, briefing_of(scenario), commands, rule_drops)
+        for number in [scripted.number for scripted in commands if scripted.is_dropped and scripted.number is not None]:
+            self.console.command_log.withdraw(number)
+            turns.withdraw(number)
 
     def finish(self, outcome: Outcome) -> None:
         """Complete the tables, and the operator's part of an outcome."""

@@ -5,7 +5,7 @@ import random
 
 import numpy as np
 
-from deltaswarm_branches.randomness import Randomness, replicate_seed
+from deltaswarm_orchestrator.run.randomness import Randomness, replicate_seed
 
 STATE = {"air": np.random.default_rng(3), "agents": [random.Random(4), random.Random(4)], "count": 7}
 

@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from hypothesis import strategies as st
 from numba import njit
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_dense import engine
+from deltaswarm_dense import engine, layout
 from deltaswarm_dense.arithmetic import distance_m
 from deltaswarm_dense.coverage import _flat, not_covered, rule
 from deltaswarm_dense.engine import run_dense
 from deltaswarm_dense.measures import sum_as_numpy
+from deltaswarm_dense.membership import table_of
 from deltaswarm_dense.setting_up import Room
 from deltaswarm_orchestrator.results.run_tables import read_rows
 from deltaswarm_orchestrator.results.summary import summarise
@@ -212,6 +214,12 @@ def test_frames_that_wait_for_long_are_kept_for_longer() -> None:
     assert differences(load_scenario("paper-25", sets)) == []
 
 
+def test_more_orders_than_a_frame_holds_leave_the_base_in_steps() -> None:
+    """Also when nobody gives one for long, and a block of steps would be long."""
+    order = '{at_s=10, name="set delta", arguments={delta=2}}'
+    assert differences(load_scenario("smoke", [f"command=[{', '.join([order] * 20)}]", "run.duration_s=100"])) == []
+
+
 def test_a_run_that_is_stopped_says_how_far_it_came() -> None:
     """After a block of steps, or before the first."""
     scenario = load_scenario("paper-25", ["run.duration_s=900", "record=off"])
@@ -281,6 +289,24 @@ def test_sums_are_numpy_s() -> None:
     values = np.random.default_rng(5).lognormal(size=1100)
     for count in (1, 2, 7, 8, 9, 15, 16, 100, 128, 129, 137, 256, 300, 1000, 1100):
         assert total(values[:count]) == values[:count].sum()
+
+
+def test_a_table_has_at_most_as_many_rows_as_a_frame() -> None:
+    """Children first, then what is below them: of 2 children and 400 agents the last 52 are left out."""
+    branches, below = np.zeros(2, layout.BRANCH), np.zeros((1, 2, 200, layout.ROW_FIELDS), np.int64)
+    branches["child"], branches["rows"] = (1, 2), 200
+    below[0, :, :, layout.AGENT_ID] = np.arange(3, 403).reshape(2, 200)
+    agent = SimpleNamespace(id=0, children=2, path_length=1, path=[0])
+    trees = SimpleNamespace(
+        marks=np.zeros(403, np.int64),
+        stamp=np.zeros(1, np.int64),
+        children=np.array([[0, 1]]),
+        branches=branches.view(np.recarray)[np.newaxis],
+        branch_tables=below,
+    )
+    table = np.zeros((500, layout.ROW_FIELDS), np.int64)
+    assert table_of.py_func(agent, trees, table) == 350
+    assert table[:351, layout.AGENT_ID].tolist() == [*range(1, 351), 0]
 
 
 @given(*[st.floats(-1e6, 1e6)] * 4)

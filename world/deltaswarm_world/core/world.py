@@ -136,6 +136,11 @@ class WorldCore:
         self._sleep.start(agent, step)
         self.intake.expect_new_process(agent)
 
+    def go_on_with(self, scenario: Scenario) -> None:
+        """Between two steps, go on by a scenario that only differs at the operator."""
+        self.scenario = scenario
+        self.turns.mode = AWAITED if scenario.has_commander else OFF
+
     def redraw(self, seed: int) -> None:
         """Redraw with another seed what happens after the last closed step and is not drawn yet.
 

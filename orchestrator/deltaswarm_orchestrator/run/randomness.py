@@ -1,4 +1,4 @@
-"""Reseed all random generators of a saved run, before every step.
+"""Reseed all random generators of a run, before every step.
 
 In a replicate each generator is seeded before each step, from the replicate's seed, the generator's place in the state,
 and the step. So two runs from one state draw alike in a step, whatever they drew in the steps before: what a radio
@@ -39,7 +39,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class Randomness:
-    """The generators in a state of a run, drawing from another seed."""
+    """The generators in the state of a run, drawing from another seed."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -52,15 +52,24 @@ class Randomness:
         self.generators = list(pickler.found.values())
         return _Unpickler(io.BytesIO(stream.getvalue()), self.generators).load()
 
-    def begin_step(self, step: int) -> None:
-        """Seed all generators for a step."""
-        for place, found in enumerate(self.generators):
-            key = (self.seed, place, step)
+    def find(self, state: Any) -> None:
+        """Find the generators of a state that is under way."""
+        pickler = _Pickler(io.BytesIO())
+        pickler.dump(state)
+        self.generators = list(pickler.found.values())
+
+    def text(self, place: int, step: int) -> str:
+        """Return what seeds Python's own generator in a place, for a step."""
+        return f"deltaswarm/{(self.seed, place, step)}"
+
+    def begin_step(self, step: int, places: slice = slice(None)) -> None:
+        """Seed the generators in some places for a step."""
+        for place, found in list(enumerate(self.generators))[places]:
             if isinstance(found, np.random.Generator):
                 kind: Any = type(found.bit_generator)
-                found.bit_generator.state = kind(np.random.SeedSequence(key)).state
+                found.bit_generator.state = kind(np.random.SeedSequence((self.seed, place, step))).state
             else:
-                found.seed(f"deltaswarm/{key}")
+                found.seed(self.text(place, step))
 
 
 def replicate_seed(seed: int, step: int, number: int) -> int:
