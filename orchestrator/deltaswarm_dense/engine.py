@@ -18,7 +18,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.engine import NOTHING_MORE, UncoveredError, Wanted
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.digest import SIZE_BYTES, next_link
-from deltaswarm_wire.operator_messages import Workload, decode_report
+from deltaswarm_wire.operator_messages import Workload, read_own_report
 from deltaswarm_world.core.air.channel.loss import Loss
 from deltaswarm_world.core.arrays import Floats, generator
 from deltaswarm_world.core.world import WorldCore
@@ -77,6 +77,8 @@ class DenseRun:
         self._lossy = generator(scenario.seed, Loss.stream)
         self._stopped = wanted.stopped
         self._workloads: list[Workload] = []
+        self._above = 0
+        """Steps with a message rate above the threshold, of those that the operator has taken in."""
         has_operator = scenario.has_console or wanted.turn is not None
         self._operator = Operator(scenario, self._world, wanted.folder) if has_operator else None
         self._redrawn: Redrawn | None = None
@@ -155,8 +157,9 @@ class DenseRun:
         self._hash(WORLD, zip(said, strict=True))
         self._hash(OPERATOR, zip(reported, strict=True))
         if self._operator is not None:
-            rows = workloads(self._scenario, self._counts["reports"][: self._done], first)
-            self._operator.end(rows, ([decode_report(data) for *_, data in messages_of(part)] for part in reported))
+            rows = workloads(self._scenario, self._counts["reports"][: self._done], first, self._above)
+            self._operator.end(rows, ([read_own_report(data) for *_, data in messages_of(part)] for part in reported))
+            self._above = round(rows[-1].time_above_s / self._scenario.run.step_s)
             self._workloads += rows
 
     def _hash(self, which: int, steps: Iterable[Sequence[memoryview]]) -> None:

@@ -17,7 +17,7 @@ from deltaswarm_dense.states import ROOT_ROLE
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import UPLINK_REASONS
-from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
+from deltaswarm_wire.operator_messages import Clock, Workload, read_own_report
 from deltaswarm_wire.orders import KILL, START
 from deltaswarm_world.core.air.reception import Reception
 from deltaswarm_world.core.arrays import Floats
@@ -172,7 +172,7 @@ class Uplinked:
         sent = {agent: data for agent, _, data in messages_of(reported)}
         arrived = uplink.carry(step, time_s, positions_m, there, self._roots(swarm), sent)
         for data in arrived:
-            self.meter.count(decode_report(data), data)
+            self.meter.count(read_own_report(data), data)
         workload = self.meter.close_step(Clock(step, time_s, step == self._scenario.run.steps - 1), 0)
         self.workloads.append(workload)
         self.records.append(

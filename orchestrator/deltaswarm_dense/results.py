@@ -57,23 +57,27 @@ def step_records(
     return records
 
 
-def workloads(scenario: Scenario, reports: np.ndarray, first: int = 0) -> list[Workload]:
-    """Return the operator's record of each step from the first on (`WorkloadMeter.close_step`)."""
-    step_s, steps = scenario.run.step_s, np.arange(len(reports))
-    short_hz, long_hz = (_rate_hz(reports, window_s, step_s) for window_s in (SHORT_WINDOW_S, LONG_WINDOW_S))
-    above_s = np.cumsum(long_hz > scenario.operator.threshold_hz) * step_s
-    columns = (steps, steps * step_s, reports, reports, short_hz, long_hz, above_s)
-    rows = zip(*(column[first:].tolist() for column in columns), strict=True)
+def workloads(scenario: Scenario, reports: np.ndarray, first: int = 0, above: int = 0) -> list[Workload]:
+    """Return the operator's record of each step from the first on (`WorkloadMeter.close_step`).
+
+    In `above` steps before it the rate was above the threshold.
+    """
+    step_s, steps = scenario.run.step_s, np.arange(first, len(reports))
+    short_hz, long_hz = (_rate_hz(reports, window_s, step_s, first) for window_s in (SHORT_WINDOW_S, LONG_WINDOW_S))
+    above_s = (above + np.cumsum(long_hz > scenario.operator.threshold_hz)) * step_s
+    columns = (steps, steps * step_s, reports[first:], reports[first:], short_hz, long_hz, above_s)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
     return [Workload._make((*row, 0, 0, 0)) for row in rows]
 
 
-def _rate_hz(reports: np.ndarray, window_s: float, step_s: float) -> np.ndarray:
-    """Return the rate over the last steps (`SlidingRate`)."""
+def _rate_hz(reports: np.ndarray, window_s: float, step_s: float, first: int = 0) -> np.ndarray:
+    """Return the rate over the last steps at each step from the first on (`SlidingRate`)."""
     window = max(1, round(window_s / step_s))
-    so_far = np.cumsum(reports)
-    before = np.concatenate([np.zeros(min(window, len(reports)), np.int64), so_far[:-window]])
-    lengths = np.minimum(np.arange(1, len(reports) + 1), window)
-    return (so_far - before) / (lengths * step_s)
+    begin = max(0, first - window)
+    so_far = np.concatenate([[0], np.cumsum(reports[begin:])])
+    ends = np.arange(first + 1, len(reports) + 1)
+    lengths = np.minimum(ends, window)
+    return (so_far[ends - begin] - so_far[ends - lengths - begin]) / (lengths * step_s)
 
 
 def totals_of_operator(scenario: Scenario, counts: np.ndarray, by_agent: np.ndarray) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from deltaswarm_wire.commands import (
     encode_command,
     named,
 )
-from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, SUPERSEDED, Report
+from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, SUPERSEDED, Answer, Report
 
 SENT, KNOWN, CARRIED_OUT, EXPIRED = "sent", "heard", "done", "expired"
 LIFE_S = 120.0
@@ -82,6 +82,8 @@ class CommandLog:
         self._sign = sign
         self._first = first
         self._queue: list[Command] = []
+        self._heard: dict[int, tuple[Answer, ...]] = {}
+        """What each agent answered last; most reports say the same as the one before."""
         self._under_way = 0
         """Number of commands that may still wait in the world, where at most `MAX_IN_TURN` leave per step."""
 
@@ -130,6 +132,7 @@ class CommandLog:
         """Take a command back that has not left yet, as if it had never been given."""
         self.sent = [sent for sent in self.sent if sent.command.number != number]
         self._queue = [command for command in self._queue if command.number != number]
+        self._heard.clear()
 
     def take_unsent(self) -> tuple[Signed, ...]:
         """Take the commands of the next turn, encoded and signed."""
@@ -142,6 +145,9 @@ class CommandLog:
         self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:
+        if self._heard.get(report.agent) == report.answers:
+            return
+        self._heard[report.agent] = report.answers
         for number, state in report.answers:
             index = bisect_left(self.sent, number, key=_number)
             if index < len(self.sent) and _number(self.sent[index]) == number:

@@ -20,6 +20,7 @@ from deltaswarm_wire.operator_messages import (
     decode_report,
     encode_health,
     encode_report,
+    read_own_report,
 )
 from deltaswarm_world.core.world import HEARD_BYTES
 from tests.support.strategies import (
@@ -35,6 +36,7 @@ from tests.support.strategies import (
     assert_field_is_named,
     events,
     nested,
+    reports,
     strange,
 )
 from tests.support.tiers import in_one_test
@@ -137,6 +139,13 @@ def test_the_longest_report_is_far_below_the_limit() -> None:
     more = full._replace(events=(event,) * (MAX_REPORTED + 1))
     with pytest.raises(WireError, match=r"^report\.events must .*64.*got 65"):
         decode_report(encode_report(more))
+
+
+@given(reports)
+def test_a_report_of_ones_own_is_read_as_anothers(report: Report) -> None:
+    """To the types: the console must not see which engine made it."""
+    data = encode_report(report)
+    assert [*map(repr, read_own_report(data))] == [*map(repr, decode_report(data))]
 
 
 @given(st.text())
