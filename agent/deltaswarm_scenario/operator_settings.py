@@ -196,6 +196,9 @@ SET_DELTA, DELTA = "set delta", "delta"
 SET_STRUCTURE = "set structure"
 """The command that changes delta in small steps, and the share of agents that work outside trees."""
 
+SET_PRICE, DELTA_RULE, LEARNED = "set price", "delta_rule", "learned"
+"""The command that changes what a message is worth to agents with a learned rule, and the option that says so."""
+
 
 @dataclass(frozen=True)
 class PersonSettings:
@@ -324,15 +327,22 @@ class Briefing:
         """The orders that the person at the station may give."""
         operator = self.operator
         names = operator.page.orders or [form.name for form in self.forms]
-        withheld = (SET_DELTA, SET_STRUCTURE) if operator.autonomy.sets_delta != OPERATOR else ()
+        withheld = [SET_DELTA, SET_STRUCTURE] if operator.autonomy.sets_delta != OPERATOR else []
+        withheld += [SET_PRICE] if operator.autonomy.commands else []
         return tuple(form for form in self.forms if form.name in names and form.name not in withheld)
 
 
 def begun_with(forms: tuple[CommandForm, ...], options: Mapping[str, Any]) -> tuple[CommandForm, ...]:
-    """Forms whose arguments begin with the controller's own options, where they have the same name."""
+    """Forms whose arguments begin with the controller's own options, where they have the same name.
+
+    Without those that the options rule out.
+    """
+    ruled_out = () if options.get(DELTA_RULE) == LEARNED else (SET_PRICE,)
     numbers = {name: float(value) for name, value in options.items() if type(value) in (int, float)}
 
     def begun(argument: ArgumentForm) -> ArgumentForm:
         return replace(argument, default=numbers.get(argument.name, argument.default))
 
-    return tuple(replace(form, arguments=tuple(map(begun, form.arguments))) for form in forms)
+    return tuple(
+        replace(form, arguments=tuple(map(begun, form.arguments))) for form in forms if form.name not in ruled_out
+    )

@@ -43,5 +43,10 @@ def next_link(state: bytes, parts: Iterable[bytes | memoryview]) -> bytes:
     return hashlib.blake2b(b"".join((state, *parts)), digest_size=SIZE_BYTES).digest()
 
 
+def of_numbers(numbers: Iterable[float]) -> str:
+    """Return the digest of a policy's numbers."""
+    return hashlib.blake2b(repr([float(number) for number in numbers]).encode(), digest_size=8).hexdigest()
+
+
 def combine(world: str, operator: str) -> str:
     return hashlib.blake2b(f"{world}:{operator}".encode(), digest_size=SIZE_BYTES).hexdigest()

@@ -33,8 +33,13 @@ def nearest_sensed(settings, agent, events, sensed):
 
 @compiled
 def seek_event(swarm, agent, now, sensed, heard):
-    """Go to an event, and observe it until it is complete."""
+    """Go to an event, and observe it until it is complete; one that is not to work only ends what it has begun."""
     settings, events = swarm.settings[0], swarm.world.events
+    if not agent.attends:
+        at = 0
+        while at < sensed.size and sensed[at] != agent.target:
+            at += 1
+        sensed, heard = sensed[at : at + 1], heard[:0]
     had_target = agent.target != NONE
     target_x_m, target_y_m = agent.target_x_m, agent.target_y_m
     if agent.state == ATTENDING and had_target:

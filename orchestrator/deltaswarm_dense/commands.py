@@ -1,9 +1,10 @@
 """The operator's orders: relayed (`core/commands.py` of the agent) and obeyed (`controllers/paper/commands.py`).
 
-Covered are orders to all agents that set delta or the structure.
+Covered are orders to all agents that set delta, the structure or the price.
 """
 
 from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_dense.delta import FIXED, LEARNED
 from deltaswarm_dense.hearing import SENDER, SLOT
 from deltaswarm_dense.layout import FORGOTTEN, KNOWN_COMMAND, NONE, UNKNOWN
 from deltaswarm_dense.packing import put_array, put_bytes, put_unsigned, size_of_bytes, size_of_unsigned
@@ -53,13 +54,16 @@ def obey(swarm, agent, now):
     for k in range(commands.new[commands.new.size - 1]):
         number = commands.new[k]
         command, relay = commands.given[number], commands.relays[agent.id, number]
-        if not swarm.settings[0].has_delta:
+        if not swarm.settings[0].has_delta or (command.sets_price and not swarm.settings[0].learns):
             relay.state = REFUSED
         elif number < agent.strategy_command:
             relay.state = SUPERSEDED
         else:
-            agent.strategy_command, agent.adapts = number, False
-            agent.founds_at = command.delta + (agent.rank < command.fraction)
+            agent.strategy_command, agent.attends = number, agent.attends or agent.rule == LEARNED
+            if command.sets_price:
+                agent.price_s, agent.rule, agent.attends = command.price_s, LEARNED, True
+            else:
+                agent.rule, agent.founds_at = FIXED, command.delta + (agent.rank < command.fraction)
             if command.sets_share:
                 agent.attends = agent.rank < command.share
             if not agent.attends and agent.target != NONE:

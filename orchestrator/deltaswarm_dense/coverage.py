@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any
 
-from deltaswarm_agent.controllers.paper.commands import SET_DELTA, SET_STRUCTURE
+from deltaswarm_agent.controllers.paper.commands import SET_DELTA, SET_PRICE, SET_STRUCTURE
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_dense.layout import MAX_ORDERS
 from deltaswarm_scenario.operator_links import CommandSettings
@@ -66,6 +66,8 @@ ANY = frozenset(
         "control.return_to_finds",
         "control.find_memory_s",
         "control.delta_rule",
+        "control.policy",
+        "control.message_price",
         "control.report_finds",
         "control.member_observes",
         "control.report_every_s",
@@ -121,7 +123,7 @@ def _defaults() -> dict[str, Any]:
 
 
 def _is_covered(command: CommandSettings) -> bool:
-    return command.name in (SET_DELTA, SET_STRUCTURE) and command.target == ALL
+    return command.name in (SET_DELTA, SET_PRICE, SET_STRUCTURE) and command.target == ALL
 
 
 def rule(key: str) -> frozenset[str]:

@@ -11,6 +11,7 @@ from deltaswarm_dense.beliefs import active, departures, sightings, to_cm
 from deltaswarm_dense.commands import write_answers
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.delta import delta_of
+from deltaswarm_dense.experience import note_report
 from deltaswarm_dense.finds import tell_averages
 from deltaswarm_dense.hearing import slot_of
 from deltaswarm_dense.layout import NONE, ORDER_FIELDS
@@ -191,6 +192,8 @@ def report(swarm, agent, now, time_s):
     swarm.output.ends[1] = at
     put_head(out, begins, now, agent.id, REPORT, at - begins - HEAD_BYTES)
     agent.sequence += 1
+    if settings.learns:
+        note_report(settings, agent, now)
     return True, is_news
 
 

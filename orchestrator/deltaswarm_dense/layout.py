@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH, Averages
+from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS
 from deltaswarm_agent.controllers.paper.returning import MAX_PLACES
 from deltaswarm_wire.envelope import MAX_COMMANDS
 
@@ -56,7 +57,7 @@ SETTINGS = record(
     """,
     flags="""
     recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
-    report_finds ask_every_step has_finds returns has_delta is_modelled
+    report_finds ask_every_step has_finds returns has_delta learns is_modelled
     """,
 )
 """The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
@@ -64,23 +65,29 @@ SETTINGS = record(
 `two` and `half` are exponents: a power with a constant exponent would be compiled as a product or a root, which
 Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is that of an agent's own averages beside those of
 one that it hears (`Finds._kept`); `has_finds` says whether a rule needs averages, `returns` whether places of finds,
-`is_modelled` whether Python moves bodies and carries frames (`modelled.py`).
+`learns` whether agents have a policy, `is_modelled` whether Python moves bodies and carries frames (`modelled.py`).
 """
 
 AGENT = record(
     floats="""
     x_m y_m vx_mps vy_mps target_x_m target_y_m leg_vx_mps leg_vy_mps gamma idle_s goal_x_m goal_y_m report_due_s
-    busy back_x_m back_y_m rank
+    busy back_x_m back_y_m rank price_s events_s sensing_s attending_heard members_heard reports_hz in_trees
     """,
     whole="""
     id role state target leg_ends until counter sequence used path_length pulse pulse_step parent_heard parents_rows
     heirs children contested_steps followed_order since leave_frames_left previous_root previous_pulse
     previous_pulse_step freed updates places delta noted noted_step leg averaged_step averaged_leg back_step found
-    founds_at strategy_command knows began
+    founds_at strategy_command knows began rule noted_until entered last_found changed
     """,
-    flags="in_tree sensed_before has_order has_carried works attends adapts takes_part sees has_status",
+    flags="in_tree sensed_before has_order has_carried works attends was_in_tree takes_part sees has_status",
     words=WORDS,
-    float_arrays={"finds": 2, "walked_s": 2, "found_x_m": MAX_PLACES, "found_y_m": MAX_PLACES},
+    float_arrays={
+        "finds": 2,
+        "walked_s": 2,
+        "found_x_m": MAX_PLACES,
+        "found_y_m": MAX_PLACES,
+        "units": len(INPUTS) + HIDDEN,
+    },
     found_step=MAX_PLACES,
     path=MAX_PATH + 1,
     order=ORDER_FIELDS,
@@ -91,7 +98,9 @@ of which some are `used`. `target` is an event's number, or NONE. Of `Finds` it 
 `busy`, up to `averaged_step`, since which it `works` and is on the kind of leg `averaged_leg` (NONE: it does not walk);
 of `FoundPlaces` the `found` first of its places, and the one to which its leg leads back (`back_step` NONE: to none).
 `noted` events were sensed in `noted_step`; these are in `News.noted`. `founds_at` (NONE: it never
-founds a tree), `attends` and `adapts` follow the newest order, `strategy_command`; it `knows` so many. Its process
+founds a tree), `attends`, `rule` and `price_s` follow the newest order, `strategy_command`; it `knows` so many. Of
+`Experience` it has the averages, up to `noted_until` and `entered`, and the steps `last_found` and `changed`; `units`
+are its policy's inputs and hidden units. Its process
 `began` before that step, and `takes_part` unless it is dead or frozen; `has_status` if it has acted since."""
 
 EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
@@ -120,9 +129,10 @@ FRAME = record(
 """A radio frame as its receivers decode it, and where in `Output.world` it `begins`; `kind` is NONE if it has no
 payload. Its table is in `Air.tables`. An item is a command that it relays, with the remaining steps of its life."""
 
-COMMAND = record("fraction share", "delta life body_bytes", "sets_share")
+COMMAND = record("fraction share price_s", "delta life body_bytes", "sets_share sets_price")
 """An order to all agents: the delta of agents whose rank is not below `fraction` (of the others one more), and the
-share of agents that work outside trees, if it `sets_share`. Its life is in steps."""
+share of agents that work outside trees, if it `sets_share`; or the price of a message, if it `sets_price`. Its life is
+in steps."""
 
 RELAY = record(whole="standing ends latest_end send_at interval state")
 """A command that an agent knows (`core.commands._Known`)."""
@@ -312,6 +322,8 @@ class Swarm(NamedTuple):
     recruits: Recruits
     measures: Measures
     commands: Commands
+    policy: np.ndarray
+    """(w,) the numbers of the agents' policy; none without one."""
     output: Output
     trouble: np.ndarray
     """(1,) why the run cannot go on here; see `TROUBLE`."""

@@ -3,6 +3,7 @@
 from deltaswarm_agent.controllers.paper.frames import ATTENDING
 from deltaswarm_dense.arithmetic import squared_m2
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.experience import begin_place, note_heard
 from deltaswarm_dense.finds import begin_activity, hear_averages, tells_averages, update_averages
 from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
@@ -42,6 +43,9 @@ def learn(swarm, agent, now, heard):
         if agent.averaged_leg != NONE:
             agent.finds[agent.averaged_leg] += count
     hear_averages(settings, agent, air, now, heard)
+    if settings.learns:
+        note_heard(settings, agent, air, agent.noted, heard, now)
+        agent.last_found = now if new.size else agent.last_found
     if not settings.returns:
         return
     for k in range(new.size):
@@ -88,3 +92,4 @@ def _note_met(settings, agent, air, trail_m, now, heard, met_cm):
 def begin(settings, agent, works, now):
     """Say what the agent does from this step on: whether it walks, and whether it works."""
     begin_activity(settings, agent, agent.leg if agent.state == WALKING else NONE, works, now)
+    begin_place(settings, agent, now)

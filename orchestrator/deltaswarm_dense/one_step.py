@@ -5,13 +5,15 @@ from deltaswarm_dense.baseline import seek_event
 from deltaswarm_dense.beliefs import forget, hear_tree, is_full, sense
 from deltaswarm_dense.commands import obey
 from deltaswarm_dense.compiled import compiled, inlined
+from deltaswarm_dense.delta import LEARNED
 from deltaswarm_dense.dissolution import dissolve
 from deltaswarm_dense.growth import joins
 from deltaswarm_dense.hearing import heard_of
-from deltaswarm_dense.layout import KNOWN, ORDER_FIELDS
+from deltaswarm_dense.layout import KNOWN, NONE, ORDER_FIELDS
 from deltaswarm_dense.learning import learn, note
 from deltaswarm_dense.membership import beat, hear_children, parent_of, stay
 from deltaswarm_dense.orphans import find_parent, hear_parent, misses_parent
+from deltaswarm_dense.policy import choose_structure
 from deltaswarm_dense.recruitment import has_arrived, hear_order, recruit
 from deltaswarm_dense.root_contest import yields
 from deltaswarm_dense.root_formation import founds
@@ -21,19 +23,23 @@ from deltaswarm_dense.states import MEMBER, ORPHAN, ROOT
 @inlined
 def decide(swarm, agent, now, sensed, heard):
     """Apply the rules to what an agent senses and hears."""
-    if swarm.settings[0].has_finds or swarm.settings[0].report_finds:
+    settings = swarm.settings[0]
+    if settings.has_finds or settings.report_finds:
         note(agent, swarm.news, now, sensed)
-    if swarm.settings[0].has_finds:
+    if settings.has_finds:
         learn(swarm, agent, now, heard)
-    if swarm.commands.new[swarm.commands.new.size - 1]:
+    orders = swarm.commands.new[swarm.commands.new.size - 1]
+    if orders:
         obey(swarm, agent, now)
+    if agent.rule == LEARNED and (sensed.size or heard.size or orders):
+        choose_structure(settings, swarm.policy, agent, now)
     if not agent.in_tree:
         hears_members = False
         for k in range(heard.size):
             hears_members = hears_members or heard_of(swarm.air, heard[k]).kind == MEMBER_FRAME
         if not founds(swarm, agent, now, sensed, hears_members):
             if not (hears_members and joins(swarm, agent, now, heard)):
-                if agent.attends:
+                if agent.attends or agent.target != NONE:
                     seek_event(swarm, agent, now, sensed, heard)
                 return
     _step_in_tree(swarm, agent, now, sensed, heard)

@@ -105,11 +105,12 @@ class Operator:
         if command.number >= MAX_ORDERS:
             raise UncoveredError(f"more than {MAX_ORDERS} orders")
         number = self._numbers[body] = command.number
-        least, fraction = divmod(float(command.arguments["delta"]), 1)
-        share = command.arguments.get("working")
+        least, fraction = divmod(float(command.arguments.get("delta", 0)), 1)
+        share, price_s = command.arguments.get("working"), command.arguments.get("message_price")
         row = swarm.commands.given[number]
         row["delta"], row["fraction"], row["sets_share"] = least, fraction, share is not None
         row["share"] = 1.0 if share is None else share
+        row["sets_price"], row["price_s"] = price_s is not None, price_s or 0.0
         row["life"] = max(1, round(command.life_s / self._scenario.run.step_s))
         row["body_bytes"] = len(body)
         swarm.commands.bodies[number, : len(body)] = np.frombuffer(body, np.uint8)

@@ -1,14 +1,16 @@
 """Make the arrays of a run: bodies, arrivals, generators and settings are those that the Python engine makes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from deltaswarm_agent.controller import make_controller
+from deltaswarm_agent.controller import ControllerContext, agent_rng
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.beliefs import GONE_MARGIN_M
+from deltaswarm_agent.controllers.paper.experience import FIRST_S as FIRST_SENSING_S
 from deltaswarm_agent.controllers.paper.finds import FIRST_FINDS, FIRST_S, WEIGHT_PER_S
 from deltaswarm_agent.controllers.paper.frames import MAX_TABLE
 from deltaswarm_agent.controllers.paper.recruitment import _cells_within
@@ -18,6 +20,7 @@ from deltaswarm_agent.controllers.paper.whereabouts import AT_EVENT_RADII, AT_PL
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S
 from deltaswarm_agent.core.commands import ANSWERED_S, FIRST_INTERVAL_S, LONGEST_INTERVAL_S
 from deltaswarm_dense import layout
+from deltaswarm_dense.delta import RULES
 from deltaswarm_dense.layout import NONE, Air, Beliefs, Commands, Measures, News, Output, Recruits, Swarm, Trees, World
 from deltaswarm_dense.step import BYTES_PER_AGENT
 from deltaswarm_scenario.scenario import Scenario
@@ -25,6 +28,8 @@ from deltaswarm_wire.codec import MAX_RADIO_BYTES
 from deltaswarm_wire.commands import MAX_COMMAND_BYTES
 from deltaswarm_wire.envelope import MAX_COMMANDS
 from deltaswarm_wire.messages import MAX_SENSED
+from deltaswarm_wire.plugins import controller_settings
+from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_world.core.environment import COVERAGE_EVERY_S, Environment
 
 DRAWS = 100_000
@@ -58,7 +63,7 @@ def set_up(
     `environment` is that of a world in which nothing has happened; its arrivals are used up.
     """
     n = scenario.agents.count
-    made = [_made(scenario, i) for i in range(n)]
+    made = _made(scenario, range(n))
     settings, events = _settings(scenario, made[0]), events_in_order(scenario, environment, redraw)
     loss = 0.0 if is_modelled else scenario.radio.loss
     settings["is_modelled"], settings["loss"] = is_modelled, loss
@@ -137,6 +142,7 @@ def set_up(
             reached=np.zeros(n, np.bool_),
             new=numbers(MAX_COMMANDS * (n + 1) + 1),
         ),
+        policy=np.array(made[0].settings.policy, np.float64),
         output=Output(
             world=np.zeros(room, np.uint8),
             operator=np.zeros(room, np.uint8),
@@ -168,9 +174,14 @@ def draw_losses(air: Any, rng: np.random.Generator) -> None:
         air.drawn[0] = 0
 
 
-def _made(scenario: Scenario, agent: int, restart: int = 0) -> Agent:
-    controller: Any = make_controller(agent, scenario.for_agent(agent), restart)
-    made: Agent = controller.agent
+def _made(scenario: Scenario, agents: Iterable[int], restart: int = 0) -> list[Agent]:
+    """Make agents as `make_controller` does; their settings, of which only the seeds differ, are checked once."""
+    control, first = scenario.control, scenario.for_agent(0)
+    own, made = controller_settings(control.mode, control.options, first), []
+    for agent in agents:
+        shared = replace(first, seed=agent_seed(scenario.seed, agent))
+        rng = agent_rng(shared.seed, agent, restart)
+        made.append(Agent(ControllerContext(agent, control.mode, own, shared, rng)))
     return made
 
 
@@ -180,11 +191,12 @@ def _rows(made: Sequence[Agent]) -> np.ndarray:
     for name in ("target", "followed_order", "previous_root", "leg_ends", "noted_step", "averaged_leg", "back_step"):
         rows[name] = NONE
     rows["finds"], rows["walked_s"] = FIRST_FINDS, FIRST_S
+    rows["events_s"] = rows["sensing_s"] = FIRST_SENSING_S
     rows["takes_part"] = rows["sees"] = True
     for row, agent in zip(rows, made, strict=True):
         *row["words"], row["used"] = agent.rng.getstate()[1]
         row["rank"], row["attends"] = agent.rank, agent.strategy.attends
-        row["adapts"] = agent.finds is not None and agent.strategy.adapts
+        row["rule"], row["price_s"] = RULES.index(agent.strategy.rule), agent.price_s
         row["founds_at"] = NONE if agent.strategy.founds_at is None else agent.strategy.founds_at
     return rows
 
@@ -192,7 +204,7 @@ def _rows(made: Sequence[Agent]) -> np.ndarray:
 def begin_again(scenario: Scenario, swarm: Swarm, agent: int, restart: int, step: int) -> None:
     """Put a new process in an agent's body, which stands still; this is its n-th `restart`."""
     kept = {name: swarm.agents[agent][name] for name in ("id", "x_m", "y_m")}
-    swarm.agents[agent] = _rows([_made(scenario, agent, restart)])[0]
+    swarm.agents[agent] = _rows(_made(scenario, [agent], restart))[0]
     for name, value in kept.items():
         swarm.agents[agent][name] = value
     swarm.agents[agent]["began"] = step
@@ -251,6 +263,7 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "has_finds": agent.finds is not None,
         "returns": agent.found is not None,
         "has_delta": strategy.has_delta,
+        "learns": agent.experience is not None,
         "ask_every_step": scenario.run.ask_every_step,
         "forget_sender": round(FORGET_SENDER_S / shared.step_s),
         "is_modelled": False,

@@ -50,6 +50,7 @@ FREE_ROLE, ATTENDING_ROLE, LEAVING_ROLE, ROOT_ROLE, MEMBER_ROLE, ORPHAN_ROLE, RE
 def change(settings, agent, now, cause):
     """Change the state along the table (`Agent.change`)."""
     agent.state = NEXT[agent.state, cause]
+    agent.changed = now
     if agent.state == WALKING:
         agent.target = agent.back_step = NONE
         turn(settings, agent, now)

@@ -34,11 +34,13 @@ def test_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> 
 
 EVENTFUL = ("events.rate_hz=0.3", "run.duration_s=300")
 """Trees form, and agents are sent about."""
+POLICY = [(-1) ** k * (k % 7) / 4 for k in range(80)]
 SAME = {
     "hierarchical": ("control.mode=hierarchical", "radio.loss=0.2", "run.duration_s=200"),
     "central": ("control.mode=central", "radio.range_m=150", *EVENTFUL),
     "collisions": ("world.dynamics=physics", "world.radius_m=0.5", "world.avoidance=none", "run.duration_s=60"),
     "decentralised": ("control.mode=decentralised", "radio.loss=0.2", "run.duration_s=200"),
+    "learned": ("control.mode=hybrid", "control.delta_rule=learned", f"control.policy={POLICY}", *EVENTFUL),
     "adaptive": ("control.mode=adaptive", *EVENTFUL),
 }
 

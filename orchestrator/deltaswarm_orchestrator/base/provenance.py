@@ -26,6 +26,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.commands import CommandForm, forms_of
 from deltaswarm_wire.controller_metrics import ControllerMetric, declared
+from deltaswarm_wire.digest import of_numbers
 from deltaswarm_wire.foreign import name_of
 from deltaswarm_wire.plugin_errors import PACKAGES, PluginError, defined_at
 from deltaswarm_wire.plugins import (
@@ -229,6 +230,8 @@ def controller_of(scenario: Scenario) -> dict[str, Any]:
     mode = scenario.control.mode
     own = next((source for source in sources(scenario) if source.what == CONTROLLERS.what), None)
     found: dict[str, Any] = {"mode": mode, "source": own and own.digest, "files": list(own.files) if own else []}
+    if policy := scenario.control.options.get("policy"):
+        found["policy"] = of_numbers(policy)
     if own:
         found["metrics"] = [asdict(metric) for metric in declared(mode)]
         found["commands"] = [checked.plain(form) for form in forms_of(find_controller(mode))]

@@ -13,7 +13,14 @@ import tomli_w
 
 from deltaswarm_orchestrator.scenarios import BUILT_IN, LANGUAGES
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
-from deltaswarm_scenario.operator_settings import NO_ORDERS, OPERATOR, SET_DELTA, SET_STRUCTURE, SWARM
+from deltaswarm_scenario.operator_settings import (
+    NO_ORDERS,
+    OPERATOR,
+    SET_DELTA,
+    SET_STRUCTURE,
+    SWARM,
+    begun_with,
+)
 from deltaswarm_scenario.page_language import LanguageSettings
 from deltaswarm_scenario.radio import RadioSettings
 from deltaswarm_scenario.scenario import Scenario, WorldSettings
@@ -100,7 +107,7 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     controller = find_controller(scenario.control.mode)
     if is_recorded(controller):
         return []
-    forms = forms_of(controller)
+    forms = begun_with(forms_of(controller), scenario.control.options)
     names = ", ".join(form.name for form in forms if scenario.control.mode not in form.refused_in) or "none"
     problems = []
     needed = SET_STRUCTURE if operator.autonomy.keeps_budget else SET_DELTA

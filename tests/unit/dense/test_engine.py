@@ -1,8 +1,10 @@
 """The dense engine has the Python engine's outcome: every digest, record, event and count."""
 
 import math
+import random
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
+from deltaswarm_agent.controllers.paper.policy import WEIGHTS
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_dense import engine, layout
 from deltaswarm_dense.arithmetic import distance_m
@@ -26,6 +29,7 @@ from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load, plain
 from tests.support.dense import differences, first_difference
@@ -54,6 +58,8 @@ UPLINKS: list[dict[str, Any]] = [
     {"base_m": (0.0, 0.0), "range_m": 20.0, "relay": True, "loss": 0.1, "bandwidth": {"sender_bytes_per_s": 90.0}},
 ]
 
+PRICES = ((300.0, 10.0), (900.0, 0.0))
+
 FAULTS: list[dict[str, Any]] = [
     {"kind": "kill", "at_s": 20.0, "fraction": 0.3},
     {"kind": "kill", "at_s": 30.0, "roots": True},
@@ -66,6 +72,23 @@ FAULTS: list[dict[str, Any]] = [
     {"kind": "radio-dead", "at_s": 15.0, "duration_s": 20.0, "fraction": 0.5},
     {"kind": "sensor-blind", "at_s": 15.0, "fraction": 0.3},
 ]
+
+ORDERS: st.SearchStrategy[dict[str, Any]] = st.one_of(
+    st.fixed_dictionaries({"delta": st.sampled_from([1, 2.5, 3.2]), "working": st.sampled_from([0.0, 0.4, 1.0])}).map(
+        lambda arguments: {"name": "set structure", "arguments": arguments}
+    ),
+    st.sampled_from(
+        [{"name": "set price", "arguments": {"message_price": price}} for price in (0, 0.5, 9.0)]
+        + [{"name": "set delta", "arguments": {"delta": 2}}]
+    ),
+)
+
+
+def a_policy(seed: int) -> list[float]:
+    """Draw a policy under which agents differ and change their minds."""
+    drawn = random.Random(seed)
+    return [drawn.gauss(0.0, 1.0) for _ in range(WEIGHTS)]
+
 
 scenarios = st.fixed_dictionaries(
     {
@@ -86,7 +109,9 @@ scenarios = st.fixed_dictionaries(
                 "patience_finds": st.sampled_from([0.0, 0.1, 0.5]),
                 "return_to_finds": st.booleans(),
                 "find_memory_s": st.sampled_from([20.0, 1500.0]),
-                "delta_rule": st.sampled_from(["fixed", "busy"]),
+                "delta_rule": st.sampled_from(["fixed", "busy", "learned", "learned"]),
+                "policy": st.integers(0, 2**32).map(a_policy),
+                "message_price": st.sampled_from([0.0, 0.3, 20.0]),
                 "report_finds": st.booleans(),
                 "leg_max_s": st.sampled_from([3.0, 100.0]),
                 "leg_exponent": st.sampled_from([0.0, 1.0, 1.7]),
@@ -134,13 +159,9 @@ scenarios = st.fixed_dictionaries(
             st.fixed_dictionaries(
                 {
                     "at_s": st.sampled_from([0.0, 10.0, 11.0, 30.0]),
-                    "name": st.just("set structure"),
-                    "arguments": st.fixed_dictionaries(
-                        {"delta": st.sampled_from([1, 2.5, 3.2]), "working": st.sampled_from([0.0, 0.4, 1.0])}
-                    ),
                     "life_s": st.sampled_from([4.0, 120.0]),
                 }
-            ),
+            ).flatmap(lambda table: ORDERS.map(lambda order: table | order)),
             max_size=12,
         ),
     }
@@ -151,7 +172,9 @@ scenarios = st.fixed_dictionaries(
 def made(table: dict[str, Any], steps: int) -> Scenario:
     run = table["run"] | {"duration_s": steps * table["run"]["step_s"]}
     density = {"density": {"mean_m": [15.0, 15.0]}} | table["events"]
-    return load(Scenario, table | {"run": run, "events": density, "metrics": {"horizon_s": 1.0}})
+    learns = table["control"].get("delta_rule") == "learned"
+    orders = [order for order in table["command"] if learns or order["name"] != "set price"]
+    return load(Scenario, table | {"command": orders} | {"run": run, "events": density, "metrics": {"horizon_s": 1.0}})
 
 
 @settings(deadline=None)
@@ -167,6 +190,13 @@ def test_both_engines_have_the_same_outcome(table: dict[str, Any]) -> None:
 def test_every_mode_has_the_same_outcome(mode: str) -> None:
     """Long enough for recruits to arrive, and for roots to meet."""
     assert differences(load_scenario("paper-25", [f"control.mode={mode}", "run.duration_s=1500.0", "seed=11"])) == []
+
+
+def test_a_learned_swarm_has_the_same_outcome() -> None:
+    """Long enough for averages to change, with a price that the operator changes."""
+    scenario = load_scenario("paper-25", ["control.delta_rule=learned", f"control.policy={a_policy(5)}"])
+    orders = tuple(CommandSettings(at_s, "set price", arguments={"message_price": price}) for at_s, price in PRICES)
+    assert differences(replace(scenario, command=orders, run=replace(scenario.run, duration_s=1500.0))) == []
 
 
 def test_a_person_who_only_reads_has_the_same_tables(tmp_path: Path) -> None:

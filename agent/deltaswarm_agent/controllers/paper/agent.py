@@ -1,15 +1,19 @@
 """The state of one agent; each of the paper's rules reads and changes it."""
 
+from dataclasses import replace
+
 from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.beliefs import Beliefs
 from deltaswarm_agent.controllers.paper.delta import delta_for
+from deltaswarm_agent.controllers.paper.experience import Experience
 from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder
 from deltaswarm_agent.controllers.paper.hybrid import strategy_of
 from deltaswarm_agent.controllers.paper.membership import Membership, PreviousTree
+from deltaswarm_agent.controllers.paper.policy import structure_of
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
-from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_agent.controllers.paper.states import TRANSITIONS, WALKING, Cause
+from deltaswarm_agent.controllers.paper.settings import BUSY, FIXED, LEARNED, PaperSettings
+from deltaswarm_agent.controllers.paper.states import ATTENDING, TRANSITIONS, WALKING, Cause
 from deltaswarm_agent.controllers.paper.timers import steps_of, timers
 from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
@@ -32,8 +36,13 @@ class Agent:
         self.here = Whereabouts(context.shared, settings.d_min_m, self.timers.trail)
         self.finds: Finds | None = None
         """What it knows about finding events, if a rule needs it."""
-        if settings.patience_finds or settings.return_to_finds or self.strategy.adapts:
+        if settings.patience_finds or settings.return_to_finds or self.strategy.rule != FIXED:
             self.finds = Finds(context.shared)
+        self.experience: Experience | None = None
+        """What its policy is given, if it has one."""
+        if self.strategy.rule == LEARNED:
+            self.experience = Experience(context.shared.step_s)
+        self.price_s = settings.message_price
         self.found: FoundPlaces | None = None
         if self.finds is not None and settings.return_to_finds:
             self.found = FoundPlaces(steps_of(settings.find_memory_s, context.shared.step_s), self.finds, context)
@@ -92,7 +101,7 @@ class Agent:
     @property
     def delta(self) -> int | None:
         """Events sensed at once that make it a root (delta, or rho); None: never."""
-        if self.strategy.adapts and self.finds is not None:
+        if self.strategy.rule == BUSY and self.finds is not None:
             return delta_for(self.finds.busy)
         return self.strategy.founds_at
 
@@ -100,6 +109,16 @@ class Agent:
     def rank(self) -> float:
         """Its place from 0 to 1 among all agents, by its number alone: any share of a swarm is spread evenly."""
         return self.id * GOLDEN_RATIO % 1
+
+    def choose_structure(self) -> None:
+        """Follow the policy, if the agent has one and no order of the operator's has replaced it."""
+        strategy = self.strategy
+        if strategy.rule != LEARNED or self.experience is None or self.finds is None:
+            return
+        inputs = self.experience.inputs(self.finds, self.state is ATTENDING, self.price_s, self.now)
+        chosen = structure_of(self.settings.policy, inputs, self.rank)
+        if chosen != (strategy.founds_at, strategy.attends):
+            self.strategy = replace(strategy, founds_at=chosen.founds_at, attends=chosen.attends)
 
     def note(self, sensed: tuple[Event, ...]) -> None:
         """Note the events that are new in this step."""
@@ -119,6 +138,8 @@ class Agent:
     def change(self, cause: Cause) -> None:
         """Change the state along the table; the only place where it changes."""
         self.state = TRANSITIONS[self.state, cause]
+        if self.experience is not None:
+            self.experience.changed = self.now
         if self.state is WALKING:
             self.target = None
             if self.found is not None:

@@ -13,8 +13,10 @@ from deltaswarm_wire.messages import Event
 
 
 def seek_event(agent: Agent, sensed: tuple[Event, ...], heard: list[PaperFrame]) -> None:
-    """Go to an event, and observe it until it is complete."""
+    """Go to an event, and observe it until it is complete; one that is not to work only ends what it has begun."""
     target = agent.target
+    if not agent.strategy.attends:
+        sensed, heard = tuple([event for event in sensed if target is not None and event.event == target.event]), []
     if agent.state is ATTENDING and target is not None:
         if any(event.event == target.event for event in sensed):
             return

@@ -3,6 +3,7 @@
 - `set delta`: sets how many events sensed at once make the agent a root from now on (hybrid control only).
 - `set structure`: the same, finer: with a fraction of delta, that share of the agents takes the next greater delta, and
   only a share of the agents works on events outside trees; the others only walk, as under hierarchical control.
+- `set price`: sets what a message is worth, and lets the agents' policy set delta again (learned rule only).
 - `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
 - `attend`: free agents near a place go there; what they sense on the way comes first. It ends with the command's life.
 - `hold`: an agent that walks, or goes to an event, stands still; `resume` ends it.
@@ -12,12 +13,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.hybrid import Strategy
+from deltaswarm_agent.controllers.paper.settings import FIXED, LEARNED
 from deltaswarm_agent.controllers.paper.states import FREE, Cause
 from deltaswarm_wire.commands import AGENT, ALL, CIRCLE, PLACE, TREE, ArgumentForm, Command, CommandForm
 from deltaswarm_wire.messages import Pose
 
 SET_DELTA, RECALL, ATTEND, HOLD, RESUME = "set delta", "recall", "attend", "hold", "resume"
-SET_STRUCTURE = "set structure"
+SET_STRUCTURE, SET_PRICE = "set structure", "set price"
 ANYBODY = (ALL, CIRCLE, TREE, AGENT)
 
 FORMS = (
@@ -38,6 +41,23 @@ FORMS = (
             ArgumentForm("working", "number", 0, 1, default=1, help="share of the agents that work outside trees"),
         ),
         "How much of the swarm is centralised, in small steps. For hybrid control only.",
+        refused_in=("decentralised", "hierarchical"),
+    ),
+    CommandForm(
+        SET_PRICE,
+        ANYBODY,
+        (
+            ArgumentForm(
+                "message_price",
+                "number",
+                0,
+                1000,
+                default=1,
+                unit="s",
+                help="delay of an event that a message is worth",
+            ),
+        ),
+        "Tell me less (a higher price) or more (a lower one). For agents that have learned to choose delta by it.",
         refused_in=("decentralised", "hierarchical"),
     ),
     CommandForm(
@@ -74,16 +94,27 @@ def obey(agent: Agent, commands: Sequence[Command]) -> None:
 
 
 def _set_delta(agent: Agent, command: Command) -> bool | None:
-    return _restructure(agent, command, int(command.arguments["delta"]), agent.strategy.attends)
+    strategy, delta = agent.strategy, int(command.arguments["delta"])
+    attends = strategy.attends or strategy.rule == LEARNED  # what a policy has chosen ends with its rule
+    return _restructure(agent, command, replace(strategy, founds_at=delta, attends=attends, rule=FIXED))
 
 
 def _set_structure(agent: Agent, command: Command) -> bool | None:
     least, fraction = divmod(float(command.arguments["delta"]), 1)
-    delta = int(least) + (agent.rank < fraction)
-    return _restructure(agent, command, delta, agent.rank < float(command.arguments["working"]))
+    founds_at, attends = int(least) + (agent.rank < fraction), agent.rank < float(command.arguments["working"])
+    return _restructure(agent, command, replace(agent.strategy, founds_at=founds_at, attends=attends, rule=FIXED))
 
 
-def _restructure(agent: Agent, command: Command, delta: int, works: bool) -> bool | None:
+def _set_price(agent: Agent, command: Command) -> bool | None:
+    if agent.experience is None:
+        return False
+    done = _restructure(agent, command, replace(agent.strategy, attends=True, rule=LEARNED))
+    if done:
+        agent.price_s = float(command.arguments["message_price"])
+    return done
+
+
+def _restructure(agent: Agent, command: Command, strategy: Strategy) -> bool | None:
     """Change the strategy, unless a later order, heard before this one, has done so."""
     if not agent.strategy.has_delta:
         return False
@@ -91,8 +122,8 @@ def _restructure(agent: Agent, command: Command, delta: int, works: bool) -> boo
         agent.superseded.append(command.number)
         return None
     agent.strategy_command = command.number
-    agent.strategy = replace(agent.strategy, founds_at=delta, attends=works, adapts=False)
-    if not works and agent.target is not None:
+    agent.strategy = strategy
+    if not strategy.attends and agent.target is not None:
         agent.change(Cause.TAKEN_OFF)
     return True
 
@@ -135,6 +166,7 @@ def _resume(agent: Agent, command: Command) -> bool:
 _RULES = {
     SET_DELTA: _set_delta,
     SET_STRUCTURE: _set_structure,
+    SET_PRICE: _set_price,
     RECALL: _recall,
     ATTEND: _attend,
     HOLD: _hold,

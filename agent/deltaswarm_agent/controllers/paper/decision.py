@@ -31,7 +31,10 @@ def decision_of(agent: Agent, sensed: tuple[Event, ...]) -> Decision:
     until = agent.now + 1 if frame is not None else until
     place = _place(agent, frame)
     finds = agent.new if agent.settings.report_finds and agent.membership is None else ()
-    fields = (velocity, observed, payload, _report(agent, frame, finds), *place, until, (), (), (), agent.delta or 0)
+    report = _report(agent, frame, finds)
+    if report is not None and agent.experience is not None:
+        agent.experience.report(agent.now)
+    fields = (velocity, observed, payload, report, *place, until, (), (), (), agent.delta or 0)
     decision: Decision = tuple_of(Decision, fields)
     if agent.done or agent.refused or agent.superseded:
         outcomes = agent.done, agent.refused, agent.superseded

@@ -7,7 +7,7 @@ hierarchical swarm does at rho. So delta sets how much of the swarm is centralis
 
 from dataclasses import dataclass
 
-from deltaswarm_agent.controllers.paper.settings import BUSY, PaperSettings
+from deltaswarm_agent.controllers.paper.settings import FIXED, PaperSettings
 
 
 @dataclass(frozen=True)
@@ -16,13 +16,13 @@ class Strategy:
 
     `founds_at` is the number of events sensed at once that makes a free agent a root (None: never).
     `attends` says whether free agents go to events, observe them and report. `has_delta`: the operator may change
-    `founds_at`. `adapts`: the agent itself does (`delta.py`).
+    `founds_at`. `rule`: what else does (`delta.py`, `policy.py`).
     """
 
     founds_at: int | None
     attends: bool
     has_delta: bool = False
-    adapts: bool = False
+    rule: str = FIXED
 
 
 def strategy_of(mode: str, control: PaperSettings) -> Strategy:
@@ -35,4 +35,4 @@ def strategy_of(mode: str, control: PaperSettings) -> Strategy:
         return Strategy(founds_at=None, attends=True)
     if mode == "hierarchical":
         return Strategy(founds_at=control.rho, attends=False)
-    return Strategy(founds_at=control.delta, attends=True, has_delta=True, adapts=control.delta_rule == BUSY)
+    return Strategy(founds_at=control.delta, attends=True, has_delta=True, rule=control.delta_rule)

@@ -12,12 +12,15 @@ def learn(agent: Agent, finds: Finds, heard: list[PaperFrame]) -> None:
 
     An event near an agent that is attending or in a tree, by its frames, is not a find: it was known already.
     """
-    now, found, new = agent.now, agent.found, agent.new
+    now, found, new, experience = agent.now, agent.found, agent.new, agent.experience
     if new:
         finds.update(now)
         finds.find(sum(not _is_known(agent, event, heard) for event in new))
     if heard:
         finds.hear(heard, now)
+    if experience is not None:
+        experience.note(len(agent.sensed), heard, now)
+        experience.found = now if new else experience.found
     if found is None:
         return
     for event in new:
@@ -41,3 +44,5 @@ def begin(agent: Agent, finds: Finds, works: bool) -> None:
     """Say what the agent does from this step on: whether it walks on its own account, and whether it works."""
     walks = agent.state is WALKING and agent.now >= agent.holds_until and agent.goto is None
     finds.begin(agent.walk.leg if walks else None, works, agent.now)
+    if agent.experience is not None:
+        agent.experience.begin(agent.membership is not None, agent.now)

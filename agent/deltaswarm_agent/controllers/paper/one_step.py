@@ -32,6 +32,8 @@ def decide(agent: Agent, percept: Percept) -> Decision:
         learning.learn(agent, agent.finds, heard)
     if percept.commands or agent.goto is not None:
         commands.obey(agent, percept.commands)
+    if sensed or heard or percept.commands:  # else it need not be asked, and would not choose
+        agent.choose_structure()
     if agent.membership is None:
         _step_free(agent, sensed, heard)
     else:
@@ -56,7 +58,7 @@ def _step_free(agent: Agent, sensed: tuple[Event, ...], heard: list[PaperFrame])
     if founds(agent, sensed, members) or (members and growth.joins(agent, members)):
         assert agent.membership is not None
         _step_in_tree(agent, agent.membership, sensed, heard)
-    elif agent.strategy.attends:
+    elif agent.strategy.attends or agent.target is not None:
         baseline.seek_event(agent, sensed, heard)
 
 

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
+from deltaswarm_agent.controllers.paper.policy import MAX_WEIGHT, WEIGHTS, shipped
 from deltaswarm_wire.checked import OURS, PAPER, Problem, key
 from deltaswarm_wire.settings import AgentSettings
 
 ALL, NEAREST = "all", "nearest"
 STAYS, LEAVES = "stays", "leaves"
 WITH_EVENTS, ANY = "with-events", "any"
-FIXED, BUSY = "fixed", "busy"
+FIXED, BUSY, LEARNED = "fixed", "busy", "learned"
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,19 @@ class PaperSettings:
     find_memory_s: float = key(1500.0, "time for which the place of a find is remembered [s]", source=OURS, above=0)
     delta_rule: str = key(
         FIXED,
-        "hybrid: what sets delta: the key delta, or each agent, by how busy agents are",
+        "hybrid: what sets delta: the key delta, or each agent, by how busy agents are, or by a learned policy",
         source=OURS,
-        choices=(FIXED, BUSY),
+        choices=(FIXED, BUSY, LEARNED),
+    )
+    policy: tuple[float, ...] = key(
+        (),
+        "learned: the policy's numbers; empty: those of the shipped one",
+        source=OURS,
+        low=-MAX_WEIGHT,
+        high=MAX_WEIGHT,
+    )
+    message_price: float = key(
+        1.0, "learned: delay of an event that one message to the operator is worth [s]", source=OURS, low=0, high=1000
     )
     leg_max_s: float = key(
         100.0, "maximum duration of a leg of the walk; durations are uniform [s]", source=OURS, above=0
@@ -81,6 +92,16 @@ class PaperSettings:
         False, "a free agent reports an event once when it comes upon it, whether it goes there or not", source=OURS
     )
     report_members: bool = key(True, "a root's report names its followers, with parents and places", source=OURS)
+
+    def __post_init__(self) -> None:
+        if self.delta_rule == LEARNED and not self.policy:  # so that a run's scenario has the numbers
+            object.__setattr__(self, "policy", shipped())
+
+    def problems(self) -> list[Problem]:
+        """A policy must be one of this network."""
+        if len(self.policy) in (0, WEIGHTS):
+            return []
+        return [Problem("policy", f"{len(self.policy)} numbers", f"must be {WEIGHTS} numbers, or none")]
 
     def problems_with(self, shared: AgentSettings) -> list[Problem]:
         """Members of a tree must be able to hear each other."""

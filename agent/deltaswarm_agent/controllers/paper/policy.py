@@ -1,0 +1,101 @@
+"""The learned rule: a small network that gives an agent its structure from its own experience (`experience.py`).
+
+The structure is on the scale of the order `set structure`. An output is a weighted sum of the inputs and of a few
+hidden units, each the softsign of such a sum: additions, products and quotients in a fixed order, so that every engine
+and board has the same bits. With weights of 0 an agent has delta 3 and works, as under hybrid control.
+"""
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+from deltaswarm_wire.digest import of_numbers
+
+INPUTS = (
+    "busy",
+    "find_rate",
+    "crowd",
+    "attending_heard",
+    "members_heard",
+    "reports",
+    "in_trees",
+    "since_find",
+    "since_change",
+    "attends",
+    "price",
+)
+"""What the network is given, each from -1 to 1 (`Experience.inputs`)."""
+
+OUTPUTS = ("delta", "working")
+HIDDEN = 4
+WEIGHTS = HIDDEN * (len(INPUTS) + 1) + len(OUTPUTS) * (len(INPUTS) + HIDDEN + 1)
+"""For each hidden unit a constant and one per input, then for each output a constant and one per input and unit."""
+
+MAX_WEIGHT = 1000.0
+
+FIRST_DELTA, GAIN = 3.0, 3.0
+"""Delta with an output of 0, and its change with an output of 1."""
+
+LEAST_DELTA, FAR_DELTA = 2.0, 12.0
+"""Delta is not below the first; an agent whose delta is above the second never founds a tree."""
+
+SHIPPED = "policy.json"
+
+
+class Structure(NamedTuple):
+    """Events sensed at once that make an agent a root (None: never), and whether it works outside trees."""
+
+    founds_at: int | None
+    attends: bool
+
+
+def outputs(weights: Sequence[float], inputs: Sequence[float]) -> tuple[float, float]:
+    """Return the network's outputs."""
+    units, at = list(inputs), 0
+    for _ in range(HIDDEN):
+        total = weights[at]
+        for k in range(len(INPUTS)):
+            total += weights[at + 1 + k] * inputs[k]
+        units.append(total / (1.0 + abs(total)))
+        at += 1 + len(INPUTS)
+    delta, working = weights[at], weights[at + 1 + len(units)]
+    for k in range(len(units)):
+        delta += weights[at + 1 + k] * units[k]
+        working += weights[at + 2 + len(units) + k] * units[k]
+    return delta, working
+
+
+def structure_of(weights: Sequence[float], inputs: Sequence[float], rank: float) -> Structure:
+    """Return the structure of the agent with this place among all (`Agent.rank`): fractions of agents by rank."""
+    delta, working = outputs(weights, inputs)
+    delta, attends = FIRST_DELTA + GAIN * delta, rank < 1.0 + working
+    if delta > FAR_DELTA:
+        return Structure(None, attends)
+    delta = max(delta, LEAST_DELTA)
+    least = int(delta)
+    return Structure(least + (rank < delta - least), attends)
+
+
+def policy_of(record: Any) -> tuple[float, ...]:
+    """Return the numbers of a policy's file, as `deltaswarm learn delta` writes it.
+
+    Raises:
+        ValueError: it is the file of another network, or its digest is not that of its numbers.
+    """
+    try:
+        weights = tuple(map(float, record["weights"]))
+        told = tuple(record["inputs"]), record["hidden"], len(weights), record["digest"]
+    except (LookupError, TypeError) as error:
+        raise ValueError(f"must be a policy's file (got {error!r})") from None
+    needed = INPUTS, HIDDEN, WEIGHTS, of_numbers(weights)
+    if told != needed:
+        raise ValueError(f"must be a policy with inputs, hidden units, numbers and digest {needed} (got {told})")
+    return weights
+
+
+@cache
+def shipped() -> tuple[float, ...]:
+    """Return the numbers of the policy that is shipped with this file."""
+    return policy_of(json.loads(files(__package__).joinpath(SHIPPED).read_text(encoding="ascii")))

@@ -1,0 +1,90 @@
+"""The command `deltaswarm learn`."""
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+
+from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_wire.arguments import number, whole
+from deltaswarm_wire.extras import missing
+from deltaswarm_wire.files import write_whole
+
+EXAMPLES = """\
+examples:
+  deltaswarm learn delta --seed 1 --generations 200 --out policy.json --workers 2
+  deltaswarm learn delta --seed 1 --generations 300 --out policy.json       go on for 100 generations
+  deltaswarm run paper-25 --set control.delta_rule=learned --set control.policy="$(jq -c .weights policy.json)"
+"""
+
+NEEDS = "cmaes", "numba"
+
+BARS = "▁▂▃▄▅▆▇█"
+
+
+def add_learn(command: argparse.ArgumentParser) -> None:
+    """Train the rule by which agents choose delta."""
+    command.description = (
+        "Train the rule by which agents choose delta (control.delta_rule = learned) on tasks of many kinds. The policy "
+        "that is best on the validation tasks is written with where it comes from. The result is the same for any "
+        "number of workers; an interrupted training goes on from its log, OUT.log."
+    )
+    command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
+    command.add_argument("rule", choices=("delta",), help="what is trained")
+    command.add_argument("--out", type=Path, required=True, metavar="FILE", help="the policy's file")
+    command.add_argument("--seed", type=whole(0, 10_000), default=1, metavar="S", help="default: 1")
+    command.add_argument("--generations", type=whole(1), default=200, metavar="G", help="default: 200")
+    command.add_argument("--population", type=whole(4), default=16, metavar="N", help="candidates (default: 16)")
+    command.add_argument("--tasks", type=whole(1), default=8, metavar="N", help="of a generation (default: 8)")
+    command.add_argument("--sigma", type=number(1e-6), default=0.3, metavar="X", help="first step size (default: 0.3)")
+    command.add_argument(
+        "--validate-every", type=whole(1), default=10, metavar="N", help="generations between validations (default: 10)"
+    )
+    command.add_argument("--validation-tasks", type=whole(1), default=40, metavar="N", help="default: 40")
+    command.add_argument(
+        "--linear",
+        action="store_true",
+        help="use no hidden units: there is less to find, and the policy is easy to read",
+    )
+    command.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs; repeatable"
+    )
+    command.add_argument("--workers", type=whole(1), default=1, metavar="N", help="processes (default: 1)")
+    command.add_argument("-q", "--quiet", action="store_true", help="print no progress")
+    command.set_defaults(func=learn, makes_files=True)
+
+
+def learn(arguments: argparse.Namespace) -> int:
+    """Train a policy, and write it after each validation that finds a better one."""
+    if needs := missing(*NEEDS, extra="learn"):
+        raise CommandError(f"deltaswarm learn {needs}")
+    from deltaswarm_learn.training import Pool, Training, TrainingSettings
+
+    names = ("seed", "population", "tasks", "sigma", "validate_every", "validation_tasks")
+    given = {name: getattr(arguments, name) for name in names}
+    settings = TrainingSettings(**given, linear=arguments.linear, overrides=tuple(arguments.set))
+    options = [f"--{name.replace('_', '-')}={getattr(arguments, name)}" for name in (*names, "generations")]
+    options += ["--linear"] * arguments.linear + [f"--set={text}" for text in arguments.set]
+    command = shlex.join(["deltaswarm", "learn", "delta", *options])
+    pool = Pool(arguments.workers, settings.overrides)
+    try:
+        training = Training(settings, arguments.out.with_name(f"{arguments.out.name}.log"), pool)
+        while training.generation < arguments.generations:
+            least, mean = training.advance()
+            notice(f"generation {training.generation}: cost {mean:.3f}, best {least:.3f}{_shown(training.curve)}")
+            if training.generation % settings.validate_every == 0 or training.generation == arguments.generations:
+                write_whole(arguments.out, f"{json.dumps(training.record(command), indent=1)}\n".encode("ascii"))
+    finally:
+        pool.close()
+    print(f"{arguments.out}: cost {training.best[0]:.3f} of that of hybrid control with delta 3")
+    return OK
+
+
+def _shown(curve: list[tuple[int, float]]) -> str:
+    """Show the newest validated costs as bars."""
+    if not curve:
+        return ""
+    newest = [cost for _, cost in curve[-20:]]
+    low, high = min(newest), max(newest)
+    bars = "".join(BARS[round((cost - low) / ((high - low) or 1.0) * (len(BARS) - 1))] for cost in newest)
+    return f"; validated {curve[-1][1]:.3f}, least {min(cost for _, cost in curve):.3f} {bars}"

@@ -1,0 +1,175 @@
+"""Training of the rule that chooses delta: CMA-ES over tasks, with the same result on any number of processes.
+
+Each generation draws new tasks, the same for all candidates. A candidate's cost is the mean over them of its cost by
+that of hybrid control with delta 3, at the task's price. Every few generations the mean of the search is validated on
+tasks that are always the same; the best by validation is the result.
+
+What a generation's candidates cost is kept in a log, from which an interrupted training goes on.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+from cmaes import CMA
+
+from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, OUTPUTS, WEIGHTS
+from deltaswarm_learn.costs import Cost, Keys, costs_of
+from deltaswarm_learn.tasks import TRAINING, VALIDATION, task
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.digest import of_numbers
+
+PRICE = "control.message_price"
+
+HYBRID: Keys = {"delta_rule": "fixed", "delta": 3}
+"""The control that costs are divided by."""
+
+APART = 1_000_000
+"""Numbers of training tasks between two seeds."""
+
+
+PER_UNIT, PER_OUTPUT = 1 + len(INPUTS), 1 + len(INPUTS) + HIDDEN
+DIRECT = [HIDDEN * PER_UNIT + output * PER_OUTPUT + k for output in range(len(OUTPUTS)) for k in range(PER_UNIT)]
+"""Places of the numbers that join inputs to outputs without hidden units."""
+
+
+def learned(weights: Sequence[float]) -> Keys:
+    """Return the control by a policy."""
+    return {"delta_rule": "learned", "policy": list(weights)}
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What decides the result of a training."""
+
+    seed: int = 1
+    population: int = 16
+    tasks: int = 8
+    """Tasks of a generation."""
+    sigma: float = 0.3
+    linear: bool = False
+    """Whether hidden units stay unused, so that there is less to find and the policy is easier to read."""
+    validate_every: int = 10
+    validation_tasks: int = 40
+    overrides: tuple[str, ...] = ()
+    """Keys of the scenario, the same in all tasks, as `key=value`."""
+
+
+class Pool:
+    """Processes that do the runs."""
+
+    def __init__(self, workers: int, overrides: tuple[str, ...]) -> None:
+        self._overrides = overrides
+        self._executor: Executor = ProcessPoolExecutor(workers, get_context("spawn"))
+
+    def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
+        """Return what each task costs under each control, at the task's price: (tasks, controls)."""
+        tasks, n = [task(stream, number) for number in numbers], len(numbers)
+        found: Iterator[list[Cost]] = self._executor.map(costs_of, tasks, [self._overrides] * n, [controls] * n)
+        return np.array([[cost.at(keys[PRICE]) for cost in row] for keys, row in zip(tasks, found, strict=True)])
+
+    def close(self) -> None:
+        self._executor.shutdown(cancel_futures=True)
+
+
+class Training:
+    """A training, with the log of it in a file.
+
+    Raises:
+        SettingsError: the log is that of another training.
+    """
+
+    def __init__(self, settings: TrainingSettings, log: Path, pool: Pool) -> None:
+        self.settings, self._pool, self._log = settings, pool, log
+        self._places = DIRECT if settings.linear else list(range(WEIGHTS))
+        self._search = CMA(
+            np.zeros(len(self._places)), settings.sigma, seed=settings.seed, population_size=settings.population
+        )
+        self.generation = 0
+        self.curve: list[tuple[int, float]] = []
+        """Generations after which the search was validated, and the mean cost."""
+        self.best: tuple[float, tuple[float, ...]] = np.inf, (0.0,) * WEIGHTS
+        self._baseline: np.ndarray | None = None
+        self._resume()
+
+    def _resume(self) -> None:
+        head = json.dumps(asdict(self.settings))
+        if not self._log.exists():
+            self._log.write_text(f"{head}\n", encoding="ascii")
+            return
+        first, *rows = self._log.read_text(encoding="ascii").splitlines()
+        if first != head:
+            must = "must be the log of this training; give the same options, or remove it"
+            raise SettingsError([Problem(str(self._log), first, must)])
+        for row in map(json.loads, rows):
+            self._take(self._candidates(), row["costs"])
+            if "validated" in row:
+                self._compare(row["validated"])
+
+    def _weights(self, found: np.ndarray) -> tuple[float, ...]:
+        weights = np.zeros(WEIGHTS)
+        weights[self._places] = found
+        return tuple(weights.tolist())
+
+    def _candidates(self) -> list[np.ndarray]:
+        return [self._search.ask() for _ in range(self.settings.population)]
+
+    def _take(self, candidates: Sequence[np.ndarray], costs: Sequence[float]) -> None:
+        self._search.tell(list(zip(candidates, costs, strict=True)))
+        self.generation += 1
+
+    def _compare(self, validated: float) -> None:
+        self.curve.append((self.generation, validated))
+        if validated < self.best[0]:
+            self.best = validated, self._weights(self._search.mean)
+
+    @property
+    def _next_task(self) -> int:
+        return self.settings.seed * APART + self.generation * self.settings.tasks
+
+    def advance(self) -> tuple[float, float]:
+        """Do a generation; return the least and the mean cost of its candidates."""
+        settings, candidates = self.settings, self._candidates()
+        first, controls = self._next_task, [HYBRID, *(learned(self._weights(found)) for found in candidates)]
+        costs = self._pool.costs(TRAINING, range(first, first + settings.tasks), controls)
+        means = (costs[:, 1:] / costs[:, :1]).mean(axis=0).tolist()
+        self._take(candidates, means)
+        row: dict[str, Any] = {"costs": means}
+        if self.generation % settings.validate_every == 0:
+            row["validated"] = fmean(self.validated(learned(self._weights(self._search.mean))))
+            self._compare(row["validated"])
+        with self._log.open("a", encoding="ascii") as log:
+            log.write(f"{json.dumps(row)}\n")
+        return min(means), fmean(means)
+
+    def validated(self, control: Keys) -> list[float]:
+        """Return what each validation task costs under a control, by hybrid control with delta 3."""
+        numbers = range(self.settings.validation_tasks)
+        if self._baseline is None:
+            self._baseline = self._pool.costs(VALIDATION, numbers, [HYBRID])
+        return list((self._pool.costs(VALIDATION, numbers, [control]) / self._baseline)[:, 0])
+
+    def record(self, command: str) -> dict[str, Any]:
+        """Return the file of the best policy, with where it comes from; `command` makes it again."""
+        settings, (validated, weights) = self.settings, self.best
+        origin = {
+            "command": command,
+            "commit": provenance.commit(),
+            "versions": provenance.versions() | {"cmaes": version("cmaes"), "numba": version("numba")},
+            "settings": asdict(settings),
+            "generations": self.generation,
+            "training_tasks": f"{TRAINING} {settings.seed * APART} to {self._next_task - 1}",
+            "validation_tasks": f"{VALIDATION} 0 to {settings.validation_tasks - 1}",
+            "validated": validated,
+            "curve": self.curve,
+        }
+        policy = {"inputs": INPUTS, "hidden": HIDDEN, "weights": weights, "digest": of_numbers(weights)}
+        return policy | {"training": origin}

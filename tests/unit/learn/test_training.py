@@ -1,0 +1,107 @@
+"""Training of the rule for delta: what a run costs, and a search that anybody can repeat or go on with."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, WEIGHTS, policy_of
+from deltaswarm_learn import costs
+from deltaswarm_learn.costs import Cost, Keys, costs_of
+from deltaswarm_learn.tasks import TRAINING, VALIDATION
+from deltaswarm_learn.training import HYBRID, Pool, Training, TrainingSettings, learned
+from deltaswarm_wire.checked import SettingsError
+
+SMALL = TrainingSettings(seed=3, population=8, tasks=2, validate_every=2, validation_tasks=3)
+
+
+class Bowl:
+    """In place of runs: the nearer the first number of delta is to 1, the less a policy costs; a task is a factor."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, list[int]]] = []
+
+    def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
+        self.asked.append((stream, list(numbers)))
+        at = HIDDEN * (len(INPUTS) + 1)
+        heights = [2.0 if control == HYBRID else 1.0 + (control["policy"][at] - 1.0) ** 2 for control in controls]
+        return np.outer([1.0 + number for number in numbers], heights)
+
+
+def trained(log: Path, generations: int, settings: TrainingSettings = SMALL) -> tuple[Training, Bowl]:
+    bowl = Bowl()
+    training = Training(settings, log, bowl)  # type: ignore[arg-type]
+    while training.generation < generations:
+        training.advance()
+    return training, bowl
+
+
+def test_delays_end_with_the_run_and_messages_are_per_event(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One event is told after 20 s and complete after 60, one only told after 50 s, one never: of a run of 200 s."""
+    events = [(1, 10.0, 70.0), (2, 100.0, None), (3, 150.0, None)]
+    outcome = SimpleNamespace(
+        events=[SimpleNamespace(event=n, arrived_s=a, completed_s=c) for n, a, c in events],
+        told_s={1: 30.0, 2: 150.0},
+        workloads=[SimpleNamespace(messages=m) for m in (4, 0, 5)],
+    )
+    monkeypatch.setattr(costs, "run_dense", lambda _: outcome)
+    monkeypatch.setattr(costs, "compile_once", lambda *_: None)
+    [cost] = costs_of({"run.duration_s": 200.0}, (), [{}])
+    assert cost == Cost(pytest.approx((40.0 + 75.0 + 50.0) / 3), 3.0)
+    assert cost.at(2.0) == pytest.approx(61.0)
+
+
+def test_keys_that_are_wrong_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(costs, "compile_once", lambda *_: None)
+    with pytest.raises(SettingsError, match="control\\.delta_rule must be one of"):
+        costs_of({}, ["control.delta_rule=learnt"], [{}])
+
+
+def test_training_finds_what_costs_least(tmp_path: Path) -> None:
+    training, bowl = trained(tmp_path / "log", 60)
+    assert training.best[0] == pytest.approx(0.5, abs=0.01)
+    assert training.best[1][HIDDEN * (len(INPUTS) + 1)] == pytest.approx(1.0, abs=0.2)
+    assert training.best[0] == min(cost for _, cost in training.curve)
+    own = [numbers for stream, numbers in bowl.asked if stream == TRAINING]
+    assert own == [[3_000_000 + 2 * k, 3_000_001 + 2 * k] for k in range(60)]
+    assert {tuple(numbers) for stream, numbers in bowl.asked if stream == VALIDATION} == {(0, 1, 2)}
+
+
+@pytest.mark.parametrize("stopped", [1, 4, 5])
+def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path: Path, stopped: int) -> None:
+    whole, _ = trained(tmp_path / "whole", 8)
+    trained(tmp_path / "log", stopped)
+    resumed, bowl = trained(tmp_path / "log", 8)
+    assert resumed.record("c") == whole.record("c")
+    assert len([stream for stream, _ in bowl.asked if stream == TRAINING]) == 8 - stopped
+    assert (tmp_path / "log").read_text() == (tmp_path / "whole").read_text()
+    assert len(policy_of(resumed.record("c"))) == WEIGHTS
+
+
+def test_the_log_of_another_training_is_refused(tmp_path: Path) -> None:
+    trained(tmp_path / "log", 1)
+    with pytest.raises(SettingsError, match="must be the log of this training"):
+        trained(tmp_path / "log", 2, TrainingSettings(seed=4))
+
+
+def test_a_linear_policy_uses_no_hidden_unit(tmp_path: Path) -> None:
+    training, _ = trained(tmp_path / "log", 4, TrainingSettings(**{**vars(SMALL), "linear": True}))
+    weights, each = training.best[1], 1 + len(INPUTS) + HIDDEN
+    outputs = weights[-2 * each :]
+    assert not any(weights[: -2 * each])
+    assert [bool(weight) for weight in outputs] == 2 * ([True] * (1 + len(INPUTS)) + [False] * HIDDEN)
+
+
+@pytest.mark.slow
+def test_any_number_of_processes_finds_the_same() -> None:
+    controls: list[Any] = [HYBRID, learned([0.0] * WEIGHTS), learned([0.2] * WEIGHTS)]
+    found = []
+    for workers in (1, 2):
+        pool = Pool(workers, ("run.duration_s=300",))
+        found.append(pool.costs(TRAINING, range(3), controls).tolist())
+        pool.close()
+    assert found[0] == found[1]
+    assert all(row[0] == row[1] != row[2] for row in found[0])
