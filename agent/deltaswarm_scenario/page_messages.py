@@ -184,7 +184,13 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         is_notice=True,
         is_input=True,
     ),
-    "beat": MessageForm("the page is there; once a second", (PARTICIPANT,), {}, is_notice=True),
+    "beat": MessageForm(
+        "the page is there; once a second. `rtt_s`: how long the answer to a beat took; `done`: it has shown the end "
+        "of the run, and has nothing left to send",
+        (PARTICIPANT,),
+        {"rtt_s": Field("number", LEFT_OUT, 0, 600), "done": Field("boolean", LEFT_OUT)},
+        is_notice=True,
+    ),
     "sheet": MessageForm(
         "the session's sheet filled in",
         (PARTICIPANT,),

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.rehearsal import plan_warning
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.results.outcome import READ, SHOWN, Outcome
 from deltaswarm_scenario.operator_settings import Briefing
@@ -15,9 +16,14 @@ from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.plugins import find_controller
 
 
-def briefing_of(scenario: Scenario) -> Briefing:
+def briefing_of(scenario: Scenario, speed: float = 0.0) -> Briefing:
     """Return the configuration of a run's console."""
-    return scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0)
+    return scenario.for_operator(forms_of(find_controller(scenario.control.mode)), speed)
+
+
+def question_warning(scenario: Scenario, speed: float) -> str | None:
+    """Return a warning if the planned questions of a run do not fit into it; None if they do."""
+    return plan_warning(briefing_of(scenario, speed))
 
 
 class Operating:
