@@ -7,10 +7,13 @@ Each technique is one class in one file, with its scenario keys, and is listed i
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from random import Random
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.checked import Problem
+
+if TYPE_CHECKING:
+    from deltaswarm_scenario.questions import QuestionSettings
 
 BEFORE, DURING, AFTER = "before", "during", "after"
 
@@ -86,6 +89,8 @@ class Technique:
     """Whether it is asked only of a person at the station."""
     has_prompt = False
     """Whether the person says to be ready before the question is shown."""
+    has_numbers: ClassVar[bool] = False
+    """Whether all its answers are numbers."""
     scored: ClassVar[ScoredTable | None] = None
     measures: Sequence[Measure] = ()
     texts: ClassVar[Sequence[str]] = ()
@@ -107,6 +112,15 @@ class Technique:
 
     def draw(self, rng: Random, duration_s: float) -> None:
         """Draw what is random in a run of this length."""
+
+    @property
+    def questions(self) -> Sequence["QuestionSettings"]:
+        """What it may ask: its rows in the table of questions."""
+        return ()
+
+    def settle(self, number: int, seen: Seen) -> Sequence[str]:
+        """Decide what a question asks by what the page shows now; return the items that cannot be asked now."""
+        return ()
 
     def known(self, number: int, seen: Seen) -> Mapping[str, str]:
         """Return what is right by what the page shows, by item; empty if it asks nothing about that."""

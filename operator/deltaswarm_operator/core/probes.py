@@ -7,7 +7,7 @@ its kind has passed. It is missing if its answer does not come in time. Each pla
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from random import Random
 from typing import Any
 
@@ -24,6 +24,7 @@ NOT_OPEN = "this question is no longer open"
 ANSWERED, MISSED = "answered", "missed"
 CUT, RESTARTED = "cut off by the end", "cut off by a restart"
 NOT_ASKED = "not asked: "
+TIED = "several answers were right"
 LATE_BY_PAGE_S = 1.0
 """The page's countdown is as late as the newest picture [s]."""
 
@@ -198,11 +199,17 @@ class Probes:
             why = self._why_not(technique, is_attended=is_attended, is_held=is_held, is_away=is_away)
             if why is None:
                 number, at_s, *_ = self._plan.ask(technique.name, now_s)
-                known = {} if technique.has_prompt else technique.known(number, see())
+                known = {} if technique.has_prompt else self._settled(technique, number, at_s, see())
                 self._ask(Asked(technique, number, now_s, wall_s, at_s, known=known))
             elif why and self.is_timed:
                 self._plan.wait(technique.name, why)
         self._note_dropped()
+
+    def _settled(self, technique: Technique, number: int, planned_s: float, seen: Seen) -> Mapping[str, str]:
+        """Let a technique decide what it asks now; return what is right by what the page shows."""
+        left_out = technique.settle(number, seen)
+        self.rows += self._not_asked(technique, number, left_out, planned_s, TIED)
+        return technique.known(number, seen)
 
     def _why_not(self, technique: Technique, *, is_attended: bool, is_held: bool, is_away: bool) -> str | None:
         """Return why a question cannot be asked now; None: it can; empty: the run is about to be held for it."""
@@ -222,9 +229,15 @@ class Probes:
     def _lose(self, technique: Technique, number: int, planned_s: float, why: str) -> None:
         """Note that a question is not asked."""
         items = technique.items(number)
-        row = ProbeRow(technique.name, number, "", None, None, None, planned_s=planned_s, outcome=NOT_ASKED + why)
-        self.rows += [row._replace(item=item) for item in items]
+        self.rows += self._not_asked(technique, number, items, planned_s, why)
         self._lost += bool(items)
+
+    @staticmethod
+    def _not_asked(
+        technique: Technique, number: int, items: Sequence[str], planned_s: float, why: str
+    ) -> list[ProbeRow]:
+        row = ProbeRow(technique.name, number, "", None, None, None, planned_s=planned_s, outcome=NOT_ASKED + why)
+        return [row._replace(item=item) for item in items]
 
     def _cut_off(self, wall_s: float) -> None:
         """Close the question that is open when the run ends, and note what was not asked."""
@@ -294,7 +307,7 @@ class Probes:
         if asked is None or not is_open or not self._is_answer(asked, message, wall_s):
             raise ValueError(NOT_OPEN)
         ready = Ready(now_s, wall_s, round(self._waited_s(asked, wall_s), 3), reaction_s(message))
-        known = asked.technique.known(asked.number, seen)
+        known = self._settled(asked.technique, asked.number, asked.planned_s, seen)
         self._asked = asked._replace(ready=ready, held_s=0.0, known=known)
 
     def _is_answer(self, asked: Asked, message: Mapping[str, Any], wall_s: float) -> bool:

@@ -401,3 +401,25 @@ def test_an_answer_in_time_counts_however_slow_the_link_is(rtt_s: float, at_end:
         else:
             with pytest.raises(ValueError, match="no longer open"):
                 asked.answer(message, 100.0 + took_s + rtt_s)
+
+
+def test_what_several_answers_would_answer_is_not_asked() -> None:
+    """SAGAT leaves it out, with a row; SPAM asks another of its questions."""
+    tied, open_now = Seen([(10.0, 10.0), (90.0, 90.0)], (), 100.0, 100.0), Seen([(10.0, 10.0)], (), 100.0, 100.0)
+    names = {}
+    for name in ("sagat", "spam"):
+        for seen in (tied, open_now):
+            asked = probes(isa_every_s=0.0, spam_ready=False, **{f"{name}_at_s": (5.0, 6.0)})
+            found = set()
+            for now_s in (5.0, 6.0):
+                asked.tick(now_s, False, now_s, is_attended=True, is_held=True, see=lambda seen=seen: seen)  # type: ignore[misc]
+                form = asked.open(now_s)["form"]  # type: ignore[index]
+                found |= {question["name"] for question in form["question"]}
+                answers = {one["name"]: 2 if one["kind"] == "number" else "bottom left" for one in form["question"]}
+                asked.answer({"type": "form", "form": name, "answers": answers}, now_s)
+            names[name, seen is tied] = found
+            left_out = [row.item for row in asked.rows if row.outcome == "not asked: several answers were right"]
+            assert left_out == (["most_events"] * 2 if name == "sagat" and seen is tied else [])
+            assert counts(asked) == (2, 0, 0)
+    assert names["sagat", True] == names["spam", True] == {"open_events"}
+    assert names["sagat", False] == names["spam", False] == {"open_events", "most_events"}
