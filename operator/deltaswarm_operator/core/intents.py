@@ -188,7 +188,7 @@ def _page(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _beat(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if "rtt_s" in raw:
         console.know_link(raw["rtt_s"], is_done=raw.get("done", False))
-    return [made("beat", to=at["page"])]
+    return [made("beat", to=at["page"], **({"number": raw["number"]} if "number" in raw else {}))]
 
 
 def _sheet(console: Console, raw: Raw, at: Raw) -> list[Message]:

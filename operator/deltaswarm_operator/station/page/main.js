@@ -24,7 +24,7 @@ import { Tabs } from "./tabs.js";
 import { TaskPanel } from "./task.js";
 import { startTheme } from "./theme.js";
 import { TlxPanel } from "./tlx.js";
-import { question } from "./words.js";
+import { inputName, question } from "./words.js";
 import { WorkloadPanel } from "./workload.js";
 
 const LISTS_EVERY_MS = 250;
@@ -45,6 +45,7 @@ const app = {
       app.say(link.hasEnded ? t("Not sent: the run has ended.") : t("Not sent: there is no connection."));
   },
   waiting: (fits) => outbox.waiting(fits),
+  isLate: (page_s) => outbox.isLate(page_s),
   say(text) {
     setText(element("said"), text);
     window.clearTimeout(saidTimer);
@@ -71,6 +72,8 @@ let saidTimer = 0;
 let listsTimer = 0;
 let heardAt_ms = performance.now();
 let isOpen = false;
+/** Whether it was told that nothing of the run is left to send. */
+let isDone = false;
 /** Whether no hello has come over this connection yet. */
 let isNew = true;
 /** Whether no picture has come over this connection yet; the first one may be old. */
@@ -115,8 +118,10 @@ function takeHello(hello) {
   }
   link.isBeating = app.model.hello?.kind === "live";
   link.isSteady = ["live", "conductor", "watch"].includes(app.model.hello?.kind ?? "");
-  if ((isNew || isOther) && isNoting() && outbox.begin(hello.run).some((intent) => intent.type !== "page"))
-    app.say(t("Not noted: the run that it was for is over."));
+  if ((isNew || isOther) && isNoting()) {
+    const lost = outbox.begin(hello.run).filter((intent) => intent.type !== "page").map(inputName);
+    if (lost.length) app.say(t("Not noted, since the run is over: {inputs}.", { inputs: [...new Set(lost)].join(", ") }));
+  }
   isNew = false;
   if (isFirst || isOther) events.begin();
   setText(element("title"), conduct.title || t(hello.title));
@@ -307,6 +312,9 @@ function showKept() {
   const count = link.hasEnded ? 0 : outbox.late;
   element("kept").hidden = count === 0;
   setText(element("kept"), count ? t("Not noted yet: {count}. It stays here, and is sent again by itself.", { count }) : "");
+  const { done } = link.beatWith();
+  if (done && !isDone) link.beatAt_ms = -Infinity; // the operator waits for it
+  isDone = done;
   for (const { question } of [tlx, session, form]) if (question.dialog.open) question.look();
 }
 
@@ -321,6 +329,10 @@ const link = new Link(take, (nowOpen) => {
   showStatus();
 });
 const outbox = new Outbox((message) => link.send(message));
+link.beatWith = () => {
+  outbox.rtt_s = link.rtt_s;
+  return { done: Boolean(app.model.picture?.over) && outbox.isEmpty };
+};
 
 new Keys(shortcuts({ app, autonomy, form, inbox, isa, map, pace, tabs, task }), ELSEWHERE);
 startTheme(() => {

@@ -165,6 +165,8 @@ export interface App {
   send(intent: Intent): void;
   /** The oldest input that is not noted yet and fits. */
   waiting(fits: (intent: Intent) => boolean): { page_s: number; intent: Intent } | null;
+  /** Whether an input that was made then should have been noted by now. */
+  isLate(page_s: number): boolean;
   say(text: string): void;
   select(selection: Selection | null, reveal?: boolean, forOrder?: boolean): void;
   redraw(): void;
