@@ -38,6 +38,7 @@ const app = {
   model: new Model(),
   selection: null,
   pick: null,
+  covered: null,
   send(intent) {
     if (isNoting() && !link.hasEnded) {
       if (!outbox.add(intent)) refused(intent.type, t("it is too long"));
@@ -144,12 +145,14 @@ function takeHello(hello) {
  * Offer the panels that the run leaves to this page.
  * @param {import("./types.js").Hello} hello
  */
-function offerPanels({ panels, asks }) {
+function offerPanels(hello) {
+  const { panels, asks } = hello;
   const kind = app.model.hello?.kind ?? "live";
   /** @param {string} panel */
   const has = (panel) => !["live", "watch"].includes(kind) || (panels?.includes(panel) ?? true);
   for (const panel of ["workload", "inbox"]) element(panel).hidden = !has(panel);
-  tabs.offer("tab-commands", has("orders"));
+  const isOrdered = hello.commands.length > 0 || !["live", "watch"].includes(kind) || (hello.sets_delta ?? "operator") !== "operator";
+  tabs.offer("tab-commands", has("orders") && isOrdered);
   tabs.offer("tab-agents", has("agents"));
   tabs.offer("tab-events", has("events"));
   tabs.offer("tab-notes", has("notes") && ["live", "conductor"].includes(kind));
