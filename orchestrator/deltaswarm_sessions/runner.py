@@ -26,7 +26,7 @@ from deltaswarm_sessions.folder import (
     scenario_of,
     write_record,
 )
-from deltaswarm_sessions.plan import PlannedRun, order_warning
+from deltaswarm_sessions.plan import PlannedRun, after_score, order_warning
 from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
 
 
@@ -134,7 +134,7 @@ class Runner:
         name = f"again-{len(folders_of_later_answers(folder)) + 1}" if step.text else SCORE
         out = folder.with_name(f"{folder.name}.{name}")
         out.mkdir()
-        asked = replace(scenario, operator=replace(scenario.operator, probes=step.probes))
+        asked = after_score(replace(scenario, operator=replace(scenario.operator, probes=step.probes)))
         briefing = write_briefing(out, asked, None)
 
         def say_url(url: str) -> None:
