@@ -6,7 +6,7 @@ from collections.abc import Mapping
 SCRIPT, STYLE = "page.js", "page.css"
 FIRST = "main.js"
 LIBRARY = "vendor/uPlot.iife.min.js"
-STYLES = ("vendor/uPlot.min.css", "style.css", "panels.css", "dialogs.css", "tasks.css", "screens.css")
+STYLES = ("vendor/uPlot.min.css", "style.css", "panels.css", "lists.css", "dialogs.css", "tasks.css", "screens.css")
 
 _IMPORT = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"\./(\w+)\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:const|let|class|function) (\w+))", re.MULTILINE)

@@ -14,10 +14,12 @@ import { retell, speak, t } from "./language.js";
 import { Link } from "./link.js";
 import { MapPanel } from "./map.js";
 import { Model } from "./model.js";
+import { offerPanels } from "./offers.js";
 import { PacePanel } from "./pace.js";
 import { Outbox } from "./outbox.js";
 import { PageEvents } from "./page_events.js";
 import { showPlain } from "./plain.js";
+import { startScreen } from "./screen.js";
 import { SessionPanel } from "./session.js";
 import { ELSEWHERE, shortcuts } from "./shortcuts.js";
 import { Tabs } from "./tabs.js";
@@ -129,7 +131,7 @@ function takeHello(hello) {
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
   if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
-  offerPanels(hello);
+  offerPanels(hello, kind, tabs);
   if (isFirst && hello.goal && kind === "live") tabs.show("tab-events");
   conduct.start();
   map.start();
@@ -139,26 +141,6 @@ function takeHello(hello) {
   task.start();
   session.start();
   showLists();
-}
-
-/**
- * Offer the panels that the run leaves to this page.
- * @param {import("./types.js").Hello} hello
- */
-function offerPanels(hello) {
-  const { panels, asks } = hello;
-  const kind = app.model.hello?.kind ?? "live";
-  /** @param {string} panel */
-  const has = (panel) => !["live", "watch"].includes(kind) || (panels?.includes(panel) ?? true);
-  for (const panel of ["workload", "inbox"]) element(panel).hidden = !has(panel);
-  const isOrdered = hello.commands.length > 0 || !["live", "watch"].includes(kind) || (hello.sets_delta ?? "operator") !== "operator";
-  tabs.offer("tab-commands", has("orders") && isOrdered);
-  tabs.offer("tab-agents", has("agents"));
-  tabs.offer("tab-events", has("events"));
-  tabs.offer("tab-notes", has("notes") && ["live", "conductor"].includes(kind));
-  tabs.offer("tab-acts", kind === "conductor" || kind === "replay");
-  element("side").hidden = tabs.isEmpty;
-  element("asks").hidden = !asks || kind !== "live";
 }
 
 /** @param {import("./types.js").Picture} picture */
@@ -338,6 +320,7 @@ link.beatWith = () => {
 };
 
 new Keys(shortcuts({ app, autonomy, form, inbox, isa, map, pace, tabs, task }), ELSEWHERE);
+startScreen();
 startTheme(() => {
   if (app.model.hello) workload.start();
   map.legendOf = "";
