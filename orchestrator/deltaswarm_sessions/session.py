@@ -16,7 +16,8 @@ SCORE = "score"
 SCORE_TITLE = "Your score"
 SCORE_TEXT = (
     "Judged right: {right} of {events} reported events. Targets found: {hits}. Targets taken for decoys: {misses}. "
-    "Decoys taken for targets: {false_alarms}. Without a judgement: {unjudged}."
+    "Decoys taken for targets: {false_alarms}. Without a judgement: {unjudged}. "
+    "By tossing a coin about {chance} would be right."
 )
 
 
@@ -71,8 +72,9 @@ def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
     task = summary.get("task")
     if not task:
         return None
-    right = task["hits"] + task["correct_rejections"]
-    return FormSettings(SCORE, SCORE_TITLE, SCORE_TEXT.format(right=right, **task))
+    told = task | {"right": task["hits"] + task["correct_rejections"]}
+    told["chance"] = round((task["events"] - task["unjudged"]) / 2)
+    return FormSettings(SCORE, SCORE_TITLE, SCORE_TEXT.format(**told))
 
 
 @dataclass(frozen=True)
