@@ -57,8 +57,11 @@ export class Link {
     this.socket = socket;
     this.heardAt_ms = performance.now();
     this.sent_ms.clear();
+    const began_ms = this.heardAt_ms;
     socket.onopen = () => {
       this.wait_ms = FIRST_WAIT_MS;
+      this.heardAt_ms = performance.now();
+      this.rtt_s = Math.max(this.rtt_s, (this.heardAt_ms - began_ms) / 2000); // opening takes about two round trips
       this.onChange(true);
     };
     socket.onmessage = (event) => this.take(event.data);
