@@ -28,7 +28,7 @@ export function startScreen() {
 export function check() {
   const { innerWidth: width, innerHeight: height } = window;
   const isSmall = width < LEAST.width || height < LEAST.height;
-  const size = t("This window is small: {width} × {height}. Make it larger, or press ⛶.", { width, height });
+  const size = t("This window is small: {width} × {height}. Make it larger, or use the full screen.", { width, height });
   setText(element("sheet-window"), isSmall ? size : "");
   setText(element("sheet-keyboard"), hasKeyboard ? t("The keyboard works.") : t("Press any key, to see that the keyboard works."));
 }
