@@ -7,13 +7,10 @@ Each technique is one class in one file, with its scenario keys, and is listed i
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from random import Random
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.checked import Problem
-
-if TYPE_CHECKING:
-    from deltaswarm_scenario.questions import QuestionSettings
 
 BEFORE, DURING, AFTER = "before", "during", "after"
 
@@ -114,8 +111,8 @@ class Technique:
         """Draw what is random in a run of this length."""
 
     @property
-    def questions(self) -> Sequence["QuestionSettings"]:
-        """What it may ask: its rows in the table of questions."""
+    def questions(self) -> Sequence[Any]:
+        """What it may ask, as `QuestionSettings` (`questions.py`): its rows in the table of questions."""
         return ()
 
     def settle(self, number: int, seen: Seen) -> Sequence[str]:

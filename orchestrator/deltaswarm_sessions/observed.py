@@ -46,17 +46,17 @@ def hidden_s(actions: Sequence[Row], times: Sequence[float]) -> float | None:
     """Return for how long between the first and the last step every page of the participant was hidden."""
     if not times:
         return None
-    hidden: set[str] = set()
+    pages: dict[str, bool] = {}  # whether each open page is hidden
     total_s, since_s = 0.0, min(times)
     shown = [row for row in actions if row["kind"] == "page" and row.get("monotonic_s")]
-    for row in [*shown, {"monotonic_s": str(max(times)), "name": "", "page": ""}]:
+    for row in [*shown, {"monotonic_s": str(max(times)), "name": "closed"}]:
         at_s = min(max(float(row["monotonic_s"]), min(times)), max(times))
-        total_s += (at_s - since_s) * bool(hidden)
-        since_s = at_s
-        if row["name"] == "hidden":
-            hidden.add(row["page"])
-        elif row["name"] in ("visible", "closed"):
-            hidden.discard(row["page"])
+        total_s += (at_s - since_s) * bool(pages and all(pages.values()))
+        since_s, page = at_s, row.get("page", "")
+        if row["name"] == "closed":
+            pages.pop(page, None)
+        else:
+            pages[page] = row["name"] == "hidden" or (pages.get(page, False) and row["name"] != "visible")
     return round(total_s, 3)
 
 

@@ -9,6 +9,7 @@ from deltaswarm_scenario.page_language import page_texts
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow, WallTimeRow
 from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_sessions.exclusion import ExclusionSettings
+from deltaswarm_sessions.observed import hidden_s
 from deltaswarm_sessions.tables import write_tables
 from tests.support.sessions import SUMMARY, a_participant, edited, rows_of
 
@@ -70,3 +71,21 @@ def test_the_page_and_the_table_name_the_same_anchors() -> None:
     asking = ProbeSettings(tlx=True).techniques
     for question in (question for technique in asking for question in technique.questions):
         assert {question.low_text, question.high_text, *question.choices} <= texts
+
+
+def test_the_time_for_which_every_page_was_hidden_counts() -> None:
+    """Only during the run, and not while another page of the participant is in view or none is open."""
+    acts = [
+        (90.0, "1", "hidden"),
+        (110.0, "1", "visible"),
+        (120.0, "1", "hidden"),
+        (125.0, "2", "loaded"),
+        (130.0, "2", "selected"),
+        (140.0, "2", "hidden"),
+        (143.0, "2", "size"),
+        (150.0, "2", "closed"),
+        (160.0, "1", "closed"),
+    ]
+    rows = [{"kind": "page", "monotonic_s": str(at), "page": page, "name": name} for at, page, name in acts]
+    assert hidden_s(rows, [100.0, 200.0]) == 10.0 + 5.0 + 20.0
+    assert hidden_s(rows, []) is None
