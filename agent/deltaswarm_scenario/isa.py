@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from deltaswarm_scenario.questions import NUMBER, QuestionSettings
 from deltaswarm_scenario.technique import Answers, Measure, Technique
 from deltaswarm_wire.checked import key
 
 ISA = "isa"
 LOWEST, HIGHEST = 1, 5
+WORDS = ("under-used", "relaxed", "comfortable", "high", "excessive")
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class IsaSettings:
 class Isa(Technique):
     name = kind = ISA
     title = "ISA"
+    has_numbers = True
     measures = (
         Measure(
             "person.isa",
@@ -43,6 +46,11 @@ class Isa(Technique):
     def of(cls, settings: IsaSettings) -> Iterable[Technique]:
         """Return ISA if it has an interval."""
         return [cls(settings)] if settings.isa_every_s else []
+
+    @property
+    def questions(self) -> Sequence[QuestionSettings]:
+        low, high = float(LOWEST), float(HIGHEST)
+        return [QuestionSettings(ISA, "How busy are you right now?", NUMBER, low, high, WORDS[0], WORDS[-1], WORDS)]
 
     def due_s(self, number: int, last_s: float, rng: Random) -> float:
         """Return the end of the interval after the last question."""

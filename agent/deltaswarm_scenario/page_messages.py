@@ -184,7 +184,17 @@ FROM_PAGE: Mapping[str, MessageForm] = {
         is_notice=True,
         is_input=True,
     ),
-    "beat": MessageForm("the page is there; once a second", (PARTICIPANT,), {}, is_notice=True),
+    "beat": MessageForm(
+        "the page is there; once a second. `rtt_s`: how long the answer to one took; `done`: it has shown the end "
+        "of the run, and has nothing left to send",
+        (PARTICIPANT,),
+        {
+            "number": Field("integer", LEFT_OUT),
+            "rtt_s": Field("number", LEFT_OUT, 0, 600),
+            "done": Field("boolean", LEFT_OUT),
+        },
+        is_notice=True,
+    ),
     "sheet": MessageForm(
         "the session's sheet filled in",
         (PARTICIPANT,),
@@ -272,7 +282,11 @@ TO_PAGE: Mapping[str, MessageForm] = {
         "the newest items of the inbox that are held back", (PARTICIPANT, CONDUCTOR), {"inbox": Field("InboxRow[]", ())}
     ),
     "accepted": MessageForm("the answer to an order", (PARTICIPANT,), {"id": TEXT, "number": INTEGER}),
-    "beat": MessageForm("the answer to a beat: both ways of the connection work", (PARTICIPANT,), {}),
+    "beat": MessageForm(
+        "the answer to a beat, with its number: both ways of the connection work",
+        (PARTICIPANT,),
+        {"number": Field("integer", LEFT_OUT)},
+    ),
     "noted": MessageForm(
         "an input is written down, so that nothing loses it any more", (PARTICIPANT, CONDUCTOR), {"id": TEXT}
     ),

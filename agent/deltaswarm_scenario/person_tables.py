@@ -57,13 +57,13 @@ class OperatorAction(NamedTuple):
 
 
 class ProbeRow(NamedTuple):
-    """An answer, or its absence, in `probes.csv`."""
+    """An answer, or its absence, in `probes.csv`: each planned question has its rows."""
 
     probe: Annotated[str, Column("", f"the question: {', '.join(NAMED)}, or the name of a form")]
     number: Annotated[int, Column("", "number of the question among those of its kind, from 0")]
     item: Annotated[str, Column("", "isa, a scale of NASA-TLX or its weight, or the name of a form's question")]
     value: Annotated[str | float | None, Column("", "the answer; empty: none was given")]
-    asked_s: Annotated[float, Column("s", "time of the question")]
+    asked_s: Annotated[float | None, Column("s", "time of the question; empty: it was not asked")]
     latency_s: Annotated[
         float | None, Column(MONOTONIC, "time until the answer, without pauses unless the question holds the run")
     ]
@@ -83,6 +83,16 @@ class ProbeRow(NamedTuple):
     ready_reaction_s: Annotated[float | None, Column(PAGE, "the same, from the frame that first showed it")] = None
     known: Annotated[
         str, Column("", "what the page showed at the question about the situation, or several with or between them")
+    ] = ""
+    planned_s: Annotated[float | None, Column("s", "time for which the question was planned")] = None
+    late_s: Annotated[float | None, Column("s", "from `planned_s` to `asked_s`")] = None
+    outcome: Annotated[
+        str,
+        Column(
+            "",
+            "answered; missed: its time to answer passed; cut off by the end or by a restart: there was time left; "
+            "not asked, and why",
+        ),
     ] = ""
 
 

@@ -99,6 +99,11 @@ class FormTechnique(Technique):
         """Return the form of a question."""
         raise NotImplementedError
 
+    @property
+    def questions(self) -> Sequence[QuestionSettings]:
+        """Return the form's questions."""
+        return self.form(0).question
+
     def items(self, number: int) -> Sequence[str]:
         """Return the names of the form's questions."""
         return tuple(question.name for question in self.form(number).question)

@@ -96,11 +96,19 @@ class SituationRow(NamedTuple):
     true_error: Annotated[float | None, Column("", "a number that was answered minus the true one")]
     is_known_true: Annotated[int | None, Column("", "1: what the page showed was true, which depends on the swarm")]
     known_error: Annotated[float | None, Column("", "the number that the page showed minus the true one")]
+    chance: Annotated[
+        float | None, Column("", "share of the run's steps at which the most frequent true answer is right: guessing")
+    ] = None
 
 
 def score(run: Recorded) -> list[SituationRow] | None:
-    """Score each answer against what was known and true at the end of the step of its question, if that is known."""
-    answers = [row for row in run.rows("probes") or () if row["probe"] in (SAGAT, SPAM)]
+    """Score each answer against what was known and true at the end of the step of its question, if that is known.
+
+    What the person was not asked, or had no time for, is not scored.
+    """
+    names = {technique.name for technique in AtTimes.__subclasses__()}
+    answers = [row for row in run.rows("probes") or () if row["probe"] in names and is_scored(row)]
+    guesses = {item: _guess(item, run) for item in {row["item"] for row in answers}}
     by_time = {record.time_s: record for record in run.steps}
     rows = []
     for answer in answers:
@@ -111,7 +119,7 @@ def score(run: Recorded) -> list[SituationRow] | None:
         truth = OR.join(truths(item, record, run))
         asked = (answer["probe"], int(answer["number"]), item, record.time_s)
         of_known, of_truth, of_both = _compare(value, known), _compare(value, truth), _compare(known, truth)
-        rows.append(SituationRow(*asked, value, known, truth, *of_known, *of_truth, *of_both))
+        rows.append(SituationRow(*asked, value, known, truth, *of_known, *of_truth, *of_both, guesses[item]))
     return rows if answers else None
 
 
@@ -124,6 +132,18 @@ def _compare(value: str, right: str) -> tuple[int | None, float | None]:
     except ValueError:
         return int(value in right.split(OR) or value == right), None
     return int(error == 0), error
+
+
+def is_scored(row: Mapping[str, str]) -> bool:
+    """Whether the person was asked, and had the time to answer."""
+    return bool(row["asked_s"]) and not row.get("outcome", "").startswith("cut")
+
+
+def _guess(item: str, run: Recorded) -> float | None:
+    """Return how often the most frequent answer is right, among the steps at which one alone is."""
+    right = [found for record in run.steps if len(found := truths(item, record, run)) == 1]
+    most = Counter(answer for [answer] in right).most_common(1)
+    return most[0][1] / len(right) if most else None
 
 
 def truths(item: str, record: StepRecord, run: Recorded) -> list[str]:
@@ -164,6 +184,7 @@ SHARES = (
     ),
     ("situation_true_share", "is_true", "the same by the truth"),
     ("situation_known_share", "is_known_true", "questions to which what the page showed was true: the swarm's share"),
+    ("situation_chance_share", "chance", "the share that is right by always giving the most frequent answer"),
 )
 """Measures with their columns of `situation.csv` and their meanings."""
 
@@ -171,14 +192,15 @@ SHARES = (
 def shares(rows: Sequence[Mapping[str, str]]) -> dict[str, float | None]:
     """Return the shares of rows of `situation.csv` that are right; one without an answer is not.
 
-    Of what the page showed, only questions that were shown count.
+    Of what the page showed, only questions that were shown count. A question with several right answers does not.
     """
+    rows = [row for row in rows if OR not in row.get("known", "")]
 
     def share(column: str) -> float | None:
         values = [row[column] for row in rows if column in row]  # a table may be older than a column
-        if column == "is_known_true":
+        if column in ("is_known_true", "chance"):
             values = [value for value in values if value]
-        return values.count("1") / len(values) if values else None
+        return sum(float(value or 0.0) for value in values) / len(values) if values else None
 
     return {name: share(column) for name, column, _ in SHARES}
 
@@ -198,6 +220,8 @@ class AtTimes(FormTechnique):
         self._count = count
         self._times = times
         self._questions = [SITUATION[name] for name in questions]
+        self._ties: dict[int, frozenset[str]] = {}
+        """By the number of a question, what had several right answers when it was asked."""
         self._orders: list[list[QuestionSettings]] = []
         """The questions in the drawn order of each round."""
 
@@ -243,6 +267,20 @@ class AtTimes(FormTechnique):
         """Return the questions in the order of a round; as they were given, if none was drawn."""
         return self._orders[number] if number < len(self._orders) else self._questions
 
+    @property
+    def questions(self) -> Sequence[QuestionSettings]:
+        return self._questions
+
+    def settle(self, number: int, seen: Seen) -> Sequence[str]:
+        """Leave out what has several right answers, which a guess often meets, unless nothing else is left."""
+        names = [question.name for question in self._questions]
+        ties = frozenset(name for name in names if OR in known(name, seen))
+        self._ties[number] = ties if len(ties) < len(names) else frozenset()
+        return ()
+
+    def without_ties(self, number: int, questions: Sequence[QuestionSettings]) -> Sequence[QuestionSettings]:
+        return [question for question in questions if question.name not in self._ties.get(number, ())]
+
     def due_s(self, number: int, last_s: float, rng: Random) -> float:
         return self._at_s[number] if number < len(self._at_s) else math.inf
 
@@ -271,7 +309,11 @@ class Sagat(AtTimes):
         return cls.wrong(settings.sagat_at_s, settings.sagat_count, settings.sagat_questions)
 
     def form(self, number: int) -> FormSettings:
-        return FormSettings(SAGAT, TITLE, question=tuple(self.round(number)))
+        return FormSettings(SAGAT, TITLE, question=tuple(self.without_ties(number, self.round(number))))
+
+    def settle(self, number: int, seen: Seen) -> Sequence[str]:
+        super().settle(number, seen)
+        return sorted(self._ties[number])
 
 
 class Spam(AtTimes):
@@ -294,7 +336,8 @@ class Spam(AtTimes):
 
     def form(self, number: int) -> FormSettings:
         at, place = divmod(number, len(self._questions))
-        return FormSettings(SPAM, TITLE, question=(self.round(at)[place],))
+        order = self.round(at)
+        return FormSettings(SPAM, TITLE, question=(self.without_ties(number, [*order[place:], *order[:place]])[0],))
 
     def prompt(self, number: int) -> FormSettings:
         return FormSettings(SPAM, READY)

@@ -86,6 +86,8 @@ class Technique:
     """Whether it is asked only of a person at the station."""
     has_prompt = False
     """Whether the person says to be ready before the question is shown."""
+    has_numbers: ClassVar[bool] = False
+    """Whether all its answers are numbers."""
     scored: ClassVar[ScoredTable | None] = None
     measures: Sequence[Measure] = ()
     texts: ClassVar[Sequence[str]] = ()
@@ -107,6 +109,15 @@ class Technique:
 
     def draw(self, rng: Random, duration_s: float) -> None:
         """Draw what is random in a run of this length."""
+
+    @property
+    def questions(self) -> Sequence[Any]:
+        """What it may ask, as `QuestionSettings` (`questions.py`): its rows in the table of questions."""
+        return ()
+
+    def settle(self, number: int, seen: Seen) -> Sequence[str]:
+        """Decide what a question asks by what the page shows now; return the items that cannot be asked now."""
+        return ()
 
     def known(self, number: int, seen: Seen) -> Mapping[str, str]:
         """Return what is right by what the page shows, by item; empty if it asks nothing about that."""

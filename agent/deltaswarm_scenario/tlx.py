@@ -6,12 +6,14 @@ from itertools import combinations
 from random import Random
 from typing import Any
 
+from deltaswarm_scenario.questions import NUMBER, QuestionSettings
 from deltaswarm_scenario.technique import AFTER, Answers, Measure, Technique
 from deltaswarm_wire.checked import key
 
 TLX = "tlx"
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
 """The scales, each from 0 to 100."""
+EVENLY, ENDS = ("very low", "very high"), {"performance": ("perfect", "failure")}
 PAIRS = 15
 """Pairs of scales, of which a person says each time which weighs more."""
 
@@ -25,6 +27,7 @@ class TlxSettings:
 class Tlx(Technique):
     name = kind = TLX
     title = "NASA-TLX"
+    has_numbers = True
     measures: Sequence[Measure] = (
         Measure("person.tlx.raw", "NASA-TLX, mean of the six scales, from 0 to 100", "tlx_raw", "operator.probes.tlx"),
         Measure(
@@ -42,6 +45,13 @@ class Tlx(Technique):
     @classmethod
     def of(cls, settings: TlxSettings) -> Iterable[Technique]:
         return [cls(settings)] if settings.tlx else []
+
+    @property
+    def questions(self) -> Sequence[QuestionSettings]:
+        return [
+            QuestionSettings(scale, f"{self.title}, {scale}", NUMBER, 0.0, 100.0, *ENDS.get(scale, EVENLY))
+            for scale in SCALES
+        ]
 
     def draw(self, rng: Random, duration_s: float) -> None:
         """Draw the order of the pairs, and of the scales in each."""

@@ -11,18 +11,6 @@ from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.scenario import Scenario
 
 
-def isa_warning(scenario: Scenario, speed: float) -> str | None:
-    """Return a warning if ISA questions come faster than their time to answer passes; None if they do not."""
-    probes = scenario.operator.probes
-    if not probes.isa_every_s or 0 < speed * probes.isa_wait_s <= probes.isa_every_s:
-        return None
-    pace = f"at {speed:g} times real time" if speed else "as fast as possible"
-    return (
-        f"operator.probes.isa_every_s should be at least the speed times isa_wait_s (got {probes.isa_every_s:g} s "
-        f"and {probes.isa_wait_s:g} s {pace}): otherwise a question is nearly always open, and the next comes late"
-    )
-
-
 def run_and_report(scenario: Scenario, options: RunOptions, *, quiet: bool, as_json: bool = False) -> int:
     """Do a checked run and print its results; return the exit code."""
     from rich.console import Console

@@ -164,6 +164,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from deltaswarm import runs
     from deltaswarm_cli import report
+    from deltaswarm_orchestrator.run.operating import question_warning
     from deltaswarm_orchestrator.scenarios.load import commented_toml
 
     if problem := _problem(arguments):
@@ -174,7 +175,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
-    if options.station and (warning := report.isa_warning(scenario, options.station.speed)):
+    if options.station and (warning := question_warning(scenario, options.station.speed)):
         notice(warning)
     return report.run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
 

@@ -16,13 +16,11 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, i
 from deltaswarm_orchestrator.results.run_tables import PROBES, SITUATION
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.columns import columns_of
-from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.situation import shares
 from deltaswarm_scenario.technique import AFTER
 from deltaswarm_scenario.techniques import TECHNIQUES
-from deltaswarm_scenario.tlx import TLX
 from deltaswarm_sessions.plan import PlannedRun, run_folder
 from deltaswarm_sessions.session import Attempt, Session
 from deltaswarm_wire.cells import rows_by_column
@@ -33,6 +31,7 @@ RECORD, SUMMARY = "session.json", "summary.json"
 
 Row = dict[str, str]
 
+NUMERIC = {technique.name for technique in TECHNIQUES if technique.has_numbers}
 NEEDED = {
     "actions": ("kind", "name", "text"),
     "probes": ("probe", "number", "item", "value", "answered_utc"),
@@ -166,7 +165,7 @@ def _check_cells(rows: Sequence[Row], table: str) -> None:
     for row_number, row in enumerate(rows, 2):  # the header is the first
         if lacking := [name for name in NEEDED.get(table, ()) if name not in row]:
             raise ValueError(f"it lacks the columns {', '.join(lacking)}")
-        own = {"value"} if row.get("probe") in (ISA, TLX) else set()
+        own = {"value"} if row.get("probe") in NUMERIC else set()
         for name in (numbers | own) & {*row}:
             if row[name] and not is_finite(row[name]):
                 raise ValueError(f"row {row_number}, column {name}: must be a finite number (got {row[name]!r:.40})")
@@ -193,7 +192,9 @@ def _with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]
     changed = {**person, "answers_missing": max(0, missing)}
     for technique in TECHNIQUES:
         if technique.when == AFTER and (rows := [row for row in later if row["probe"] == technique.name]):
-            changed |= technique.scores([{row["item"]: float(row["value"]) for row in rows}])
+            changed |= technique.scores(
+                [{row["item"]: float(row["value"]) if technique.has_numbers else row["value"] for row in rows}]
+            )
     return {**summary, "person": changed}
 
 

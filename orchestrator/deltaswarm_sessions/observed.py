@@ -1,36 +1,24 @@
 """What a run's manifest and rows say about it and its participant: times, screen, consent, scales. No I/O."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import median
 from typing import Any
 
-from deltaswarm_scenario.isa import HIGHEST, ISA, LOWEST
-from deltaswarm_scenario.questions import NUMBER, QuestionSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.situation import SAGAT, SITUATION, SPAM
+from deltaswarm_scenario.technique import DURING, Technique
+from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_scenario.tlx import SCALES, TLX
 
 Row = Mapping[str, str]
 
-TIMED = (ISA, SAGAT, SPAM)
+
+def timed(techniques: Iterable[type[Technique]]) -> set[str]:
+    """Return the names of those that ask during the run."""
+    return {technique.name for technique in techniques if technique.title and technique.when == DURING}
+
+
+TIMED = timed(TECHNIQUES)
 """Probes whose answers take a moment of the run."""
-
-ANSWERS = ("under-used", "relaxed", "comfortable", "high", "excessive")
-EVENLY = ("very low", "very high")
-
-STANDARD = {
-    ISA: [
-        QuestionSettings(
-            ISA, "How busy are you right now?", NUMBER, float(LOWEST), float(HIGHEST), ANSWERS[0], ANSWERS[-1], ANSWERS
-        )
-    ],
-    TLX: [
-        QuestionSettings(scale, f"NASA-TLX, {scale}", NUMBER, 0.0, 100.0, *ends)
-        for scale in SCALES
-        for ends in [("perfect", "failure") if scale == "performance" else EVENLY]
-    ],
-}
-"""Questions of instruments that are the same in all scenarios."""
 
 
 def of_run(
@@ -46,11 +34,30 @@ def of_run(
         "started": manifest.get("started"),
         "wall_duration_s": max(times) - min(times) if times else None,
         "screen": "; ".join(dict.fromkeys(sizes)),
+        "page_hidden_s": hidden_s(actions, times),
         "median_answer_s": median(seconds) if seconds else None,
         "tlx_scale": {
             row["item"]: float(row["value"]) for row in given if row["probe"] == TLX and row["item"] in SCALES
         },
     }
+
+
+def hidden_s(actions: Sequence[Row], times: Sequence[float]) -> float | None:
+    """Return for how long between the first and the last step every page of the participant was hidden."""
+    if not times:
+        return None
+    pages: dict[str, bool] = {}  # whether each open page is hidden
+    total_s, since_s = 0.0, min(times)
+    shown = [row for row in actions if row["kind"] == "page" and row.get("monotonic_s")]
+    for row in [*shown, {"monotonic_s": str(max(times)), "name": "closed"}]:
+        at_s = min(max(float(row["monotonic_s"]), min(times)), max(times))
+        total_s += (at_s - since_s) * bool(pages and all(pages.values()))
+        since_s, page = at_s, row.get("page", "")
+        if row["name"] == "closed":
+            pages.pop(page, None)
+        else:
+            pages[page] = row["name"] == "hidden" or (pages.get(page, False) and row["name"] != "visible")
+    return round(total_s, 3)
 
 
 def version_of(manifest: Mapping[str, Any]) -> str:
@@ -67,19 +74,12 @@ def consent_of(actions: Sequence[Row]) -> str:
 
 def questions_of(scenario: Scenario) -> Iterator[dict[str, Any]]:
     """Yield a row for each question that a run can ask, in the words of the page in its language."""
-    probes, translated = scenario.operator.probes, scenario.operator.page.language.of
-    asked: dict[str, Sequence[QuestionSettings]] = {form.name: form.question for form in probes.form}
-    asked |= {ISA: STANDARD[ISA]} if probes.isa_every_s else {}
-    asked |= {TLX: STANDARD[TLX]} if probes.tlx else {}
-    if probes.sagat_at_s or probes.sagat_count:
-        asked[SAGAT] = [SITUATION[name] for name in probes.sagat_questions]
-    if probes.spam_at_s or probes.spam_count:
-        asked[SPAM] = [SITUATION[name] for name in probes.spam_questions]
-    for probe, questions in asked.items():
-        for one in questions:
+    translated = scenario.operator.page.language.of
+    for technique in scenario.operator.probes.techniques:
+        for one in technique.questions:
             has_bounds = one.kind != "text" and one.kind != "choice"
             yield {
-                "probe": probe,
+                "probe": technique.name,
                 "item": one.name,
                 "language": scenario.operator.page.language.tag,
                 "text": translated(one.text),

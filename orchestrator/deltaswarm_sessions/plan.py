@@ -48,6 +48,7 @@ OUTLINE = ("run", "scenario", "simulated s", "wall min", "asks")
 MORE = "Please wait: the next run follows by itself."
 WAIT = "Please wait."
 THANKS = "Thank you: that was the last run."
+SCORE_NEXT = "Your score comes next."
 
 DEFAULTS = (
     "operator.page.pace=false",
@@ -185,6 +186,8 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         ]
         scenario = scenarios.load_scenario(name, overrides, seed_of(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
+        if settings.score and scenario.operator.task.is_on and scenario.operator.page.end_text == end_text:
+            scenario = with_end_text(scenario, SCORE_NEXT)
         run = PlannedRun(
             label, run_folder(place, label), scenario, place, stream, (settings.seed, number), condition.set
         )
@@ -194,6 +197,20 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         runs.append(run)
         consent = ""  # asked for once
     return runs
+
+
+def with_end_text(scenario: Scenario, end_text: str) -> Scenario:
+    """Return the scenario with what its page says at the end."""
+    operator = scenario.operator
+    return replace(scenario, operator=replace(operator, page=replace(operator.page, end_text=end_text)))
+
+
+def after_score(scenario: Scenario) -> Scenario:
+    """Return the scenario of a page that follows a run: what was said to come next has come."""
+    page = scenario.operator.page
+    if page.end_text != SCORE_NEXT:
+        return scenario
+    return with_end_text(scenario, THANKS if page.place[0] == page.place[1] else MORE)
 
 
 def _checked(criterion: CriterionSettings | None, training: Scenario) -> CriterionSettings | None:

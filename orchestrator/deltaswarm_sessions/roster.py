@@ -5,6 +5,7 @@ it; its seal covers the commitment, too. A command that changes the folder holds
 """
 
 import errno
+import os
 import shutil
 import time
 from collections import Counter
@@ -53,7 +54,7 @@ class Roster(NamedTuple):
 
     withdrawn: tuple[Withdrawn, ...] = ()
     tables: tuple[str, ...] = ()
-    """Folders to which tables of the data were written."""
+    """Folders to which tables of the data were written, relative to that of the sessions."""
     begun: tuple[int, ...] = ()
     """Participants whose sessions were begun here and who did not withdraw."""
     unfinished: tuple[int, ...] = ()
@@ -141,11 +142,22 @@ def doubt(sessions: Path) -> str:
     return ""
 
 
+def relative(to: Path, folder: Path) -> str:
+    """Return the way from a folder to another: it stays right if both are moved or copied together."""
+    return os.path.relpath(to.resolve(), folder.resolve())
+
+
+def is_of(tables: Path, sessions: Path) -> bool:
+    """Whether tables were written from this folder of sessions, and not from one of which it is a copy."""
+    written_from = seal.read_sealed(tables / seal.RECORD).get("sessions")
+    return written_from is None or (tables / written_from).resolve() == sessions.resolve()
+
+
 def note_tables(sessions: Path, out: Path) -> None:
     """Note where tables will be written, so that a withdrawal finds them, and of whom: folders may have been copied."""
     roster = read(sessions)
     there = [file.parent.name.rpartition("-")[2] for file in sessions.glob(f"participant-*/{RECORD}")]
-    tables = dict.fromkeys((*roster.tables, str(out.resolve())))
+    tables = dict.fromkeys((*roster.tables, relative(out, sessions)))
     begun = dict.fromkeys((*roster.begun, *sorted(int(text) for text in there if text.isdecimal())))
     write(sessions, roster._replace(tables=tuple(tables), begun=tuple(begun)))
 
@@ -177,7 +189,7 @@ class Removed(NamedTuple):
     tables: list[Path]
     """Folders of tables that must be written again, without the participant."""
     not_there: list[Path]
-    """Folders to which tables were written and which are no longer there."""
+    """Folders to which tables were written, and which are no longer there or were written from another folder."""
 
 
 def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
@@ -193,8 +205,8 @@ def withdraw(sessions: Path, participant: int, reason: str) -> Removed:
         row = Withdrawn(participant, provenance.now(), " ".join(reason.split()))
         roster = roster._replace(withdrawn=(*roster.withdrawn, row))
     roster = roster._replace(begun=tuple(number for number in roster.begun if number != participant))
-    tables = [Path(name) for name in roster.tables]
-    there = [one for one in tables if any((one / name).exists() for name in OF_TABLES)]
+    tables = [(sessions / name).resolve() for name in roster.tables]
+    there = [one for one in tables if any((one / name).exists() for name in OF_TABLES) and is_of(one, sessions)]
     removed = Removed(folder if folder.exists() else None, there, [one for one in tables if one not in there])
     with ExitStack() as stack:
         if removed.folder:

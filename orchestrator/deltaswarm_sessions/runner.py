@@ -15,6 +15,7 @@ from deltaswarm_orchestrator.processes.pages import serve_page
 from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
 from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
+from deltaswarm_orchestrator.run.operating import question_warning
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_sessions.folder import (
     RECORD,
@@ -25,7 +26,7 @@ from deltaswarm_sessions.folder import (
     scenario_of,
     write_record,
 )
-from deltaswarm_sessions.plan import PlannedRun, order_warning
+from deltaswarm_sessions.plan import PlannedRun, after_score, order_warning
 from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
 
 
@@ -62,8 +63,8 @@ class Runner:
         """Make every check of all runs, before a participant has done the first; return warnings."""
         for run in self.session.runs:
             check_run(run.scenario, self._options(run))
-        slow = [report.isa_warning(run.scenario, self.speed) for run in self.session.runs]
-        return [*dict.fromkeys(warning for warning in [*slow, order_warning(self.session.runs)] if warning)]
+        plans = [question_warning(run.scenario, self.speed) for run in self.session.runs]
+        return [*dict.fromkeys(warning for warning in [*plans, order_warning(self.session.runs)] if warning)]
 
     def begin(self) -> None:
         """Take the folder, and write the record of what is done and planned."""
@@ -133,7 +134,7 @@ class Runner:
         name = f"again-{len(folders_of_later_answers(folder)) + 1}" if step.text else SCORE
         out = folder.with_name(f"{folder.name}.{name}")
         out.mkdir()
-        asked = replace(scenario, operator=replace(scenario.operator, probes=step.probes))
+        asked = after_score(replace(scenario, operator=replace(scenario.operator, probes=step.probes)))
         briefing = write_briefing(out, asked, None)
 
         def say_url(url: str) -> None:

@@ -1,22 +1,23 @@
 """One participant's session: the runs, what has been done of them, and what comes next. Pure."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.technique import AFTER
+from deltaswarm_scenario.technique import AFTER, Technique
 from deltaswarm_scenario.techniques import ProbeSettings
-from deltaswarm_scenario.tlx import TLX
 from deltaswarm_sessions.plan import PlannedRun
 from deltaswarm_sessions.settings import END, NOT_REACHED, OPEN, REACHED, CriterionSettings
 
+NOTHING = ProbeSettings(isa_every_s=0.0)
 SCORE = "score"
 SCORE_TITLE = "Your score"
 SCORE_TEXT = (
     "Judged right: {right} of {events} reported events. Targets found: {hits}. Targets taken for decoys: {misses}. "
-    "Decoys taken for targets: {false_alarms}. Without a judgement: {unjudged}."
+    "Decoys taken for targets: {false_alarms}. Without a judgement: {unjudged}. "
+    "By tossing a coin about {chance} would be right."
 )
 
 
@@ -50,14 +51,20 @@ class Attempt(NamedTuple):
     def unanswered(self) -> ProbeSettings | None:
         """What to ask again; None if nothing is missing.
 
-        ISA, SAGAT and SPAM are about a moment of the run, and are not asked again.
+        What is about a moment of the run is not asked again. The keys of a technique begin with its name.
         """
         probes, has = self.scenario.operator.probes, self.answered
         forms = tuple(replace(form, when=AFTER) for form in probes.form if form.question and form.name not in has)
-        has_tlx = probes.tlx and TLX not in has
-        if not has_tlx and not forms:
+        names = [one.name for one in asked_after(probes) if one.name not in has]
+        if not names and not forms:
             return None
-        return ProbeSettings(isa_every_s=0.0, tlx=has_tlx, tlx_weights=probes.tlx_weights, form=forms)
+        keys = [field.name for field in fields(probes) if field.name.startswith(tuple(names))]
+        return replace(NOTHING, form=forms, **{key: getattr(probes, key) for key in keys})
+
+
+def asked_after(probes: ProbeSettings) -> list[Technique]:
+    """Return the techniques, besides forms, that ask after the run."""
+    return [one for one in probes.techniques if one.when == AFTER and one.title and one.items(0)]
 
 
 def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
@@ -65,8 +72,9 @@ def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
     task = summary.get("task")
     if not task:
         return None
-    right = task["hits"] + task["correct_rejections"]
-    return FormSettings(SCORE, SCORE_TITLE, SCORE_TEXT.format(right=right, **task))
+    told = task | {"right": task["hits"] + task["correct_rejections"]}
+    told["chance"] = round((task["events"] - task["unjudged"]) / 2)
+    return FormSettings(SCORE, SCORE_TITLE, SCORE_TEXT.format(**told))
 
 
 @dataclass(frozen=True)
@@ -178,7 +186,7 @@ class Session:
     def _after(self, run: PlannedRun, attempt: Attempt) -> Iterator[Ask | Say]:
         """Yield what follows a run that has just ended: the score, questions without an answer, and what they lack."""
         if (score := attempt.score) and self._shows_score:
-            yield Ask(attempt, ProbeSettings(isa_every_s=0.0, form=(score,)), "")
+            yield Ask(attempt, replace(NOTHING, form=(score,)), "")
         yield from self._asked(run, attempt)
         if missing := self.attempts[run.folder][-1].answers_missing:
             yield Say(f"answers missing in run {run.position}, {run.label}: {missing}")
@@ -186,7 +194,7 @@ class Session:
     @staticmethod
     def _asked(run: PlannedRun, attempt: Attempt) -> Iterator[Ask]:
         if probes := attempt.unanswered:
-            asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
+            asked = ", ".join([*(one.title for one in asked_after(probes)), *(form.name for form in probes.form)])
             yield Ask(attempt, probes, f"asking again after run {run.position}, {run.label}: {asked}")
 
     def _repeated(self, run: PlannedRun) -> str:

@@ -95,6 +95,7 @@ def write_tables(
         notice(f"{sessions}: not sealed, so nobody can tell whether they were changed: {', '.join(unsealed)}")
     content = {
         "session": sessions.name,
+        "sessions": roster.relative(sessions, out),
         "participants": [record["participant"] for record in records.values()],
         "not_sealed": unsealed,
     }

@@ -7,7 +7,7 @@ from dataclasses import replace
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.operator_settings import NONE
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.situation import SAGAT, SPAM, known
+from deltaswarm_scenario.situation import OR, AtTimes, known
 from deltaswarm_sessions.plan import PlannedRun
 
 ALWAYS = 0.9
@@ -16,9 +16,8 @@ ALWAYS = 0.9
 
 def asked(scenario: Scenario) -> dict[str, tuple[str, ...]]:
     """Return the questions about the situation that a run asks, by technique."""
-    probes = scenario.operator.probes
-    questions = {SAGAT: probes.sagat_questions, SPAM: probes.spam_questions}
-    return {one.name: questions[one.name] for one in probes.techniques if one.name in questions}
+    asking = [one for one in scenario.operator.probes.techniques if isinstance(one, AtTimes)]
+    return {one.name: tuple(question.name for question in one.questions) for one in asking}
 
 
 def situation_warnings(planned: Iterable[PlannedRun]) -> list[str]:
@@ -58,14 +57,18 @@ def _known_beforehand(label: str, scenario: Scenario) -> list[str]:
     assert swarm.console is not None
     probes = scenario.operator.probes
     first_s = min([*probes.sagat_at_s, *probes.spam_at_s, probes.situation_first_s])
+    steps = 0
     for record, _ in swarm.steps():
         if record.time_s >= first_s:
+            steps += 1
             seen = swarm.console.see()
             for item in items:
-                counts[item][known(item, seen)] += 1
+                if OR not in (answer := known(item, seen)):  # else it is not asked
+                    counts[item][answer] += 1
     return [
-        f"condition {label} gives away the answer to {item}: {answer} is right at {count / total:.0%} of its moments"
+        f"condition {label}{' gives away the answer' if count >= ALWAYS * total else ''}: chance level of {item} is "
+        f"{count / total:.0%}, by always answering {answer}; asked at {total / steps:.0%} of the moments"
         for item in items
         for answer, count in counts[item].most_common(1)
-        if count >= ALWAYS * (total := counts[item].total())
+        if (total := counts[item].total())
     ]

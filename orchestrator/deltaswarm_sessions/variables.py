@@ -73,8 +73,11 @@ RUN_ITSELF = {
     ),
     "wall_duration_s": Variable(NUMBER, Column(MONOTONIC, "time from its first step to its last"), "wall_duration_s"),
     "screen": Variable(TEXT, Column("", "sizes of the page in pixels, in order, divided by semicolons"), "screen"),
+    "page_hidden_s": Variable(
+        NUMBER, Column(MONOTONIC, "time during the run for which its page was hidden behind another"), "page_hidden_s"
+    ),
     "median_answer_s": Variable(
-        NUMBER, Column(MONOTONIC, "median time of the answers to ISA, SAGAT and SPAM"), "median_answer_s"
+        NUMBER, Column(MONOTONIC, "median time of the answers during the run"), "median_answer_s"
     ),
     **{
         f"tlx_{scale}": Variable(NUMBER, Column("", f"NASA-TLX, {scale}, from 0 to 100"), f"tlx_scale.{scale}")

@@ -123,3 +123,41 @@ def test_what_was_not_noted_before_a_reload_is_noted_after_it(station: Station) 
     page.until(lambda: page.at("note-text").get_property("value") == "")
     operator.finish()
     assert [act["text"] for act in station.rows("actions") if act["kind"] == "note"] == ["before"]
+
+
+@pytest.mark.slow
+def test_answers_over_a_slow_link_count_by_the_time_of_the_page(driver: "Chrome", tmp_path: Path) -> None:
+    """Two seconds each way: answered late in its time, at the end of the run, and judged before the page knew of it."""
+    probes = {"isa_every_s": 1.0, "isa_wait_s": 8.0}
+    with Feed() as feed, cable(urlsplit(feed.url).port or 0) as link:
+        operator = AtTheConsole(feed, briefing(operator={"probes": probes, "task": {"target_share": 0.5}}), tmp_path)
+        operator.close_step()
+        page = Looking(driver)
+        link.delay_s = 2.0
+        driver.get(feed.url.replace(f":{urlsplit(feed.url).port}/", f":{link.port}/"))
+        page.until(lambda: page.text("status") == "live")
+        page.until(lambda: operator.console.beats.rtt_s > 3.5)
+        for is_last in (False, True):
+            operator.close_step()
+            page.until(lambda: page.at("isa").is_displayed())
+            if not is_last:
+                page.until(lambda: page.text("isa-seconds") in ("2 s left", "1 s left"))
+            else:
+                page.at("tab-events").click()
+                page.all("#events-list button")[0].click()
+                operator.close_step(last=True)  # the page does not know yet
+                page.press("x")
+            page.press("3")
+            page.until(lambda: not page.at("isa").is_displayed())
+            assert not page.at("kept").is_displayed()
+        page.until(lambda: not operator.is_asking)
+        operator.finish()
+        driver.get("about:blank")
+    with (tmp_path / "probes.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["value"], row["outcome"]) for row in rows] == [("3", "answered")] * 2
+    assert float(rows[0]["latency_s"]) > 8.0 > float(rows[0]["reaction_s"])
+    with (tmp_path / "actions.csv").open(newline="") as stream:
+        kinds = [row["kind"] for row in csv.DictReader(stream)]
+    assert kinds.count("judge") == 1
+    assert list(operator.console.judgements.values()) == ["target"]

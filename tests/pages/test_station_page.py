@@ -39,7 +39,7 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert page.text("time") == "1:40"
     assert page.text("title") == "paper-25, hybrid"
     assert (page.text("rate-long"), page.text("senders"), page.text("unread")) == ("2.9", "4", "50")
-    assert page.text("events-closed") == "7, after 62 s each"
+    assert (page.text("events-closed"), page.text("closed-after")) == ("7", "closed after 62 s each")
     assert page.text("events-open") == str(len(page.texts("#events-list > li")))
     assert page.text("above") == "above 5 for 0:12 · above 2 for 1:20"
     assert "event 0" in page.texts("#events-list > li")[0]

@@ -81,6 +81,14 @@ def test_the_conductor_sees_the_truth_beside_what_the_participant_knows(conducto
     assert len(page.texts("#events-list > li")) == 5
 
 
+def test_the_conductor_sees_the_situation_while_a_question_hides_it_from_the_participant(conductor: Page) -> None:
+    form = {"name": "sagat", "title": "What is the situation?", "text": "", "question": []}
+    conductor.player.swarm.probe = {"kind": "form", "number": 0, "hides": True, "form": form}
+    conductor.player.show(101.0)
+    conductor.until(lambda: "What is the situation?" in conductor.text("role"))
+    assert conductor.at("map").is_displayed()
+
+
 def test_the_conductor_sees_what_the_participant_does(conductor: Page) -> None:
     """What is selected, asked and done, as it happens; the conductor may pause and write notes, and does not answer."""
     page = conductor

@@ -52,3 +52,36 @@ def test_an_event_is_not_judged_after_the_end(page: Page) -> None:
     page.press("x", "n")
     page.player.heard(lambda intent: intent["type"] == "page" and intent.get("text") == "tab-notes")
     assert not any(intent["type"] == "judge" for intent in page.player.intents)
+
+
+DOTS = """
+const arc = CanvasRenderingContext2D.prototype.arc;
+window.dots = [];
+CanvasRenderingContext2D.prototype.arc = function (x, y, radius, ...rest) {
+    if (this.canvas.id === "map" && radius === 3.5) window.dots.push([x, y]);
+    return arc.call(this, x, y, radius, ...rest);
+};
+"""
+COLOURS = """
+const map = document.getElementById("map");
+const on = new OffscreenCanvas(map.width, map.height).getContext("2d", { willReadFrequently: true });
+on.drawImage(map, 0, 0);
+return window.dots.map(([x, y]) => [...on.getImageData(Math.round(x), Math.round(y), 1, 1).data]);
+"""
+
+
+def test_no_mark_covers_the_places_at_which_the_selected_event_was_reported(page: Page) -> None:
+    """Agents stand where an event is, and so do their labels: the cue of the task is drawn over both."""
+    hello(page, goal="Find the targets.")
+    page.until(lambda: page.at("judge").is_displayed())
+    page.driver.execute_script(DOTS)
+    trail = [[50.0 + 1.5 * at, 50.0 - at % 2] for at in range(6)]
+    agents = [[at, *trail[at % 6], "attending", -1, -1, 101, 1, 0] for at in range(12)]
+    page.player.show(101.0, agents=agents, events=[[0, 52.0, 50.0, 90.0, 101.0, 0, [0, 1], trail]])
+    page.until(lambda: page.text("time") == "1:41")
+    page.driver.execute_script("window.dots = []")
+    page.press("l", "l")
+    page.drawn()
+    colours = page.driver.execute_script(COLOURS)
+    assert len(colours) >= len(trail)
+    assert all(blue > green + 40 and red > green + 20 for red, green, blue, _ in colours), colours

@@ -42,6 +42,12 @@ class AtTheConsole:
             workload = Workload(self.step, time_s, 1, 1, 0.0, 0.0, 0.0, 0, 0, 0)
             self._server.close_step(Clock(self.step, time_s, last), workload, (told,))
 
+    @property
+    def is_asking(self) -> bool:
+        """Whether a question is open, or an input may be on the way."""
+        with self._lock:
+            return self._server.is_asking
+
     def finish(self) -> None:
         """Serve what has arrived, and complete the tables."""
         self._is_over = True

@@ -4,6 +4,8 @@ import contextlib
 import select
 import socket
 import threading
+import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -30,6 +32,11 @@ class Cable:
         self._is_dead = self._passes_down = False
         self._lost: set[socket.socket] = set()
         """The ends of connections over which nothing passes any more."""
+        self.delay_s = 0.0
+        """How long each chunk is on the way, in both directions [s]."""
+        self._on_the_way: deque[tuple[float, socket.socket, bytes]] = deque()
+        self._ended: set[socket.socket] = set()
+        """Ends whose last chunk is on the way."""
         self.altered = 0
         """Chunks that were not passed on as they came."""
         self._replaced = (b"", b"")
@@ -80,14 +87,18 @@ class Cable:
 
     def _serve(self) -> None:
         while not self._is_over:
-            readers = [self._server, self._woken, *([] if self._is_held else self._pairs)]
-            for ready in select.select(readers, [], [])[0]:
+            readers = [self._server, self._woken, *([] if self._is_held else {*self._pairs} - self._ended)]
+            wait_s = max(0.0, self._on_the_way[0][0] - time.monotonic()) if self._on_the_way else None
+            for ready in select.select(readers, [], [], wait_s)[0]:
                 if ready is self._woken:
                     self._woken.recv(CHUNK)
                 elif ready is self._server:
                     self._accept()
                 elif ready in self._pairs:
                     self._forward(ready)
+            while self._on_the_way and self._on_the_way[0][0] <= time.monotonic():
+                _, end, data = self._on_the_way.popleft()
+                self._pass_on(end, data)
             if self._is_cut:
                 for end in list(self._pairs):
                     self._drop(end)
@@ -109,6 +120,19 @@ class Cable:
     def _forward(self, end: socket.socket) -> None:
         try:
             data = end.recv(CHUNK)
+        except OSError:
+            data = b""
+        if self.delay_s and end not in self._ended:
+            if not data:
+                self._ended.add(end)
+            self._on_the_way.append((time.monotonic() + self.delay_s, end, data))
+        else:
+            self._pass_on(end, data)
+
+    def _pass_on(self, end: socket.socket, data: bytes) -> None:
+        if end not in self._pairs:
+            return
+        try:
             is_up = end.getsockname()[1] == self.port
             if end not in self._lost or (self._passes_down and not is_up):
                 self._pairs[end].sendall(self._passed(data) if is_up else data)

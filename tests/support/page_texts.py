@@ -88,6 +88,7 @@ def _built_in() -> Iterator[str]:
         plan.MORE,
         plan.WAIT,
         plan.THANKS,
+        plan.SCORE_NEXT,
         potential.SPREADING,
         *(why for why in page_messages.WHY_NOT.values() if not why.startswith(NOT_OURS)),
     )

@@ -106,7 +106,7 @@ class Page(Looking):
     def scale(self) -> float:
         """Pixels per metre of the fitted map."""
         size = self.at("map").size
-        return min((size["width"] - 52) / 100, (size["height"] - 52) / 100)
+        return min((size["width"] - 28) / 100, (size["height"] - 28) / 100)
 
     def click_map(self, x_m: float, y_m: float) -> None:
         """Click at a place of the arena, by the scale that the fitted map has."""

@@ -7,7 +7,6 @@ import json
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from random import Random
 from typing import Any
 
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
@@ -38,6 +37,9 @@ HELP_ASKED, HELP_SEEN, HELP_OVER = "asked", "seen", "over"
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
 
+GRACE_S = 1.0
+"""For how long an input is awaited that was made in time, besides the time that its link takes [wall s]."""
+
 INPUTS_KEPT = 2000
 """Inputs whose answers are kept, in case a page sends them again; it waits with far fewer."""
 
@@ -57,9 +59,7 @@ class Console:
         self.picture = Picture(briefing.step_s, briefing.operator.inbox)
         self.ledger = Ledger(briefing.operator.inbox, briefing.operator.person.patience_s)
         self.command_log = command_log or CommandLog(briefing.forms)
-        rng = Random(f"deltaswarm/{briefing.seed}/probes")
-        drawn = Random(f"deltaswarm/{briefing.seed}/probes drawn")  # of its own: ISA's times stay
-        self.probes = Probes(briefing.operator.probes, rng, drawn, briefing.duration_s)
+        self.probes = Probes.of(briefing)
         self.probes.is_timed = False
         self.person = person_of(briefing, is_ranked=self.ledger.order == RANKED)
         self.autonomy = autonomy_of(briefing)
@@ -70,6 +70,8 @@ class Console:
         self.is_attended = False
         """Whether there is a station now."""
         self.beats = PageBeats()
+        self.is_page_done = False
+        """Whether the page has shown the end of the run, and has sent all that was made in it."""
         self._is_held_for_page = False
         self.has_conductor = False
         self.help = HELP_OVER
@@ -163,6 +165,17 @@ class Console:
             self.probes.hold(wall_s, is_held=self.is_held)
         if self._is_held_for_page:
             self.go_on(wall_s)
+
+    def know_link(self, rtt_s: float, *, is_done: bool) -> None:
+        """Note how slow the page's link is, and whether nothing can come over it any more that belongs to the run."""
+        self.beats.rtt_s = rtt_s
+        self.probes.grace_s = GRACE_S + 2 * rtt_s
+        self.is_page_done = is_done and self._is_over
+
+    def awaits_page(self, wall_s: float) -> bool:
+        """Whether the run is over and inputs that were made in it may be on the way."""
+        is_there = self.is_attended and self.beats.is_there and not self.beats.is_silent(wall_s)
+        return is_there and self.probes.grace_s > 0 and not self.is_page_done
 
     def watch_page(self, wall_s: float) -> None:
         """Note if no page of the participant answers any more; until one does, no time to answer passes."""

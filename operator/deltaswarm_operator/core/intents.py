@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 from typing import Any
 
+from deltaswarm_operator.core.asked_question import delay_s
 from deltaswarm_operator.core.console import (
     HELP_ASKED,
     HELP_OVER,
@@ -15,7 +16,6 @@ from deltaswarm_operator.core.console import (
     Console,
 )
 from deltaswarm_operator.core.hello import is_refused
-from deltaswarm_operator.core.probes import delay_s
 from deltaswarm_operator.inbox.item import item_row
 from deltaswarm_scenario.page_messages import PARTICIPANT, Message, answers, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
@@ -114,7 +114,7 @@ def _veto(console: Console, raw: Raw, at: Raw) -> list[Message]:
 def _judge(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if not console.briefing.operator.task.is_on:
         raise ValueError("in this run events are not judged")
-    made_wall_s = at["monotonic_s"] - at.get("delay_s", 0.0)
+    made_wall_s = at["monotonic_s"] - at.get("delay_s", 0.0) - console.probes.grace_s
     if console.over_wall_s is not None and made_wall_s > console.over_wall_s:
         raise ValueError("the run is over")
     event, answer = raw["event"], raw["answer"]
@@ -185,6 +185,12 @@ def _page(console: Console, raw: Raw, at: Raw) -> list[Message]:
     return []
 
 
+def _beat(console: Console, raw: Raw, at: Raw) -> list[Message]:
+    if "rtt_s" in raw:
+        console.know_link(raw["rtt_s"], is_done=raw.get("done", False))
+    return [made("beat", to=at["page"], **({"number": raw["number"]} if "number" in raw else {}))]
+
+
 def _sheet(console: Console, raw: Raw, at: Raw) -> list[Message]:
     if not raw["consent"]:
         raise ValueError(NO_CONSENT)
@@ -226,7 +232,7 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Message]]] = {
     "help": _help,
     "end": _end,
     "page": _page,
-    "beat": lambda console, raw, at: [made("beat", to=at["page"])],  # that it came is noted above
+    "beat": _beat,
     "sheet": _sheet,
     "catch_up": _catch_up,
 }

@@ -19,6 +19,8 @@ class PageBeats:
         """Whether a page answers; False before the first one is opened."""
         self.is_away = False
         """Whether it was noted that no page answers."""
+        self.rtt_s = 0.0
+        """How long a message to the page and its answer take, as the page says [s]."""
         self.heard_wall_s = math.inf
         """When a page was last heard; inf: nobody listens yet."""
         self._began_wall_s: float | None = None
@@ -40,10 +42,14 @@ class PageBeats:
 
     def check(self, wall_s: float) -> float | None:
         """Return since when no page answers, if that is new [wall s]."""
-        if self.is_away or wall_s - self.heard_wall_s <= AWAY_AFTER_S:
+        if self.is_away or not self.is_silent(wall_s):
             return None
         self.is_there, self.is_away = False, True
         return self.heard_wall_s
+
+    def is_silent(self, wall_s: float) -> bool:
+        """Whether nothing was heard for so long that no page is there."""
+        return wall_s - self.heard_wall_s > AWAY_AFTER_S + self.rtt_s
 
     def close_step(self, wall_s: float) -> None:
         """Note that a step of the run was closed; the time counts from the first to the last of them."""

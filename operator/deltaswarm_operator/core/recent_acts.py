@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
 
-from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
+from deltaswarm_scenario.questions import FORM
+from deltaswarm_scenario.techniques import TECHNIQUES
 
 ACT_COLUMNS = ("time_s", "kind", "by", "name", "target", "value", "items", "event", "text")
 
 ACTS_KEPT = 200
-ANSWERED = ("tlx", "form")
+ANSWERED = {FORM, *(technique.kind for technique in TECHNIQUES if technique.title)}
 """Kinds of acts that are told by their answers."""
 
 
@@ -24,7 +25,7 @@ class RecentActs:
     def take(self, rows: Sequence[OperatorAction | ProbeRow]) -> list[dict[str, Any]]:
         """Return the acts in new rows, for the page: one for each form, whose answers are rows of their own."""
         new = [act_of(row) for row in rows if isinstance(row, OperatorAction) and row.kind not in ANSWERED]
-        answers = [row for row in rows if isinstance(row, ProbeRow) and (row.probe != ISA or row.value is None)]
+        answers = [row for row in rows if isinstance(row, ProbeRow)]
         new += [answers_of(list(form)) for _, form in groupby(answers, lambda row: (row.probe, row.number))]
         self.acts += new
         return new
@@ -35,6 +36,7 @@ def act_of(row: OperatorAction) -> dict[str, Any]:
 
 
 def answers_of(rows: Sequence[ProbeRow]) -> dict[str, Any]:
-    values = [(row.item, "no answer" if row.value is None else row.value) for row in rows]
+    values = [(row.item, (row.outcome or "no answer") if row.value is None else row.value) for row in rows]
     given = [f"{item}: {value}" if item != rows[0].probe else str(value) for item, value in values]
-    return {"time_s": rows[0].asked_s, "kind": "answer", "name": rows[0].probe, "text": "; ".join(given)}
+    time_s = rows[0].planned_s if rows[0].asked_s is None else rows[0].asked_s
+    return {"time_s": time_s, "kind": "answer", "name": rows[0].probe, "text": "; ".join(given)}

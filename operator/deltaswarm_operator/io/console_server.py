@@ -239,8 +239,10 @@ class ConsoleServer:
 
     @property
     def is_asking(self) -> bool:
-        """Whether a question to the person at the station is open."""
-        return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
+        """Whether a question to the person at the station is open, or an input of the run may be on the way."""
+        now = time.monotonic()
+        is_open = self.console.probes.open(now) is not None or self.console.probes.is_asking
+        return self._channel is not None and (is_open or self.console.awaits_page(now))
 
     def state(self, *, sync: bool = False) -> SavedConsole:
         self._write()

@@ -22,6 +22,7 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from deltaswarm_operator.station import rules
+from deltaswarm_operator.station.bundle import bundle
 from deltaswarm_scenario.page_messages import MAX_BYTES, RefusedError, made, name_of
 from deltaswarm_wire.child import say_ready
 
@@ -44,7 +45,7 @@ SEND_BUFFER_BYTES = 128 * 1024
 
 MAX_DATAGRAM_BYTES = 1024 * 1024
 MAX_DATAGRAMS_AT_ONCE = 64
-OPEN_WITHIN_S = 5.0
+OPEN_WITHIN_S = 20.0
 """Time that a connection has to ask for something [s]."""
 
 CLOSE_WITHIN_S = 1.0
@@ -116,11 +117,7 @@ class Station:
         self._feed = feed
         self._tokens = {rules.OPERATE: token} | ({rules.WATCH: rules.watch_token(token)} if has_watchers else {})
         self._listen = ""
-        self._files = {
-            path.relative_to(PAGE).as_posix(): (MIME_TYPES[path.suffix], path.read_bytes())
-            for path in sorted(PAGE.rglob("*"))
-            if path.suffix in MIME_TYPES
-        }
+        self._files = page_files()
         self._browsers: dict[int, Visitor] = {}
         self._newest_browser = 0
         self._hello: str | None = None
@@ -309,6 +306,13 @@ class Station:
             raise RefusedError("the operator is busy: try again", what, again=True) from None
         except OSError:
             raise RefusedError("the run has ended", name_of(orjson.loads(datagram))) from None
+
+
+def page_files() -> dict[str, tuple[str, bytes]]:
+    """Return the page's files with their types by name; all scripts and styles are also there as one."""
+    read = {path.relative_to(PAGE).as_posix(): path.read_text("utf-8") for path in sorted(PAGE.rglob("*.*"))}
+    served = {name: text for name, text in read.items() if Path(name).suffix in MIME_TYPES} | bundle(read)
+    return {name: (MIME_TYPES[Path(name).suffix], text.encode()) for name, text in served.items()}
 
 
 def _response(

@@ -126,8 +126,12 @@ def acts_of(actions: list[dict[str, str]], answers: list[dict[str, str]]) -> lis
             told: dict[str, Any] = {name: row[name] for name in ACT_TEXTS if row[name]}
             told |= {name: int(row[name]) for name in ("event",) if row[name]}
             acts.append({"time_s": float(row["time_s"]), **told})
-    for (asked_s, name, _), form in groupby(answers, lambda row: (row["asked_s"], row["probe"], row["number"])):
-        given = "; ".join(f"{row['item']}: {row['value'] or 'no answer'}" for row in form)
+
+    def asked(row: dict[str, str]) -> tuple[str, str, str]:
+        return row["asked_s"] or row["planned_s"], row["probe"], row["number"]
+
+    for (asked_s, name, _), form in groupby(answers, asked):
+        given = "; ".join(f"{row['item']}: {row['value'] or row.get('outcome') or 'no answer'}" for row in form)
         acts.append({"time_s": float(asked_s), "kind": "answer", "name": name, "text": given})
     return sorted(acts, key=lambda act: float(act["time_s"]))
 

@@ -280,7 +280,15 @@ PERSON = (
     _of_person("commands_by_state", "commands by outcome at the end: sent, heard, done or expired"),
     *map(_of_technique, measures(after_run=False)),
     _of_person("questions", "questions asked", session="questions", is_whole=True),
-    _of_person("answers_missing", "questions without an answer", session="answers_missing", is_whole=True),
+    _of_person(
+        "answers_missing", "questions that the person left unanswered", session="answers_missing", is_whole=True
+    ),
+    _of_person(
+        "questions_lost",
+        "planned questions that were not asked, or that the end of the run or a restart cut off",
+        session="questions_lost",
+        is_whole=True,
+    ),
     _of_person("page_away_s", "wall time in which no page of the participant answered", "s", session="page_away_s"),
     *map(_of_technique, measures(after_run=True)),
     _of_person("interaction_s", "mean time spent on an item", "s"),

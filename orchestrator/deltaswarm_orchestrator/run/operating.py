@@ -6,6 +6,7 @@ from pathlib import Path
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.reconfigure import reconfigure
+from deltaswarm_operator.core.rehearsal import plan_warning
 from deltaswarm_operator.core.script import Scripted
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_orchestrator.results.outcome import READ, SHOWN, Outcome
@@ -18,9 +19,14 @@ from deltaswarm_wire.plugins import find_controller
 from deltaswarm_world.core.turns import Turns
 
 
-def briefing_of(scenario: Scenario) -> Briefing:
+def briefing_of(scenario: Scenario, speed: float = 0.0) -> Briefing:
     """Return the configuration of a run's console."""
-    return scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0)
+    return scenario.for_operator(forms_of(find_controller(scenario.control.mode)), speed)
+
+
+def question_warning(scenario: Scenario, speed: float) -> str | None:
+    """Return a warning if the planned questions of a run do not fit into it; None if they do."""
+    return plan_warning(briefing_of(scenario, speed))
 
 
 class Operating:

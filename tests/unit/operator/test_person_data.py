@@ -152,7 +152,7 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
     assert (other.pace.hold_step, shown(other)["probe"]) == (-1, None)
     assert [row.value for row in other.probes.rows] == [*(answers[item] for item in order), *[None] * 4]
     assert [row.value for row in other.probes.take_rows()] == [None] * 4
-    assert other.probes.outcomes["answers_missing"] == 1
+    assert other.probes.outcomes["questions_lost"] == 1
 
 
 def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> None:
@@ -166,7 +166,7 @@ def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> N
     other.start(0.0)
     assert (other.is_held, shown(other)["probe"]) == (False, None)
     assert [(row.probe, row.value) for row in other.probes.rows] == [("isa", None), ("sagat", None)]
-    assert (other.probes.outcomes["questions"], other.probes.outcomes["answers_missing"]) == (2, 2)
+    assert (other.probes.outcomes["questions"], other.probes.outcomes["questions_lost"]) == (2, 2)
 
 
 def test_questions_in_passing_let_the_run_go_on() -> None:

@@ -75,7 +75,7 @@ def test_the_conductor_is_told_of_a_form_once() -> None:
         ]
     )
     assert [(act["kind"], act.get("name"), act.get("text")) for act in acts] == [
-        ("isa", None, None),
         ("answer", "you", "age: 30; why: no answer"),
+        ("answer", "isa", "2"),
         ("answer", "isa", "no answer"),
     ]

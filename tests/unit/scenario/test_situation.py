@@ -53,7 +53,9 @@ def test_an_answer_is_compared_with_the_truth(
 ) -> None:
     rows = scored([(item, value)], [event(1, 10.0, 50.0)], events_open=7, agents_in_trees=12, trees=3)
     asked = ("sagat", 2, item, 10.0, value)
-    assert rows == [SituationRow(*asked, "", truth, None, None, is_right, error, None, None)]
+    assert [row._replace(chance=None) for row in rows] == [
+        SituationRow(*asked, "", truth, None, None, is_right, error, None, None)
+    ]
 
 
 @in_one_test(
@@ -71,7 +73,7 @@ def test_an_answer_is_right_by_what_the_page_showed(
     item: str, value: str, known: str, scores: tuple[float | None, ...]
 ) -> None:
     [row] = scored([(item, value)], [event(1, 10.0, 50.0)], known, events_open=7)
-    assert row[7:] == scores
+    assert row[7:13] == scores
 
 
 def test_what_the_page_shows_is_known() -> None:
@@ -115,6 +117,18 @@ def test_an_event_is_open_from_its_arrival_until_it_is_complete(
     assert is_open(one, 10.0) == is_counted
     [row] = scored([("most_events", "top left")], [one, event(2, 90.0, 50.0)])
     assert row.truth == ("top left or top right" if is_counted else "top right")
+
+
+def test_the_chance_level_is_that_of_the_most_frequent_answer() -> None:
+    """Of the run's steps, without those at which several answers are right."""
+    answer = {"probe": "spam", "number": "0", "asked_s": "10.0", "value": "1", "known": "", "outcome": "missed"}
+    rows = [{**answer, "item": item} for item in ("trees", "most_events")]
+    rows += [{**answer, "item": "trees", "outcome": "cut off by the end"}, {**answer, "item": "trees", "asked_s": ""}]
+    steps = [step(7.0 + at, trees=trees) for at, trees in enumerate((1, 0, 1, 1))]
+    events = [event(1, 10.0, 50.0), event(2, 90.0, 50.0, 9.0), event(3, 90.0, 50.0, 10.0)]
+    found = score(Recorded({"probes": rows}.get, steps, events, **ARENA))
+    assert found is not None
+    assert [(row.item, row.chance) for row in found] == [("trees", 0.75), ("most_events", pytest.approx(2 / 3))]
 
 
 def test_an_answer_of_an_unknown_moment_is_left_out() -> None:

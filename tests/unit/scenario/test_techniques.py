@@ -18,7 +18,7 @@ SIX = dict(zip(SCALES, (10, 20, 30, 40, 50, 60), strict=True))
 WEIGHTS = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
 ALL = (*SITUATION,)
 TOP = "top left"
-SHARES = [f"person.situation_{name}_share" for name in ("right", "true", "known")]
+SHARES = [f"person.situation_{name}_share" for name in ("right", "true", "known", "chance")]
 NOTHING = {"open_events": 0, "agents_in_trees": 0, "trees": 0, "most_events": "top left"}
 ANSWERS = {"open_events": 3, "agents_in_trees": 2, "trees": 1, "most_events": "top left"}
 FORM = FormSettings(

@@ -107,6 +107,7 @@ def test_right_answers_about_the_situation_are_a_share_of_all_questions(tmp_path
     ):
         write_csv(run / "situation.csv", header, table)
         shares = {"situation_right_share": right, "situation_true_share": true, "situation_known_share": known}
+        shares["situation_chance_share"] = None
         assert summary_of(run)["person"] == {"read": 1, **shares}
 
 

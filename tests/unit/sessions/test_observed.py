@@ -7,8 +7,9 @@ from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.page_language import page_texts
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow, WallTimeRow
+from deltaswarm_scenario.techniques import ProbeSettings
 from deltaswarm_sessions.exclusion import ExclusionSettings
-from deltaswarm_sessions.observed import STANDARD
+from deltaswarm_sessions.observed import hidden_s
 from deltaswarm_sessions.tables import write_tables
 from tests.support.sessions import SUMMARY, a_participant, edited, rows_of
 
@@ -38,7 +39,7 @@ def test_what_a_run_noted_of_itself_is_in_its_columns(tmp_path: Path) -> None:
     write_csv(run / "actions.csv", OperatorAction._fields, acts)
     write_csv(run / "probes.csv", ProbeRow._fields, rows)
     write_csv(run / "wall_times.csv", WallTimeRow._fields, [(0, 1.0, "", 100.0), (1, 2.0, "", 112.5)])
-    rules = ExclusionSettings(30.5, 1, -0.25, 1.25)
+    rules = ExclusionSettings(max_page_away_s=30.5, max_answers_missing=1, min_d_prime=-0.25, min_answer_s=1.25)
     write_tables(here.parent, tmp_path / "data", rules, is_wide=True)
     _, row, other = rows_of(tmp_path / "data" / "runs.tsv")
     assert (row["started"], row["wall_duration_s"], row["screen"]) == (manifest["started"], "12.5", "800x600; 900x600")
@@ -67,5 +68,24 @@ def test_what_a_run_noted_of_itself_is_in_its_columns(tmp_path: Path) -> None:
 def test_the_page_and_the_table_name_the_same_anchors() -> None:
     """ISA and NASA-TLX are written in the page, not in a scenario."""
     texts = set(page_texts())
-    for question in (question for questions in STANDARD.values() for question in questions):
+    asking = ProbeSettings(tlx=True).techniques
+    for question in (question for technique in asking for question in technique.questions):
         assert {question.low_text, question.high_text, *question.choices} <= texts
+
+
+def test_the_time_for_which_every_page_was_hidden_counts() -> None:
+    """Only during the run, and not while another page of the participant is in view or none is open."""
+    acts = [
+        (90.0, "1", "hidden"),
+        (110.0, "1", "visible"),
+        (120.0, "1", "hidden"),
+        (125.0, "2", "loaded"),
+        (130.0, "2", "selected"),
+        (140.0, "2", "hidden"),
+        (143.0, "2", "size"),
+        (150.0, "2", "closed"),
+        (160.0, "1", "closed"),
+    ]
+    rows = [{"kind": "page", "monotonic_s": str(at), "page": page, "name": name} for at, page, name in acts]
+    assert hidden_s(rows, [100.0, 200.0]) == 10.0 + 5.0 + 20.0
+    assert hidden_s(rows, []) is None

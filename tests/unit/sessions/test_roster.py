@@ -2,6 +2,7 @@
 
 import errno
 import json
+import shutil
 from collections import Counter
 from pathlib import Path
 
@@ -53,6 +54,27 @@ def test_a_withdrawn_participant_leaves_number_date_and_reason(
     assert main([*command, "--withdraw", "2", "--reason", "again"]) == 0
     assert [row["withdrawn_because"] for row in rows_of(tmp_path / "data" / "participants.tsv")] == ["by mail", ""]
     assert main([*command, "--withdraw", "3"]) == 2
+
+
+@pytest.mark.parametrize("copies", [["out"], ["out", "data"]])
+def test_a_withdrawal_in_a_copy_leaves_the_original_as_it_is(
+    command: list[str], tmp_path: Path, capsys: Printed, copies: list[str]
+) -> None:
+    """Tables that were copied with the sessions are written again, those of the original are not."""
+    for number in ("1", "2"):
+        assert main([*command, "--participant", number]) == 0
+    assert main([*command, "--table", str(tmp_path / "data")]) == 0
+    for name in copies:
+        shutil.copytree(tmp_path / name, tmp_path / "copy" / name)
+    of_copy = [*command[: command.index("--out")], "--out", str(tmp_path / "copy" / "out")]
+    assert main([*of_copy, "--withdraw", "1", "--reason", "by mail"]) == 0
+    assert [row["withdrawn"] for row in rows_of(tmp_path / "data" / "participants.tsv")] == ["", ""]
+    assert (tmp_path / "out" / "participant-001").exists()
+    copied = tmp_path / "copy" / "data"
+    if "data" in copies:
+        assert [bool(row["withdrawn"]) for row in rows_of(copied / "participants.tsv")] == [True, False]
+    else:
+        assert f"not reached: tables in {copied}" in capsys.readouterr().out
 
 
 def test_nothing_is_withdrawn_or_renumbered_while_a_session_is_under_way(command: list[str], tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base import inputs, seal
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.results.run_tables import new_manifest
+from deltaswarm_orchestrator.run.operating import question_warning
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -205,13 +206,22 @@ def test_a_session_whose_training_is_not_enough(
 
 
 @in_one_test(
-    ("speed", "every_s", "wait_s", "warns"),
-    [(5, 120, 20, False), (5, 99, 20, True), (0, 120, 20, True), (0, 0, 1, False)],
+    ("speed", "keys", "warns"),
+    [
+        (5, ["isa_every_s=120"], ""),
+        (5, ["isa_every_s=60"], "4 of 9 would not be asked"),  # each is open for 100 s
+        (0, ["isa_every_s=120"], "as fast as possible"),
+        (0, ["isa_every_s=0"], ""),
+        (1, ["isa_every_s=50", "spam_at_s=[45, 90]"], "isa at 50 s"),
+        (1, ["isa_every_s=0", "spam_at_s=[595]", "spam_ready=false"], "cut off by the end"),
+    ],
 )
-def test_questions_that_come_too_fast_are_warned_of(speed: float, every_s: float, wait_s: float, warns: bool) -> None:
-    """The interval is simulated time, the time to answer wall time."""
-    probes = (f"operator.probes.isa_every_s={every_s}", f"operator.probes.isa_wait_s={wait_s}")
-    assert bool(report.isa_warning(load_scenario("smoke", probes), speed)) == warns
+def test_questions_that_do_not_fit_are_warned_of(speed: float, keys: list[str], warns: str) -> None:
+    """Times of questions are simulated, the time to answer passes by the wall clock."""
+    scenario = load_scenario("smoke", ["run.duration_s=600", *(f"operator.probes.{key}" for key in keys)])
+    warning = question_warning(scenario, speed)
+    assert bool(warning) == bool(warns)
+    assert warns in (warning or "")
 
 
 @in_one_test(

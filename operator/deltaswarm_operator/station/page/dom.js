@@ -70,7 +70,7 @@ export function isTyping(where) {
 }
 
 /**
- * Keep a list's rows in the order of `items`; create and remove only the rows that change.
+ * Keep a list's rows in the order of `items`; create and remove only the rows that change. Under a mouse, none moves.
  * @template T
  * @param {HTMLElement} list
  * @param {T[]} items
@@ -82,10 +82,15 @@ export function keepRows(list, items, keyOf, create, update) {
   /** @type {Map<string, HTMLElement>} */
   const before = new Map();
   for (const row of list.children) if (row instanceof HTMLElement) before.set(row.dataset["key"] ?? "", row);
+  const isPointedAt = list.matches(":hover") && window.matchMedia("(hover: hover)").matches && before.size > 0;
   let next = /** @type {Element | null} */ (list.firstElementChild);
   for (const item of items) {
     const key = keyOf(item);
     let row = before.get(key);
+    if (isPointedAt) {
+      if (row) update(row, item);
+      continue;
+    }
     if (!row) {
       row = create(item);
       row.dataset["key"] = key;
@@ -95,5 +100,5 @@ export function keepRows(list, items, keyOf, create, update) {
     if (row === next) next = next.nextElementSibling;
     else list.insertBefore(row, next);
   }
-  for (const row of before.values()) row.remove();
+  if (!isPointedAt) for (const row of before.values()) row.remove();
 }

@@ -36,15 +36,17 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   if (layers.heat) shade(on, view, heat, (cell) => heatColour(app.model.now_s - (heat.heard_s[cell] ?? NaN)));
   if (layers.activity) shade(on, view, heat, (cell) => activity(heat.active[cell] ?? 0));
   fixed(on, view, hello);
-  const places = spread(app.model.agents, view);
+  const places = spread(app.model.agents, app.model.events, view);
   if (hello.radius_m) bodies(on, view, app, places, hello.radius_m * view.scale);
   if (layers.trees) trees(on, view, app);
-  const labels = layers.labels ? new Labels() : null;
+  const labels = new Labels();
+  if (app.covered) labels.taken.push(app.covered);
   for (const event of app.model.events) drawEvent(on, view, event, app, labels);
   for (const agent of app.model.agents) drawAgent(on, view, agent, places, app, labels);
   on.globalAlpha = 1;
   ordered(on, view, app);
-  labels?.draw(on);
+  if (layers.labels) labels.draw(on);
+  chosen(on, view, app, places);
   picked(on, view, app, places, hasFocus);
   seenByThem(on, view, app, places);
   ruler(on, view);
@@ -181,21 +183,35 @@ function trees(on, view, { model, selection }) {
  * @param {View} view
  * @param {import("./types.js").EventRow} event
  * @param {App} app
- * @param {Labels | null} labels
+ * @param {Labels} labels
  */
 function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s, , attending, before], { model, selection }, labels) {
   const [x, y] = view.toScreen(x_m, y_m);
   const age_s = model.now_s - seen_s;
   const isSelected = selection?.kind === "event" && selection.id === id;
-  if (isSelected) trail(on, view, [...before, [x_m, y_m]]);
+  for (const place of isSelected ? before : []) labels.keep(...view.toScreen(...place), 4);
   on.globalAlpha = strength(age_s);
   markEvent(on, x, y, view.marker_px + 1);
   if (model.now_s - first_s < NEW_EVENT_S) markNew(on, x, y, view.marker_px + 5);
   const judged = model.judged.get(id);
   const parts = [(id < 0 ? "" : "e") + eventName(id), ...(judged ? [t(judged)] : []), ...(attending.length > 1 ? [t("{count} agents", { count: attending.length })] : []), ...(age_s > OLD_S ? [age(age_s)] : [])];
   const text = parts.join(" · ");
-  labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
-  if (isSelected) ring(on, x, y, view.marker_px);
+  labels.add({ text, x, y, size: view.marker_px + 2, strength: strength(age_s), rank: isSelected ? 0 : 2 });
+}
+
+/**
+ * Draw what is selected on top of everything: a ring, and the places at which an event was reported.
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ * @param {Places} places
+ */
+function chosen(on, view, { model, selection }, places) {
+  if (!selection) return;
+  const event = selection.kind === "event" && model.events.find((row) => row[0] === selection.id);
+  if (event) trail(on, view, [...event[7], [event[1], event[2]]]);
+  const row = event || (selection.kind === "agent" && model.agents.find((agent) => agent[0] === selection.id));
+  if (row) ring(on, ...((selection.kind === "agent" && places.get(selection.id)) || view.toScreen(row[1], row[2])), view.marker_px);
 }
 
 /**
@@ -204,7 +220,7 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s, , attending, before
  * @param {import("./types.js").AgentRow} agent
  * @param {Places} places
  * @param {App} app
- * @param {Labels | null} labels
+ * @param {Labels} labels
  */
 function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], places, { model, selection }, labels) {
   const [x, y] = places.get(id) ?? view.toScreen(x_m, y_m);
@@ -214,8 +230,7 @@ function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], places, { mo
   const isSelected = selection?.kind === "agent" && selection.id === id;
   const text = age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`;
   const rank = isSelected ? 0 : role === "root" ? 1 : 3 + age_s;
-  labels?.add({ text, x, y: y - view.marker_px - 6, strength: strength(age_s), rank });
-  if (isSelected) ring(on, x, y, view.marker_px);
+  labels.add({ text, x, y, size: view.marker_px, strength: strength(age_s), rank });
 }
 
 /**

@@ -32,8 +32,8 @@ export class FormPanel {
   }
 
   update() {
-    const { asked } = this.app.model;
-    document.documentElement.toggleAttribute("data-hides", asked?.kind === "form" && asked.hides);
+    const { asked, hello } = this.app.model;
+    document.documentElement.toggleAttribute("data-hides", asked?.kind === "form" && asked.hides && hello?.kind !== "conductor");
     this.question.update();
     const left_s = this.asked?.left_s ?? null;
     setText(element("form-left"), left_s === null ? "" : t("{seconds} s left", { seconds: Math.ceil(left_s) }));

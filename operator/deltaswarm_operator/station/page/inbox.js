@@ -96,7 +96,9 @@ export class InboxPanel {
         row.dataset["severity"] = line.first[7] ?? "";
         setIn(row, "time", clock(line.first[1]));
         setIn(row, ".what", whatOf(line));
-        setIn(row, ".state", line.items.some((item) => item[6]) ? t("new") : "");
+        const isRanked = model.hello?.inbox?.order === "ranked";
+        const severity = isRanked && line.first[7] ? t(line.first[7]) : "";
+        setIn(row, ".state", [severity, line.items.some((item) => item[6]) ? t("new") : ""].filter(Boolean).join(", "));
         setIn(row, ".unseen", line.isUnread ? `${t("unread")}: ` : "");
       },
     );

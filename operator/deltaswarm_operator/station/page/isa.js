@@ -37,8 +37,8 @@ export class IsaPanel {
 
   /** @param {number} answer */
   answer(answer) {
-    if (this.number === null || this.waiting) return;
-    this.app.send({ type: "isa", number: this.number, answer, ...(this.shown_s ? { shown_s: this.shown_s } : {}) });
+    if (this.number === null || this.waiting || !this.shown_s) return; // nobody answers what is not painted yet
+    this.app.send({ type: "isa", number: this.number, answer, shown_s: this.shown_s });
     this.look();
   }
 
@@ -70,11 +70,11 @@ export class IsaPanel {
 
   update() {
     const probe = this.app.model.question;
-    const { number: before } = this;
+    const { number: before, waiting: onTheWay } = this;
     const asked = probe?.kind === "isa" && probe.number !== this.answered ? probe : null;
     this.where.hidden = asked === null;
     this.number = asked?.number ?? null;
-    if (before !== null && before !== this.number && before !== this.answered)
+    if (before !== null && before !== this.number && before !== this.answered && !onTheWay)
       this.app.say(t("Question {number} is closed without an answer from this page.", { number: before + 1 }));
     if (!asked) return;
     const left = byId("isa-left", HTMLProgressElement);

@@ -29,14 +29,14 @@ export class Keys {
       ...others,
     ];
     element("help-list").replaceChildren(
-      ...lines.flatMap(([keys, words]) => [
+      ...lines.map(([keys, words]) =>
         make(
-          "dt",
+          "div",
           {},
-          ...keys.split(" ").map((key) => (key === OR || key === "–" ? ` ${key} ` : make("kbd", {}, key))),
+          make("dt", {}, ...keys.split(" ").map((key) => (key === OR || key === "–" ? ` ${key} ` : make("kbd", {}, key)))),
+          make("dd", {}, words),
         ),
-        make("dd", {}, words),
-      ]),
+      ),
     );
     button("help-open").addEventListener("click", () => this.help.showModal());
     button("help-close").addEventListener("click", () => this.help.close());

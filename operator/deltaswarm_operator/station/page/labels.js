@@ -1,4 +1,4 @@
-/** Labels of the map: if two would overlap, the less important is left out. */
+/** Labels of the map: each where it lies on no other and on no mark, or nowhere; the more important are placed first. */
 
 import { inks } from "./looks.js";
 
@@ -6,8 +6,8 @@ const FONT = "11px system-ui, sans-serif";
 const HEIGHT_PX = 12;
 const LEAST_STRENGTH = 0.75;
 
-/** @typedef {{text: string, x: number, y: number, strength: number, rank: number}} Label */
-/** @typedef {{left: number, right: number, y: number}} Box */
+/** @typedef {{text: string, x: number, y: number, size: number, strength: number, rank: number}} Label of a mark [px] */
+/** @typedef {{left: number, right: number, top: number, bottom: number}} Box */
 
 /**
  * @param {CanvasRenderingContext2D} on
@@ -27,29 +27,55 @@ export function label(on, text, x, y) {
   on.fillText(text, x, y);
 }
 
+/**
+ * @param {Box} one
+ * @param {Box} other
+ */
+const meet = (one, other) => one.left < other.right && one.right > other.left && one.top < other.bottom && one.bottom > other.top;
+
 export class Labels {
   constructor() {
     /** @type {Label[]} */
     this.wanted = [];
+    /** @type {Box[]} what no label may lie on: marks, and the labels that are placed */
+    this.taken = [];
   }
 
   /** @param {Label} wanted a lower rank is more important */
   add(wanted) {
     this.wanted.push(wanted);
+    this.keep(wanted.x, wanted.y, wanted.size - 1);
+  }
+
+  /**
+   * Keep a place free of labels.
+   * @param {number} x
+   * @param {number} y
+   * @param {number} size
+   */
+  keep(x, y, size) {
+    this.taken.push({ left: x - size, right: x + size, top: y - size, bottom: y + size });
   }
 
   /** @param {CanvasRenderingContext2D} on */
   draw(on) {
     on.font = FONT;
-    /** @type {Box[]} */
-    const taken = [];
-    for (const { text, x, y, strength } of this.wanted.sort((a, b) => a.rank - b.rank)) {
+    for (const { text, x, y, size, strength } of this.wanted.sort((a, b) => a.rank - b.rank)) {
       const half = on.measureText(text).width / 2;
-      const [left, right] = [x - half, x + half];
-      if (taken.some((box) => left < box.right && right > box.left && Math.abs(y - box.y) < HEIGHT_PX)) continue;
-      taken.push({ left, right, y });
-      on.globalAlpha = Math.max(strength, LEAST_STRENGTH);
-      label(on, text, x, y);
+      const places = [
+        [x, y - size - 4],
+        [x, y + size + HEIGHT_PX],
+        [x + size + half + 3, y + 4],
+        [x - size - half - 3, y + 4],
+      ];
+      for (const [at_x = 0, at_y = 0] of places) {
+        const box = { left: at_x - half - 1, right: at_x + half + 1, top: at_y - HEIGHT_PX + 2, bottom: at_y + 2 };
+        if (this.taken.some((other) => meet(box, other))) continue;
+        this.taken.push(box);
+        on.globalAlpha = Math.max(strength, LEAST_STRENGTH);
+        label(on, text, at_x, at_y);
+        break;
+      }
     }
     on.globalAlpha = 1;
   }

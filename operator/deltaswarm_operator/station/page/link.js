@@ -8,6 +8,10 @@ const NEXT_RUN_WAIT_MS = 1000;
 const DEAD_MS = 5000;
 /** The same where it may be that there is nothing to say. */
 const UNSTEADY_DEAD_MS = 15000;
+/** The same while it opens, which takes several round trips; longer after each attempt. */
+const OPENING_MS = 8000;
+const LONGEST_OPENING_MS = 60000;
+const RTT = "deltaswarm-rtt";
 const LOOK_EVERY_MS = 500;
 /** The participant's page says once a second that it is there. */
 const BEAT_EVERY_MS = 990;
@@ -30,7 +34,15 @@ export class Link {
     /** Whether beats are sent, and answered: then only an answer shows that both ways of the connection work. */
     this.isBeating = false;
     this.beatAt_ms = -Infinity;
+    this.opening_ms = OPENING_MS;
     this.wait_ms = FIRST_WAIT_MS;
+    /** How long the answer to a beat takes [s]; it is likely to be the same over the next connection. */
+    this.rtt_s = Number(sessionStorage.getItem(RTT) ?? 0);
+    /** What a beat says besides. */
+    this.beatWith = () => ({ done: false });
+    this.beats = 0;
+    /** @type {Map<number, number>} when the newest beats were sent, by their number [ms] */
+    this.sent_ms = new Map();
     this.heardAt_ms = performance.now();
     /** @type {WebSocket | null} */
     this.socket = null;
@@ -44,8 +56,12 @@ export class Link {
     const socket = new WebSocket(address);
     this.socket = socket;
     this.heardAt_ms = performance.now();
+    this.sent_ms.clear();
+    const began_ms = this.heardAt_ms;
     socket.onopen = () => {
       this.wait_ms = FIRST_WAIT_MS;
+      this.heardAt_ms = performance.now();
+      this.rtt_s = Math.max(this.rtt_s, (this.heardAt_ms - began_ms) / 2000); // opening takes about two round trips
       this.onChange(true);
     };
     socket.onmessage = (event) => this.take(event.data);
@@ -69,8 +85,10 @@ export class Link {
     const { socket } = this;
     this.beat();
     const isOpening = socket?.readyState === WebSocket.CONNECTING;
-    const isDead = performance.now() - this.heardAt_ms > (this.isSteady || isOpening ? DEAD_MS : UNSTEADY_DEAD_MS);
+    const patience_ms = isOpening ? this.opening_ms : (this.isSteady ? DEAD_MS : UNSTEADY_DEAD_MS) + 3000 * this.rtt_s;
+    const isDead = performance.now() - this.heardAt_ms > patience_ms;
     if (!socket || !isDead || (this.hasEnded && !isOpening)) return;
+    if (isOpening) this.opening_ms = Math.min(LONGEST_OPENING_MS, 2 * this.opening_ms); // the way may be long
     this.lose(socket);
     socket.close();
   }
@@ -79,6 +97,7 @@ export class Link {
   take(data) {
     const message = /** @type {Message} */ (JSON.parse(String(data)));
     if (!this.isBeating || message.type === "beat") this.heardAt_ms = performance.now();
+    if (message.type === "beat") this.time(message.number);
     if (message.type === "ended") this.hasEnded = true;
     if (message.type === "hello") this.hasEnded = false; // the next run has no picture yet
     this.onMessage(message);
@@ -90,7 +109,22 @@ export class Link {
     const now_ms = performance.now();
     if (!this.isBeating || now_ms - this.beatAt_ms < BEAT_EVERY_MS) return;
     this.beatAt_ms = now_ms;
-    this.send({ type: "beat" });
+    this.beats += 1;
+    this.sent_ms.set(this.beats, now_ms);
+    this.send({ type: "beat", number: this.beats, rtt_s: this.rtt_s, ...this.beatWith() });
+  }
+
+  /**
+   * Measure the round trip by the answer to a beat: at once if it is longer, else by and by.
+   * @param {number | undefined} number of the beat
+   */
+  time(number) {
+    const sent_ms = this.sent_ms.get(number ?? 0);
+    for (const sent of this.sent_ms.keys()) if (sent <= (number ?? 0)) this.sent_ms.delete(sent);
+    if (sent_ms === undefined) return;
+    const now_s = (performance.now() - sent_ms) / 1000;
+    this.rtt_s = Math.round(1000 * Math.max(now_s, 0.8 * this.rtt_s + 0.2 * now_s)) / 1000;
+    sessionStorage.setItem(RTT, String(this.rtt_s));
   }
 
   /**

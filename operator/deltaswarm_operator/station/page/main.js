@@ -14,17 +14,19 @@ import { retell, speak, t } from "./language.js";
 import { Link } from "./link.js";
 import { MapPanel } from "./map.js";
 import { Model } from "./model.js";
+import { offerPanels } from "./offers.js";
 import { PacePanel } from "./pace.js";
 import { Outbox } from "./outbox.js";
 import { PageEvents } from "./page_events.js";
 import { showPlain } from "./plain.js";
+import { startScreen } from "./screen.js";
 import { SessionPanel } from "./session.js";
 import { ELSEWHERE, shortcuts } from "./shortcuts.js";
 import { Tabs } from "./tabs.js";
 import { TaskPanel } from "./task.js";
 import { startTheme } from "./theme.js";
 import { TlxPanel } from "./tlx.js";
-import { question } from "./words.js";
+import { inputName, question } from "./words.js";
 import { WorkloadPanel } from "./workload.js";
 
 const LISTS_EVERY_MS = 250;
@@ -38,6 +40,7 @@ const app = {
   model: new Model(),
   selection: null,
   pick: null,
+  covered: null,
   send(intent) {
     if (isNoting() && !link.hasEnded) {
       if (!outbox.add(intent)) refused(intent.type, t("it is too long"));
@@ -45,6 +48,7 @@ const app = {
       app.say(link.hasEnded ? t("Not sent: the run has ended.") : t("Not sent: there is no connection."));
   },
   waiting: (fits) => outbox.waiting(fits),
+  isLate: (page_s) => outbox.isLate(page_s),
   say(text) {
     setText(element("said"), text);
     window.clearTimeout(saidTimer);
@@ -71,6 +75,8 @@ let saidTimer = 0;
 let listsTimer = 0;
 let heardAt_ms = performance.now();
 let isOpen = false;
+/** Whether it was told that nothing of the run is left to send. */
+let isDone = false;
 /** Whether no hello has come over this connection yet. */
 let isNew = true;
 /** Whether no picture has come over this connection yet; the first one may be old. */
@@ -115,15 +121,17 @@ function takeHello(hello) {
   }
   link.isBeating = app.model.hello?.kind === "live";
   link.isSteady = ["live", "conductor", "watch"].includes(app.model.hello?.kind ?? "");
-  if ((isNew || isOther) && isNoting() && outbox.begin(hello.run).some((intent) => intent.type !== "page"))
-    app.say(t("Not noted: the run that it was for is over."));
+  if ((isNew || isOther) && isNoting()) {
+    const lost = outbox.begin(hello.run).filter((intent) => intent.type !== "page").map(inputName);
+    if (lost.length) app.say(t("Not noted, since the run is over: {inputs}.", { inputs: [...new Set(lost)].join(", ") }));
+  }
   isNew = false;
   if (isFirst || isOther) events.begin();
   setText(element("title"), conduct.title || t(hello.title));
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
   if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
-  offerPanels(hello);
+  offerPanels(hello, kind, tabs);
   if (isFirst && hello.goal && kind === "live") tabs.show("tab-events");
   conduct.start();
   map.start();
@@ -133,24 +141,6 @@ function takeHello(hello) {
   task.start();
   session.start();
   showLists();
-}
-
-/**
- * Offer the panels that the run leaves to this page.
- * @param {import("./types.js").Hello} hello
- */
-function offerPanels({ panels, asks }) {
-  const kind = app.model.hello?.kind ?? "live";
-  /** @param {string} panel */
-  const has = (panel) => !["live", "watch"].includes(kind) || (panels?.includes(panel) ?? true);
-  for (const panel of ["workload", "inbox"]) element(panel).hidden = !has(panel);
-  tabs.offer("tab-commands", has("orders"));
-  tabs.offer("tab-agents", has("agents"));
-  tabs.offer("tab-events", has("events"));
-  tabs.offer("tab-notes", has("notes") && ["live", "conductor"].includes(kind));
-  tabs.offer("tab-acts", kind === "conductor" || kind === "replay");
-  element("side").hidden = tabs.isEmpty;
-  element("asks").hidden = !asks || kind !== "live";
 }
 
 /** @param {import("./types.js").Picture} picture */
@@ -307,6 +297,9 @@ function showKept() {
   const count = link.hasEnded ? 0 : outbox.late;
   element("kept").hidden = count === 0;
   setText(element("kept"), count ? t("Not noted yet: {count}. It stays here, and is sent again by itself.", { count }) : "");
+  const { done } = link.beatWith();
+  if (done && !isDone) link.beatAt_ms = -Infinity; // the operator waits for it
+  isDone = done;
   for (const { question } of [tlx, session, form]) if (question.dialog.open) question.look();
 }
 
@@ -321,8 +314,13 @@ const link = new Link(take, (nowOpen) => {
   showStatus();
 });
 const outbox = new Outbox((message) => link.send(message));
+link.beatWith = () => {
+  outbox.rtt_s = link.rtt_s;
+  return { done: Boolean(app.model.picture?.over) && outbox.isEmpty };
+};
 
 new Keys(shortcuts({ app, autonomy, form, inbox, isa, map, pace, tabs, task }), ELSEWHERE);
+startScreen();
 startTheme(() => {
   if (app.model.hello) workload.start();
   map.legendOf = "";

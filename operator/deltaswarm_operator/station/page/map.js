@@ -37,7 +37,7 @@ export class MapPanel {
     this.isDirty = false;
     this.legendOf = "";
     this.onDraw = () => {};
-    /** kind of the view: the truth needs no heat map, so it is off there until asked for */
+    /** kind of the view: the truth and a task need no heat map, so it is off there until asked for */
     this.kind = "";
     this.arenaOf = "";
     this.layers = {
@@ -79,11 +79,11 @@ export class MapPanel {
     canvas.width = Math.round(width * dots);
     canvas.height = Math.round(height * dots);
     this.on.setTransform(dots, 0, 0, dots, 0, 0);
-    const isFirst = view.width === 1;
+    const isFitted = view.isFitted || view.width === 1;
     view.pan((width - view.width) / 2, (height - view.height) / 2);
-    view.isFitted ||= isFirst;
     [view.width, view.height] = [width, height];
-    this.fit();
+    if (isFitted) this.fit();
+    else this.redraw();
   }
 
   /** Take a new hello. */
@@ -91,8 +91,9 @@ export class MapPanel {
     const { hello } = this.app.model;
     if (!hello) return;
     this.heat.start(hello.run, hello.arena_m);
-    if (hello.kind !== this.kind) this.layers.heat.checked = !["researcher", "conductor"].includes(hello.kind);
-    this.kind = hello.kind;
+    const kind = `${hello.kind} ${hello.goal}`;
+    if (kind !== this.kind) this.layers.heat.checked = !hello.goal && !["researcher", "conductor"].includes(hello.kind);
+    this.kind = kind;
     for (const [name, box] of Object.entries(this.layers)) {
       const isOffered = hello.layers?.includes(name) ?? true;
       if (!isOffered) box.checked = false;
@@ -124,6 +125,7 @@ export class MapPanel {
   update() {
     const { model } = this.app;
     this.heat.take(model.heard, model.now_s);
+    for (const label of this.layers.trees.labels ?? []) label.classList.toggle("unneeded", !model.agents.some((agent) => agent[5] >= 0));
     this.legend();
     this.tell();
     this.redraw();
@@ -219,7 +221,7 @@ export class MapPanel {
     /** @type {Selection | null} */
     let near = null;
     const { agents, events, hello } = this.app.model;
-    const places = spread(agents, this.view);
+    const places = spread(agents, events, this.view);
     const reach = { event: NEAR_PX, agent: Math.max(NEAR_PX, (hello?.radius_m ?? 0) * this.view.scale) };
     for (const [kind, rows] of /** @type {["agent" | "event", [number, number, number][]][]} */ (
       /** @type {unknown} */ ([

@@ -90,7 +90,7 @@ export type Message =
   | CatchUp
   | { type: "held"; inbox: InboxRow[] }
   | { type: "accepted"; id: string; number: number }
-  | { type: "beat" }
+  | { type: "beat"; number?: number }
   | { type: "noted"; id: string }
   | { type: "refused"; id: string | null; why: string; again?: boolean }
   | { type: "read"; items: number[] }
@@ -115,7 +115,7 @@ export type Intent =
   | { type: "help"; state: string }
   | { type: "end" }
   | { type: "page"; event: string; text?: string | null }
-  | { type: "beat" }
+  | { type: "beat"; number?: number | null; rtt_s?: number | null; done?: boolean | null }
   | { type: "sheet"; consent: boolean; participant?: string | null; condition?: string | null }
   | { type: "catch_up" }
   | { type: "seek"; time_s: number };

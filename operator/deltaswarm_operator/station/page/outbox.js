@@ -1,5 +1,7 @@
 /** Inputs that the operator's process has not noted yet: kept, over a reload too, and sent in order until they are. */
 
+import { questionComes, questionIsSeen } from "./held_keys.js";
+
 /** @typedef {import("./types.js").Intent} Intent */
 /** @typedef {import("./messages.js").Input} Input */
 /** @typedef {{id: string, run: string, page_s: number, intent: Intent, sentAt_ms?: number | undefined}} Kept */
@@ -12,10 +14,12 @@ const MAX_PER_LOOK = 4;
 const MAX_ON_THE_WAY = 20;
 /** What has no answer after this time is sent again. */
 const AGAIN_MS = 2000;
+/** Share of the round trip by which the time until then, or until the person is told, is longer. */
+const PER_ROUND_TRIP = 2;
 /** The station refuses what is longer, and the page would send it for ever. */
 const MAX_BYTES = 128 * 1024 - 200;
-/** After this time the person is told that an input is not noted yet. */
-export const SLOW_S = 1.5;
+/** After this time, and two round trips, the person is told that an input is not noted yet. */
+const SLOW_S = 1.5;
 
 /** The page's clock [s]: it begins with the wall clock and is not corrected afterwards. */
 export const pageClock_s = () => (performance.timeOrigin + performance.now()) / 1000;
@@ -27,12 +31,13 @@ export const pageClock_s = () => (performance.timeOrigin + performance.now()) / 
  */
 export function whenPainted(question, then) {
   const stored = `deltaswarm-shown/${question}`;
-  const before = sessionStorage.getItem(stored);
-  if (before) return then(Number(before));
+  questionComes();
   window.requestAnimationFrame(() =>
     window.requestAnimationFrame(() => {
-      sessionStorage.setItem(stored, String(pageClock_s()));
-      then(pageClock_s());
+      const shown_s = Number(sessionStorage.getItem(stored) ?? pageClock_s());
+      sessionStorage.setItem(stored, String(shown_s));
+      questionIsSeen();
+      then(shown_s);
     }),
   );
 }
@@ -41,6 +46,8 @@ export class Outbox {
   /** @param {(message: Intent & Input) => boolean} send sends a message if there is a connection */
   constructor(send) {
     this.send = send;
+    /** how long an answer takes on this connection [s] */
+    this.rtt_s = 0;
     this.run = "";
     this.isOpen = false;
     this.budget = MAX_PER_LOOK;
@@ -106,10 +113,22 @@ export class Outbox {
     return this.kept.find((one) => one.run === this.run && fits(one.intent)) ?? null;
   }
 
+  /** Whether everything is noted. */
+  get isEmpty() {
+    return this.kept.length === 0;
+  }
+
+  /**
+   * Whether an input should have been noted by now.
+   * @param {number} page_s when it was made
+   */
+  isLate(page_s) {
+    return pageClock_s() - page_s > SLOW_S + PER_ROUND_TRIP * this.rtt_s;
+  }
+
   /** Number of inputs that should have been noted by now; what the page notes by itself does not count. */
   get late() {
-    const before_s = pageClock_s() - SLOW_S;
-    return this.kept.filter((one) => one.intent.type !== "page" && one.page_s < before_s).length;
+    return this.kept.filter((one) => one.intent.type !== "page" && this.isLate(one.page_s)).length;
   }
 
   store() {
@@ -125,7 +144,7 @@ export class Outbox {
   look() {
     const now_ms = performance.now();
     for (const one of this.isOpen ? this.kept.slice(0, MAX_ON_THE_WAY) : []) {
-      if (one.sentAt_ms !== undefined && now_ms - one.sentAt_ms < AGAIN_MS) continue;
+      if (one.sentAt_ms !== undefined && now_ms - one.sentAt_ms < AGAIN_MS + 1000 * PER_ROUND_TRIP * this.rtt_s) continue;
       if (this.budget <= 0) return;
       this.budget -= 1;
       if (!this.send({ ...one.intent, id: one.id, page_s: one.page_s, sent_s: pageClock_s() })) return;

@@ -9,6 +9,8 @@ import { number } from "./words.js";
 /** @typedef {import("./view.js").View} View */
 /** @typedef {CanvasRenderingContext2D} Canvas */
 
+const EDGE_PX = 10;
+
 /**
  * Round a length up to the next of 1, 2, 5, 10, ... m.
  * @param {number} length_m
@@ -26,18 +28,22 @@ export function roundLength(length_m) {
  */
 export function trail(on, view, places_m) {
   const places = places_m.map((place) => view.toScreen(...place));
-  on.strokeStyle = on.fillStyle = inks().accent;
-  on.lineWidth = 1.5;
-  for (const [at, [x, y]] of places.entries()) {
-    on.globalAlpha = 0.25 + (0.6 * (at + 1)) / places.length;
+  const { accent, halo } = inks();
+  for (const [colour, width] of /** @type {[string, number][]} */ ([[halo, 4], [accent, 1.5]])) {
+    on.strokeStyle = colour;
+    on.lineWidth = width;
     on.beginPath();
-    on.moveTo(...(places[at - 1] ?? [x, y]));
-    on.lineTo(x, y);
+    for (const place of places) on.lineTo(...place);
     on.stroke();
-    if (at === places.length - 1) continue;
-    on.beginPath();
-    on.arc(x, y, 3.5, 0, 2 * Math.PI);
-    on.fill();
+  }
+  for (const [colour, radius] of /** @type {[string, number][]} */ ([[halo, 5], [accent, 3.5]])) {
+    on.fillStyle = colour;
+    for (const [at, [x, y]] of places.slice(0, -1).entries()) {
+      on.globalAlpha = colour === halo ? 1 : 0.5 + (0.5 * (at + 1)) / places.length;
+      on.beginPath();
+      on.arc(x, y, radius, 0, 2 * Math.PI);
+      on.fill();
+    }
   }
   on.globalAlpha = 1;
 }
@@ -86,14 +92,16 @@ export function cross(on, x, y, size) {
  */
 export function ruler(on, view) {
   const length_m = roundLength(60 / view.scale);
-  const [right, bottom] = [view.width - 14, view.height - 12];
+  const [corner_x, corner_y] = view.toScreen(0, 0);
+  const left = corner_x >= 0 && corner_x < view.width / 2 ? corner_x + EDGE_PX : EDGE_PX;
+  const bottom = corner_y <= view.height && corner_y > view.height / 2 ? corner_y - EDGE_PX : view.height - EDGE_PX;
   on.strokeStyle = inks().ink;
   on.lineWidth = 2;
   on.beginPath();
-  on.moveTo(right - length_m * view.scale, bottom);
-  on.lineTo(right, bottom);
+  on.moveTo(left, bottom);
+  on.lineTo(left + length_m * view.scale, bottom);
   on.stroke();
-  label(on, `${number(length_m, 2)} m`, right - (length_m * view.scale) / 2, bottom - 5);
+  label(on, `${number(length_m, 2)} m`, left + (length_m * view.scale) / 2, bottom - 5);
 }
 
 /**

@@ -118,6 +118,7 @@ export class PacePanel {
       element("time"),
       clock(picture?.over ? Math.min(now_s + hello.step_s, hello.duration_s || Infinity) : now_s),
     );
+    element("time").style.minWidth = `${clock(hello.duration_s).length}ch`;
     setText(element("duration"), hello.duration_s > 0 ? t("of {time}", { time: clock(hello.duration_s) }) : "");
     setText(this.pause, paused ? t("▶ Go on") : t("❚❚ Pause"));
     this.pause.setAttribute("aria-pressed", String(paused));

@@ -35,6 +35,7 @@ export class PageEvents {
   begin() {
     const [how] = performance.getEntriesByType("navigation");
     this.send("loaded", how instanceof PerformanceNavigationTiming ? how.type : "");
+    if (document.hidden) this.send("hidden");
     for (const one of Object.values(this.watched)) one.before = undefined;
   }
 

@@ -1,7 +1,12 @@
 /** A plain page between the runs of a session, and thanks at its end: nothing of the run before is left in view. */
 
 import { element, setText } from "./dom.js";
-import { t } from "./language.js";
+import { later, t } from "./language.js";
+
+const THANKS = later("Thank you: that was the last run.");
+/** Questions that have no answer are asked again before the person is thanked. */
+const FOLLOWS_WITHIN_MS = 10000;
+let endedAt_ms = 0;
 
 /**
  * Show the plain page, if this is the participant's page in a session and no run is under way.
@@ -16,9 +21,11 @@ export function showPlain({ hello, picture }, hasEnded) {
   document.documentElement.toggleAttribute("data-plain", isPlain);
   element("plain").hidden = !isPlain;
   if (!isPlain) return;
-  const isLast = hasEnded && number === count;
+  if (!hasEnded) endedAt_ms = performance.now();
+  const mayFollow = hello.end_text === THANKS && performance.now() - endedAt_ms < FOLLOWS_WITHIN_MS;
+  const isLast = hasEnded && number === count && !mayFollow;
   const run = number ? t("Run {number} of {count}", { number, count }) : t("Training");
   const text = t(hello?.end_text ?? "");
   setText(element("plain-title"), isLast ? text : run);
-  setText(element("plain-text"), isLast ? "" : hasEnded ? text : isOver ? t("This run is over.") : t("It begins soon."));
+  setText(element("plain-text"), isLast ? "" : hasEnded ? (mayFollow ? t("Please wait.") : text) : isOver ? t("This run is over.") : t("It begins soon."));
 }

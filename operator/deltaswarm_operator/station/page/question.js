@@ -2,7 +2,7 @@
 
 import { dialog, element, setText } from "./dom.js";
 import { retell, t } from "./language.js";
-import { SLOW_S, pageClock_s, whenPainted } from "./outbox.js";
+import { whenPainted } from "./outbox.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Intent} Intent */
@@ -96,8 +96,7 @@ export class Question {
     const { waiting } = this;
     for (const part of this.dialog.querySelectorAll(".scroll, .row, label, button")) if (part instanceof HTMLElement) part.inert = waiting !== null;
     if (!waiting) return;
-    const isLate = pageClock_s() - waiting.page_s > SLOW_S;
-    setText(this.said, isLate ? t("Not noted yet: there is no connection. Your answers stay here, and are sent again by themselves.") : t("Sending …"));
+    setText(this.said, this.app.isLate(waiting.page_s) ? t("Not noted yet: there is no connection. Your answers stay here, and are sent again by themselves.") : t("Sending …"));
   }
 
   /**

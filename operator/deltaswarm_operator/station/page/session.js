@@ -3,6 +3,7 @@
 import { button, byId, element, input, make, setText } from "./dom.js";
 import { t } from "./language.js";
 import { Question } from "./question.js";
+import { check } from "./screen.js";
 import { clock } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -114,6 +115,7 @@ export class SessionPanel {
       field.readOnly = Boolean(planned);
     }
     this.check();
+    check();
   }
 
   get hasConsent() {

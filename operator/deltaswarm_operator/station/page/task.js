@@ -1,6 +1,7 @@
 /** The participant's task: the next event to judge, and its judgement, beside the event on the map. */
 
-import { button, element, setText } from "./dom.js";
+import { CloseUp } from "./closeup.js";
+import { button, byId, element, setText } from "./dom.js";
 import { later, t } from "./language.js";
 import { eventName } from "./words.js";
 
@@ -8,8 +9,9 @@ import { eventName } from "./words.js";
 
 const CLASSES = [later("target"), later("decoy")];
 /** Distance from the event to its judgement [px]. */
-const BESIDE_PX = 20;
-const LABEL_PX = 10;
+const BESIDE_PX = 28;
+/** How far the event may move before its judgement follows [px]. */
+const NEAR_PX = 30;
 const EDGE_PX = 4;
 
 /**
@@ -27,8 +29,9 @@ export class TaskPanel {
     this.app = app;
     this.view = view;
     this.where = element("judge");
-    /** the event beside which the judgement is */
-    this.placedAt = "";
+    this.closeUp = new CloseUp(byId("closeup", HTMLCanvasElement));
+    /** @type {[number, number, number]} the event beside which the judgement is, and where that was [px] */
+    this.placedAt = [-1, 0, 0];
     /** @type {Set<number>} events that were to be judged when the person selected nothing: they are left alone */
     this.left = new Set();
     for (const answer of CLASSES) button(`judge-${answer}`).addEventListener("click", () => this.judge(answer));
@@ -58,6 +61,7 @@ export class TaskPanel {
     element("task").hidden = !goal;
     setText(element("goal"), t(goal ?? ""));
     element("steps").hidden = kind !== "live";
+    element("closeup").hidden = kind === "researcher";
     this.update();
   }
 
@@ -87,7 +91,7 @@ export class TaskPanel {
     const { app, isOn, open } = this;
     const isFree = !app.selection || (app.selection.kind === "event" && !this.event);
     const oldest = open.find((row) => !this.left.has(row[0]));
-    if (isOn && isFree && oldest) return app.select({ kind: "event", id: oldest[0], byItself: true }, false, false);
+    if (isOn && isFree && oldest) app.select({ kind: "event", id: oldest[0], byItself: true }, false, false);
     const event = this.event?.[0];
     const given = event === undefined ? undefined : app.model.judged.get(event);
     setText(element("judge-event"), event === undefined ? "" : t("Event {number} is", { number: eventName(event) }));
@@ -95,6 +99,7 @@ export class TaskPanel {
       button(`judge-${answer}`).disabled = event === undefined || !isOn;
       button(`judge-${answer}`).setAttribute("aria-pressed", String(given === answer));
     }
+    element("steps").classList.toggle("unneeded", app.model.judged.size > 0);
     const isNone = !app.model.picture?.events.length;
     const none = isNone ? t("None is reported yet.") : t("All are judged.");
     setText(element("judge-count"), open.length ? t("{count} to judge", { count: open.length }) : none);
@@ -103,26 +108,30 @@ export class TaskPanel {
     this.place();
   }
 
-  /** Put the judgement beside its event on the map, but not away from under the pointer. */
+  /** Put the judgement beside its event on the map, where it covers least, and leave it there while the event is near. */
   place() {
     const { app, event, where, view } = this;
+    this.closeUp.draw(event);
     where.hidden = !this.isOn || !event;
+    if (where.hidden) app.covered = null;
     if (!event || where.hidden) return;
-    const isSame = this.placedAt === `${event[0]}`;
-    if (isSame && where.matches(":hover")) return;
-    this.placedAt = `${event[0]}`;
     const [x, y] = view.toScreen(event[1], event[2]);
+    const [of, at_x, at_y] = this.placedAt;
+    const isNear = of === event[0] && Math.hypot(at_x - x, at_y - y) < NEAR_PX;
+    if (isNear || (of === event[0] && where.matches(":hover"))) return;
+    this.placedAt = [event[0], x, y];
     const [width, height] = [where.offsetWidth, where.offsetHeight];
     const marks = [...event[7], ...(app.model.picture?.events ?? []).map((row) => [row[1], row[2]])].map(([x_m = 0, y_m = 0]) => view.toScreen(x_m, y_m));
     const corners = [
       [x + BESIDE_PX, y - height / 2],
       [x - BESIDE_PX - width, y - height / 2],
       [x - width / 2, y - BESIDE_PX - height],
-      [x - width / 2, y + BESIDE_PX + LABEL_PX],
+      [x - width / 2, y + BESIDE_PX],
     ].map(([left = 0, top = 0]) => /** @type {const} */ ([within(left, view.width - width), within(top, view.height - height)]));
     const covered = corners.map(([left, top]) => marks.filter(([at_x, at_y]) => at_x > left && at_x < left + width && at_y > top && at_y < top + height).length);
     const [left, top] = corners[covered.indexOf(Math.min(...covered))] ?? [0, 0];
     where.style.left = `${left}px`;
     where.style.top = `${top}px`;
+    app.covered = { left, top, right: left + width, bottom: top + height };
   }
 }

@@ -161,10 +161,14 @@ export interface App {
   model: import("./model.js").Model;
   selection: Selection | null;
   pick: Pick | null;
+  /** The part of the map on which the buttons of a judgement lie [px]. */
+  covered: { left: number; right: number; top: number; bottom: number } | null;
   /** Send what a person means; it is kept and sent again until it is noted. */
   send(intent: Intent): void;
   /** The oldest input that is not noted yet and fits. */
   waiting(fits: (intent: Intent) => boolean): { page_s: number; intent: Intent } | null;
+  /** Whether an input that was made then should have been noted by now. */
+  isLate(page_s: number): boolean;
   say(text: string): void;
   select(selection: Selection | null, reveal?: boolean, forOrder?: boolean): void;
   redraw(): void;

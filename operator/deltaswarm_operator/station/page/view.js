@@ -1,6 +1,6 @@
 /** The part of the arena on the map: metres with y upwards, pixels with y downwards. */
 
-const MARGIN_PX = 26;
+const MARGIN_PX = 14;
 export const LEAST_MARKER_PX = 6;
 const MOST_PX_PER_M = 400;
 
@@ -50,6 +50,18 @@ export class View {
     this.left = (this.width - (high_x + low_x) * this.scale) / 2;
     this.top = (this.height + (high_y + low_y) * this.scale) / 2;
     this.isFitted = true;
+  }
+
+  /**
+   * Show a place in the middle.
+   * @param {number} x_m
+   * @param {number} y_m
+   * @param {number} scale [px/m]
+   */
+  centre(x_m, y_m, scale) {
+    this.scale = scale;
+    this.left = this.width / 2 - x_m * scale;
+    this.top = this.height / 2 + y_m * scale;
   }
 
   /**

@@ -201,6 +201,33 @@ export function fate([, , , , , heard, done, refused, expires_s, state, supersed
   return now_s < expires_s ? t("{outcome}; passed on until {time}", { outcome, time: clock(expires_s) }) : outcome;
 }
 
+/** @type {Record<string, string>} */
+const INPUTS = {
+  command: later("an order"),
+  judge: later("a judgement"),
+  note: later("a note"),
+  isa: later("an answer to ISA"),
+  tlx: later("the answers to NASA-TLX"),
+  form: later("the answers to a form"),
+  ready: later("that you are ready"),
+  read: later("that messages are read"),
+  pace: later("a change of the pace"),
+  veto: later("a veto"),
+  help: later("a call for help"),
+  sheet: later("the sheet"),
+};
+
+/**
+ * Name an input, and what it was about.
+ * @param {import("./types.js").Intent} intent
+ */
+export function inputName(intent) {
+  const name = t(INPUTS[intent.type] ?? intent.type);
+  if (intent.type === "judge") return `${name} (${t("event {number}", { number: eventName(intent.event) })}, ${t(intent.answer)})`;
+  const about = intent.type === "command" ? t(intent.name) : intent.type === "note" ? intent.text : "";
+  return about ? `${name} (${about})` : name;
+}
+
 /**
  * Name an open question.
  * @param {import("./types.js").Probe} probe

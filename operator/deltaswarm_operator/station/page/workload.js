@@ -7,11 +7,22 @@ import { clock, number } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 
+const FONT = "11px system-ui, sans-serif";
 const SHORT = "#0072b2";
 const SHORT_DARK = "#56b4e9";
 
 /** Possible intervals between the times below the chart [s]. */
 const TIMES_S = [1, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200];
+
+/**
+ * Return the width of an axis whose numbers are all to be read [px].
+ * @param {uPlot} plot
+ * @param {string[] | null} values
+ */
+function widest({ ctx }, values) {
+  ctx.font = FONT;
+  return 18 + Math.max(16, ...(values ?? []).map((value) => ctx.measureText(value).width));
+}
 
 export class WorkloadPanel {
   /** @param {App} app */
@@ -36,7 +47,7 @@ export class WorkloadPanel {
     const short = ink === "#1b2028" ? SHORT : SHORT_DARK;
     const axis = {
       stroke: soft,
-      font: "11px system-ui, sans-serif",
+      font: FONT,
       grid: { stroke: faint, width: 1 },
       ticks: { stroke: faint },
     };
@@ -63,7 +74,7 @@ export class WorkloadPanel {
           incrs: TIMES_S,
           values: (/** @type {uPlot} */ _plot, /** @type {number[]} */ times) => times.map(clock),
         },
-        { ...axis, size: 34 },
+        { ...axis, size: (/** @type {uPlot} */ plot, /** @type {string[] | null} */ values) => widest(plot, values) },
       ],
       series: [
         {},
@@ -115,7 +126,8 @@ export class WorkloadPanel {
     setText(element("residue"), number(residue, 2));
     setText(element("events-open"), String(picture.events.length));
     const { events: closed, after_s } = picture.closed ?? { events: 0, after_s: 0 };
-    setText(element("events-closed"), closed ? t("{count}, after {seconds} s each", { count: closed, seconds: number(after_s, 0) }) : "0");
+    setText(element("events-closed"), String(closed));
+    setText(element("closed-after"), closed ? t("closed after {seconds} s each", { seconds: number(after_s, 0) }) : "");
     const thresholds = hello?.thresholds_hz ?? [];
     const above = thresholds.map((limit, at) => t("above {rate} for {time}", { rate: number(limit, 2), time: clock(above_s[at] ?? 0) }));
     setText(element("above"), above.join(" · "));
