@@ -1,6 +1,5 @@
 """Messages and type hashes against ROS 2's own encoders, from the wheels `ros-*` (extra `peers`)."""
 
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,28 +7,16 @@ import pytest
 from hypothesis import given
 
 from deltaswarm_ros2.cdr import decode, encode
-from deltaswarm_ros2.definitions import DEFINITIONS, HASHES, ODOMETRY, fields_of
-from tests.support.ros2_types import messages
+from deltaswarm_ros2.definitions import DEFINITIONS, HASHES, ODOMETRY
+from tests.peers.nodes import genuine
+from tests.support.ros2_types import built, messages
 from tests.support.tiers import nightly
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 itself: pip install -e '.[peers]'")
 
 
-def genuine(message_type: str) -> Any:
-    package, _, name = message_type.split("/")
-    return getattr(importlib.import_module(f"{package}.msg"), name)
-
-
-def built(message_type: str, message: Mapping[str, Any]) -> Any:
-    made: dict[str, Any] = {}
-    for name, kind, length in fields_of(message_type):
-        value = message[name]
-        if kind in DEFINITIONS:
-            value = built(kind, value) if length is None else [built(kind, entry) for entry in value]
-        elif kind == "byte":
-            value = bytes([value])
-        made[name] = value
-    return genuine(message_type)(**made)
+def in_ros(message_type: str, message: Mapping[str, Any]) -> Any:
+    return built(genuine, message_type, message, lambda value, kind: bytes([value]) if kind == "byte" else value)
 
 
 def test_type_hashes_are_those_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,11 +36,11 @@ def test_bytes_are_those_of_ros(message_type: str) -> None:
 
     @given(messages(message_type))
     def holds(message: dict[str, Any]) -> None:
-        ours, theirs = encode(message_type, message), serialize_message(built(message_type, message))
+        ours, theirs = encode(message_type, message), serialize_message(in_ros(message_type, message))
         assert len(ours) == len(theirs)
         assert decode(message_type, theirs) == message
         inverted = bytes(byte if byte == other else 255 - byte for byte, other in zip(ours, theirs, strict=True))
         for data in (ours, inverted):
-            assert deserialize_message(data, genuine(message_type)) == built(message_type, message)
+            assert deserialize_message(data, genuine(message_type)) == in_ros(message_type, message)
 
     holds()

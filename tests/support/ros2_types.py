@@ -4,7 +4,7 @@ A message is a dict, as in `deltaswarm_ros2.cdr`.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,21 +16,27 @@ from deltaswarm_ros2.definitions import DEFINITIONS, SEQUENCE, fields_of
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
-def _built(message_type: str, message: Mapping[str, Any]) -> Any:
-    """An instance of rosbags' class, with those of its fields."""
+def _array(value: Any, kind: str) -> Any:
+    return np.array(value, kind) if isinstance(value, list | tuple) else value
+
+
+def built(class_of: Callable[[str], Any], message_type: str, message: Mapping[str, Any], basic: Any = _array) -> Any:
+    """An instance of another implementation's class, with those of its fields; `basic` converts basic values."""
     made: dict[str, Any] = {}
     for name, kind, length in fields_of(message_type):
         value = message[name]
-        if kind in DEFINITIONS:
-            made[name] = _built(kind, value) if length is None else [_built(kind, entry) for entry in value]
+        if kind not in DEFINITIONS:
+            made[name] = basic(value, kind)
+        elif length is None:
+            made[name] = built(class_of, kind, value, basic)
         else:
-            made[name] = value if length is None else np.array(value, kind)
-    return STORE.types[message_type](**made)
+            made[name] = [built(class_of, kind, entry, basic) for entry in value]
+    return class_of(message_type)(**made)
 
 
 def bag_encoded(message_type: str, message: Mapping[str, Any]) -> bytes:
     """Encode by rosbags."""
-    return bytes(STORE.serialize_cdr(_built(message_type, message), message_type))
+    return bytes(STORE.serialize_cdr(built(STORE.types.__getitem__, message_type, message), message_type))
 
 
 def bag_decoded(message_type: str, data: bytes) -> dict[str, Any]:
