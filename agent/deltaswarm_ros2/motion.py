@@ -62,16 +62,16 @@ TWIN_SIGNS, TWIN_MESSAGES, TWIN_BACK = 5, 20, 4
 class Streams:
     """Tells whether the messages of one topic are two robots', though they do not say who sent them.
 
-    A sign is a stamp that is not later than the newest (two clocks), or a position that is farther from the last one
-    than a robot drives in that time but not from an earlier one (two places). Two robots that are beside each other
-    and whose stamps come in order show neither.
+    A sign is a stamp that is not later than the newest of the last few messages (two clocks), or a position that is
+    farther from the last one than a robot drives in that time but not from an earlier one (two places). One clock that
+    is set back shows fewer signs than two clocks. Two robots that are beside each other and whose stamps come in order
+    show none.
     """
 
     def __init__(self, max_speed_mps: float) -> None:
         self.are_two = False
         """Whether two robots were seen; only a person knows which one is left."""
         self._speed_mps = TWIN_SPEED * max_speed_mps
-        self._newest_s = -math.inf
         self._places: deque[tuple[float, float, float]] = deque(maxlen=TWIN_BACK)
         self._signs: deque[bool] = deque(maxlen=TWIN_MESSAGES)
 
@@ -83,8 +83,7 @@ class Streams:
             for at in self._places
         ]
         alternates = bool(far) and far[-1] and not all(far)
-        self._signs.append(stamp_s <= self._newest_s or alternates)
-        self._newest_s = max(self._newest_s, stamp_s)
+        self._signs.append(any(stamp_s <= at[0] for at in self._places) or alternates)
         self._places.append((stamp_s, x_m, y_m))
         self.are_two = self.are_two or sum(self._signs) >= TWIN_SIGNS
 

@@ -161,7 +161,7 @@ class Guard:
     def velocity(self, now_s: float) -> Velocity:
         """Return the velocity to send now: the agent's, or zero."""
         velocity = self._permitted(now_s)
-        self._obedience.send(STAND if self._fault(now_s) else velocity, now_s)
+        self._obedience.send(velocity, now_s)
         return velocity
 
     def _permitted(self, now_s: float) -> Velocity:
@@ -169,7 +169,7 @@ class Guard:
             self.stalls += not self._is_stalled
             self._is_stalled = True
             return STAND
-        if self._at is None or now_s - self._at_s > self._limits.position_s or self._reason_to_stand(now_s):
+        if self._at is None or self._fault(now_s):
             return STAND
         if not self._fence.permits(self._at, *self._wanted, self._limits.ahead_s):
             self.refused += 1

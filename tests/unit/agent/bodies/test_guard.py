@@ -153,6 +153,7 @@ def test_a_stalled_agents_vehicle_stands_and_each_stall_counts_once() -> None:
 
 def test_no_velocity_without_a_position() -> None:
     guard = Guard(LIMITS, SQUARE, 0.1)
+    guard.beat(True, "GUIDED", 0.0)
     guard.command(1.0, 0.0, 0.0)
     guard.locate(math.nan, 5.0, 0.0)
     assert guard.velocity(0.0) == STAND
@@ -190,6 +191,23 @@ def test_the_body_says_what_is_wrong() -> None:
     free.beat(False, "LOITER", 0.0)
     free.locate(5.0, 5.0, 0.0)
     assert not free.sensed(0.0).fault
+
+
+def test_a_vehicle_that_is_not_the_agents_is_told_to_stand() -> None:
+    """A person who gives it back must not find it told to go before the agent knows."""
+    guard = a_guard()
+    for is_armed, mode, told in (
+        (True, "GUIDED", (1.0, 0.0)),
+        (False, "GUIDED", STAND),
+        (True, "LOITER", STAND),
+        (True, "GUIDED", (1.0, 0.0)),
+    ):
+        guard.beat(is_armed, mode, 0.0)
+        guard.command(1.0, 0.0, 0.0)
+        assert guard.velocity(0.0) == told
+    guard.command(1.0, 0.0, 3.5)
+    guard.locate(5.0, 5.0, 3.5)
+    assert guard.velocity(3.5) == STAND, "heartbeats ceased"
 
 
 def test_a_vehicle_that_objects_stands_and_says_why() -> None:

@@ -1,6 +1,5 @@
 """CDR, byte for byte against another implementation, both ways."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -8,32 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_ros2.cdr import MAX_BYTES, CdrError, decode, encode
-from deltaswarm_ros2.definitions import DEFINITIONS, ODOMETRY, POSE_ARRAY, SEQUENCE, TWIST, fields_of
-from tests.support.ros2_types import bag_decoded, bag_encoded
+from deltaswarm_ros2.definitions import DEFINITIONS, ODOMETRY, POSE_ARRAY, TWIST
+from tests.support.ros2_types import bag_decoded, bag_encoded, messages
 from tests.support.tiers import in_one_test
-
-BASIC: Mapping[str, st.SearchStrategy[Any]] = {
-    "int32": st.integers(-(2**31), 2**31 - 1),
-    "uint32": st.integers(0, 2**32 - 1),
-    "uint8": st.integers(0, 255),
-    "byte": st.integers(0, 127),  # rosbags takes it as signed
-    "bool": st.booleans(),
-    "float32": st.floats(allow_nan=False, width=32),
-    "float64": st.floats(allow_nan=False),
-    "string": st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
-}
-
-
-def messages(message_type: str) -> st.SearchStrategy[Any]:
-    made: dict[str, st.SearchStrategy[Any]] = {}
-    for field in fields_of(message_type):
-        one = BASIC[field.type] if field.type in BASIC else messages(field.type)
-        if field.length is None:
-            made[field.name] = one
-        else:
-            sizes = (0, 2) if field.length == SEQUENCE else (field.length, field.length)
-            made[field.name] = st.lists(one, min_size=sizes[0], max_size=sizes[1]).map(tuple)
-    return st.fixed_dictionaries(made)
 
 
 @in_one_test("message_type", DEFINITIONS)

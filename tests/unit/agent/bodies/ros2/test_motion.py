@@ -228,7 +228,8 @@ ALONE = {
     "lost messages": driving(0.0, 0.0)[::5],
     "each twice": [message for message in driving(0.0, 0.0) for _ in range(2)],
     "three in another order": [driving(0.0, 0.0)[n + (n % 12 == 3) - (n % 12 == 4)] for n in range(36)],
-    "a restart": [*driving(100.0, 5.0), *driving(0.0, 5.0)[:4]],
+    "a restart": [*driving(100.0, 5.0), *driving(0.0, 5.0)],
+    "a clock that is set back": [*driving(100.0, 5.0), *driving(101.5, 7.0)],
     "half the limit faster": driving(0.0, 0.0, mps=1.5),
 }
 
