@@ -172,7 +172,7 @@ def test_every_question_is_translated(pseudo: Callable[..., Page]) -> None:
     page.at("form-send").click()
     page.until(lambda: page.text("form-missing"))
     assert untranslated(page) == []
-    told = session.SCORE_TEXT.format(right=4, events=9, hits=3, misses=2, false_alarms=2, unjudged=1)
+    told = session.SCORE_TEXT.format(right=4, events=9, hits=3, misses=2, false_alarms=2, unjudged=1, chance=4)
     asks_form(page, number=2, form={"name": "score", "title": "Your score", "text": told, "question": []})
     page.until(lambda: "score" in page.text("form-title"))
     assert untranslated(page) == []

@@ -96,7 +96,7 @@ def test_the_score_of_a_task_is_shown_once(tmp_path: Path) -> None:
     assert (attempt.score.name, attempt.score.text) == (
         "score",
         "Judged right: 5 of 9 reported events. Targets found: 3. Targets taken for decoys: 1. "
-        "Decoys taken for targets: 2. Without a judgement: 1.",
+        "Decoys taken for targets: 2. Without a judgement: 1. By tossing a coin about 4 would be right.",
     )
     assert follow(session) == []
     without = Session(1, a_session(tmp_path, 1).runs, shows_score=False)
