@@ -18,6 +18,7 @@ from deltaswarm_wire.plugins import INBOX_POLICIES, own_settings
 LEAST_BUDGET_HZ = 0.01
 """A message in 100 s."""
 
+STRUCTURE, PRICE = "structure", "price"
 OPERATOR, SWARM, SYSTEM, BUDGET = "operator", "swarm", "system", "budget"
 RATE, ISA_ANSWER = "rate", "isa"
 
@@ -81,6 +82,12 @@ class BudgetSettings:
         source=OURS,
         low=0,
         high=5,
+    )
+    moves: str = key(
+        STRUCTURE,
+        "what the rule orders: the structure, or the price of a message, for agents with control.delta_rule learned",
+        source=OURS,
+        choices=(STRUCTURE, PRICE),
     )
     highest_delta: float = key(3.0, "value above which delta is not raised", source=OURS, low=2, high=1000)
     highest_rho: float = key(
@@ -196,8 +203,11 @@ SET_DELTA, DELTA = "set delta", "delta"
 SET_STRUCTURE = "set structure"
 """The command that changes delta in small steps, and the share of agents that work outside trees."""
 
-SET_PRICE, DELTA_RULE, LEARNED = "set price", "delta_rule", "learned"
-"""The command that changes what a message is worth to agents with a learned rule, and the option that says so."""
+SET_PRICE, MESSAGE_PRICE = "set price", "message_price"
+"""The command that changes what a message is worth to agents with a learned rule, and its argument."""
+
+DELTA_RULE, LEARNED = "delta_rule", "learned"
+"""The controller's option that says that they have one."""
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,15 @@ import argparse
 import json
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.extras import missing
 from deltaswarm_wire.files import write_whole
+
+if TYPE_CHECKING:
+    from deltaswarm_learn.training import Training
 
 EXAMPLES = """\
 examples:
@@ -63,7 +67,7 @@ def learn(arguments: argparse.Namespace) -> int:
     names = ("seed", "population", "tasks", "sigma", "validate_every", "validation_tasks")
     given = {name: getattr(arguments, name) for name in names}
     settings = TrainingSettings(**given, linear=arguments.linear, overrides=tuple(arguments.set))
-    options = [f"--{name.replace('_', '-')}={getattr(arguments, name)}" for name in (*names, "generations")]
+    options = [f"--{name.replace('_', '-')}={getattr(arguments, name)}" for name in names]
     options += ["--linear"] * arguments.linear + [f"--set={text}" for text in arguments.set]
     command = shlex.join(["deltaswarm", "learn", "delta", *options])
     pool = Pool(arguments.workers, settings.overrides)
@@ -72,12 +76,18 @@ def learn(arguments: argparse.Namespace) -> int:
         while training.generation < arguments.generations:
             least, mean = training.advance()
             notice(f"generation {training.generation}: cost {mean:.3f}, best {least:.3f}{_shown(training.curve)}")
-            if training.generation % settings.validate_every == 0 or training.generation == arguments.generations:
-                write_whole(arguments.out, f"{json.dumps(training.record(command), indent=1)}\n".encode("ascii"))
+            if training.generation % settings.validate_every == 0:
+                _write(training, command, arguments.out)
+        _write(training, command, arguments.out)
     finally:
         pool.close()
     print(f"{arguments.out}: cost {training.best[0]:.3f} of that of hybrid control with delta 3")
     return OK
+
+
+def _write(training: "Training", command: str, out: Path) -> None:
+    record = training.record(f"{command} --generations={training.generation}")
+    write_whole(out, f"{json.dumps(record, indent=1)}\n".encode("ascii"))
 
 
 def _shown(curve: list[tuple[int, float]]) -> str:

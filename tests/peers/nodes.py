@@ -32,7 +32,9 @@ class Node(abc.ABC):
     """A node. It publishes messages that are dicts; those that it hears have their fields as attributes."""
 
     @abc.abstractmethod
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(
+        self, message_type: str, topic: str, reliability: str = "reliable"
+    ) -> Callable[[Mapping[str, Any]], None]:
         """Declare a publisher, `reliable` or `best_effort`, and return what publishes."""
 
     @abc.abstractmethod
@@ -123,7 +125,9 @@ class Rclpy(Node):
         self._executor.add_node(self.node)
         self._executor.add_node(Relay(rclpy, port).node)
 
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(
+        self, message_type: str, topic: str, reliability: str = "reliable"
+    ) -> Callable[[Mapping[str, Any]], None]:
         kinds = importlib.import_module("rclpy.qos")
         qos = kinds.QoSProfile(depth=10, reliability=kinds.ReliabilityPolicy[reliability.upper()])
         publisher = self.node.create_publisher(genuine(message_type), topic, qos)
@@ -148,7 +152,9 @@ class Pyzeros(Node):
     def _class(message_type: str) -> Any:
         return genuine(message_type, "ros2_pyterfaces.cyclone.")
 
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(
+        self, message_type: str, topic: str, reliability: str = "reliable"
+    ) -> Callable[[Mapping[str, Any]], None]:
         from pyzeros.pub import Pub
         from pyzeros.qos import QosProfile
 
@@ -159,18 +165,24 @@ class Pyzeros(Node):
         from pyzeros.sub import RawSub
 
         kind = self._class(message_type)
-        self._kept = RawSub(kind, topic, lambda sample: take(kind.deserialize(sample.payload.to_bytes())), session=self._node)
+        self._kept = RawSub(
+            kind, topic, lambda sample: take(kind.deserialize(sample.payload.to_bytes())), session=self._node
+        )
 
 
 class Sdk(Node):
     def __init__(self, port: int, name: str, namespace: str) -> None:
         from zenoh_ros2_sdk.message_registry import get_registry
 
-        get_registry(str(Path(sys.prefix) / "share"))  # where ROS 2's wheels have their definitions; else it clones them
+        get_registry(
+            str(Path(sys.prefix) / "share")
+        )  # where ROS 2's wheels have their definitions; else it clones them
         self._where = {"node_name": name, "namespace": namespace or "/", "router_port": port}
         self._space = namespace
 
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(
+        self, message_type: str, topic: str, reliability: str = "reliable"
+    ) -> Callable[[Mapping[str, Any]], None]:
         from zenoh_ros2_sdk import ROS2Publisher
         from zenoh_ros2_sdk.qos import QosProfile, QosReliability
 
@@ -186,7 +198,9 @@ class Sdk(Node):
     def subscribe(self, message_type: str, topic: str, take: Callable[[Any], None]) -> None:
         from zenoh_ros2_sdk import ROS2Subscriber
 
-        self._kept = ROS2Subscriber(topic if topic[0] == "/" else f"{self._space}/{topic}", message_type, take, **self._where)
+        self._kept = ROS2Subscriber(
+            topic if topic[0] == "/" else f"{self._space}/{topic}", message_type, take, **self._where
+        )
 
 
 NODES: Mapping[str, type[Any]] = {"rclpy": Rclpy, "pyzeros": Pyzeros, "zenoh_ros2_sdk": Sdk}

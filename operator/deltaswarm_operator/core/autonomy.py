@@ -96,9 +96,14 @@ class Autonomy:
 
 def first_delta(briefing: Briefing) -> int | None:
     """Return the swarm's initial delta; None if its controller takes none."""
-    form = named(briefing.forms, SET_DELTA)
-    first = next((argument.default for argument in form.arguments if argument.name == DELTA), None) if form else None
+    first = first_of(briefing, SET_DELTA, DELTA)
     return None if first is None else round(first)
+
+
+def first_of(briefing: Briefing, command: str, name: str) -> float | None:
+    """Return what an argument of a command begins with; None if the controller has no such command."""
+    form = named(briefing.forms, command)
+    return next((argument.default for argument in form.arguments if argument.name == name), None) if form else None
 
 
 def autonomy_of(briefing: Briefing) -> Autonomy | None:

@@ -24,7 +24,7 @@ from deltaswarm_operator.inbox.ledger import Ledger
 from deltaswarm_operator.inbox.policy import RANKED
 from deltaswarm_scenario.isa import ISA
 from deltaswarm_scenario.operator_links import FIRST_STEP
-from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
+from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_scenario.page_messages import Message, made
 from deltaswarm_scenario.person_tables import PERSON, SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_scenario.technique import Seen
@@ -271,8 +271,8 @@ class Console:
             self.command(SYSTEM, SET_DELTA, Target(), {DELTA: delta})
 
     def _keep_budget(self, budget: Budget, rate_hz: float) -> None:
-        if self.command_log.has_room and (structure := budget.order(self.picture.now_s, rate_hz)) is not None:
-            self.command(SYSTEM, SET_STRUCTURE, Target(), structure._asdict())
+        if self.command_log.has_room and (order := budget.order(self.picture.now_s, rate_hz)) is not None:
+            self.command(SYSTEM, budget.command, Target(), order._asdict())
 
     @property
     def totals(self) -> dict[str, Any]:

@@ -3,12 +3,19 @@
 from collections.abc import Iterable
 
 from deltaswarm_operator.core.autonomy import autonomy_of
-from deltaswarm_operator.core.budget import Structure, budget_of
+from deltaswarm_operator.core.budget import Price, Structure, budget_of
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.script import Script, Scripted
 from deltaswarm_operator.core.simulated_operator import person_of
 from deltaswarm_operator.inbox.policy import RANKED
-from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, SET_STRUCTURE, Briefing
+from deltaswarm_scenario.operator_settings import (
+    DELTA,
+    MESSAGE_PRICE,
+    SET_DELTA,
+    SET_PRICE,
+    SET_STRUCTURE,
+    Briefing,
+)
 from deltaswarm_scenario.person_tables import SYSTEM
 from deltaswarm_wire.commands import ALL
 
@@ -51,10 +58,19 @@ def reconfigure(console: Console, briefing: Briefing, commands: Iterable[Scripte
         if budget is not None:
             by_rule_s = [sent.sent_s for sent in console.command_log.sent if sent.by == SYSTEM]
             budget.ordered_s = by_rule_s[-1] if by_rule_s else console.picture.now_s
-            budget.structure = structure or budget.structure
+            budget.structure = _taken_over(console, budget.structure, structure)
     elif budget is not None:
         budget.budget_hz = now.threshold_hz
     console.set_rules(person, autonomy, budget)
+
+
+def _taken_over(console: Console, first: Structure | Price, structure: Structure | None) -> Structure | Price:
+    """Return what a rule goes on from that would begin with `first`: of its kind, what all agents were ordered last."""
+    if isinstance(first, Structure):
+        return structure or first
+    given = [sent.command for sent in console.command_log.sent]
+    prices = [command.arguments[MESSAGE_PRICE] for command in given if command.name == SET_PRICE]
+    return Price(float(prices[-1])) if prices else first
 
 
 def _ordered(console: Console) -> Structure | None:

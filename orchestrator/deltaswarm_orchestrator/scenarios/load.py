@@ -16,7 +16,9 @@ from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_scenario.operator_settings import (
     NO_ORDERS,
     OPERATOR,
+    PRICE,
     SET_DELTA,
+    SET_PRICE,
     SET_STRUCTURE,
     SWARM,
     begun_with,
@@ -110,7 +112,8 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     forms = begun_with(forms_of(controller), scenario.control.options)
     names = ", ".join(form.name for form in forms if scenario.control.mode not in form.refused_in) or "none"
     problems = []
-    needed = SET_STRUCTURE if operator.autonomy.keeps_budget else SET_DELTA
+    by_budget = SET_PRICE if operator.budget.moves == PRICE else SET_STRUCTURE
+    needed = by_budget if operator.autonomy.keeps_budget else SET_DELTA
     form = named(forms, needed)
     if form is None or scenario.control.mode in form.refused_in:
         wrong = f"needs a controller that accepts {needed!r} ({scenario.control.mode} accepts: {names})"

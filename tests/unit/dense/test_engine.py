@@ -48,6 +48,7 @@ OPERATORS: list[dict[str, Any]] = [
     {"person": {"policy": "none"}, "inbox": {"policy": "grouped"}},
     {"person": {"policy": "threshold", "delta_limit": 1, "command_every_s": 20.0}, "threshold_hz": 0.5},
     {"autonomy": {"sets_delta": "budget"}, "budget": {"every_s": 12.0}, "threshold_hz": 0.5},
+    {"autonomy": {"sets_delta": "budget"}, "budget": {"every_s": 12.0, "moves": "price"}, "threshold_hz": 0.5},
     {"autonomy": {"sets_delta": "system", "every_s": 15.0, "veto_s": 3.0, "delta_limit": 1}, "threshold_hz": 0.5},
 ]
 

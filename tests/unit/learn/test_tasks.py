@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.scenarios.load import check_table, put, read_table
 
 @pytest.mark.parametrize("stream", STREAMS)
 def test_every_task_is_a_scenario_that_the_dense_engine_covers(stream: str) -> None:
-    for number in range(30):
+    for number in range(12):
         table = read_table("paper-25")
         for name, value in task(stream, number).items():
             assert put(table, name, value) == []

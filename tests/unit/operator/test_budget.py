@@ -1,12 +1,13 @@
 """The rule that keeps a budget of messages: what it orders, within which bounds, and what comes of it in a swarm."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.budget import Budget, Structure, budget_of, structure_at
+from deltaswarm_operator.core.budget import Budget, Price, Structure, budget_of, structure_at
 from deltaswarm_operator.core.command_log import MAX_QUEUE
 from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.results.summary import summarise
@@ -26,7 +27,7 @@ def rule(settings: BudgetSettings = PLAIN, delta: float = 2.0, working: float = 
     return Budget(settings, 4.0, Structure(delta, working))
 
 
-def orders(one: Budget, rates: Iterable[float], step_s: float = 1.0) -> dict[float, Structure]:
+def orders(one: Budget, rates: Iterable[float], step_s: float = 1.0) -> dict[float, Any]:
     given = ((step * step_s, one.order(step * step_s, rate)) for step, rate in enumerate(rates))
     return {now_s: order for now_s, order in given if order is not None}
 
@@ -68,6 +69,24 @@ def test_a_level_beyond_its_bounds_stays_where_it_is_put() -> None:
         one = budget_of(briefing_of(fixed))
         assert one is not None
         assert set(orders(one, [100.0] * 200).values()) == {structure}
+
+
+def test_a_rule_can_move_the_price_of_a_message() -> None:
+    """At twice the aim it rises by a factor of e to the half per order, at most to 20 s; without messages it falls."""
+    one = Budget(PLAIN, 4.0, Price(1.0))
+    prices = [order.message_price for order in orders(one, [4.0] * 71).values() if isinstance(order, Price)]
+    assert prices == pytest.approx([1.649, 2.718, 4.482, 7.389, 12.182, 20.086, 20.086], rel=0.001)
+    one = Budget(PLAIN, 4.0, Price(0.0))
+    assert list(orders(one, [0.0] * 11).values()) == [Price(0.05)]
+
+
+def test_a_rule_begins_with_the_price_of_the_scenario() -> None:
+    keys = ["control.delta_rule=learned", "control.message_price=2.5", "operator.autonomy.sets_delta=budget"]
+    budget = budget_of(briefing_of(load_scenario("smoke", [*keys, "operator.budget.moves=price"])))
+    assert budget is not None
+    assert (budget.structure, budget.command) == (Price(2.5), "set price")
+    with pytest.raises(SettingsError, match="needs a controller that accepts 'set price'"):
+        load_scenario("smoke", [*keys[2:], "control.mode=hybrid", "operator.budget.moves=price"])
 
 
 def test_an_order_is_repeated_though_nothing_changes() -> None:
