@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_ros2.keys import full_name
 from deltaswarm_wire.session import use_one_worker_thread
 from tests.support.ros2_robots import attached, dds_name, session
 from tests.support.ros2_types import built
@@ -20,6 +21,8 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 RELAY = "relay"
+
+Publish = Callable[[Mapping[str, Any]], None]
 
 
 def genuine(message_type: str, root: str = "") -> Any:
@@ -32,7 +35,7 @@ class Node(abc.ABC):
     """A node. It publishes messages that are dicts; those that it hears have their fields as attributes."""
 
     @abc.abstractmethod
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         """Declare a publisher, `reliable` or `best_effort`, and return what publishes."""
 
     @abc.abstractmethod
@@ -123,7 +126,7 @@ class Rclpy(Node):
         self._executor.add_node(self.node)
         self._executor.add_node(Relay(rclpy, port).node)
 
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         kinds = importlib.import_module("rclpy.qos")
         qos = kinds.QoSProfile(depth=10, reliability=kinds.ReliabilityPolicy[reliability.upper()])
         publisher = self.node.create_publisher(genuine(message_type), topic, qos)
@@ -142,13 +145,14 @@ class Pyzeros(Node):
     def __init__(self, port: int, name: str, namespace: str) -> None:
         from pyzeros.node import Node as ZenohNode
 
+        self._kept: list[Any] = []
         self._node = ZenohNode(name, session=session("client", f"tcp/127.0.0.1:{port}"), namespace=namespace or "%")
 
     @staticmethod
     def _class(message_type: str) -> Any:
         return genuine(message_type, "ros2_pyterfaces.cyclone.")
 
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         from pyzeros.pub import Pub
         from pyzeros.qos import QosProfile
 
@@ -159,23 +163,27 @@ class Pyzeros(Node):
         from pyzeros.sub import RawSub
 
         kind = self._class(message_type)
-        self._kept = RawSub(kind, topic, lambda sample: take(kind.deserialize(sample.payload.to_bytes())), session=self._node)
+        self._kept = RawSub(
+            kind, topic, lambda sample: take(kind.deserialize(sample.payload.to_bytes())), session=self._node
+        )
 
 
 class Sdk(Node):
     def __init__(self, port: int, name: str, namespace: str) -> None:
         from zenoh_ros2_sdk.message_registry import get_registry
 
-        get_registry(str(Path(sys.prefix) / "share"))  # where ROS 2's wheels have their definitions; else it clones them
+        get_registry(
+            str(Path(sys.prefix) / "share")
+        )  # where ROS 2's wheels have their definitions; else it clones them
         self._where = {"node_name": name, "namespace": namespace or "/", "router_port": port}
-        self._space = namespace
+        self._space, self._kept = namespace, []
 
-    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         from zenoh_ros2_sdk import ROS2Publisher
         from zenoh_ros2_sdk.qos import QosProfile, QosReliability
 
         qos = QosProfile(reliability=QosReliability[reliability.upper()])
-        made = ROS2Publisher(f"{self._space}/{topic}", message_type, **self._where, qos=qos)
+        made = ROS2Publisher(full_name(topic, self._space), message_type, **self._where, qos=qos)
         store = made.session_mgr.store
 
         def publish(message: Mapping[str, Any]) -> None:
@@ -186,7 +194,9 @@ class Sdk(Node):
     def subscribe(self, message_type: str, topic: str, take: Callable[[Any], None]) -> None:
         from zenoh_ros2_sdk import ROS2Subscriber
 
-        self._kept = ROS2Subscriber(topic if topic[0] == "/" else f"{self._space}/{topic}", message_type, take, **self._where)
+        self._kept = ROS2Subscriber(
+            topic if topic[0] == "/" else f"{self._space}/{topic}", message_type, take, **self._where
+        )
 
 
 NODES: Mapping[str, type[Any]] = {"rclpy": Rclpy, "pyzeros": Pyzeros, "zenoh_ros2_sdk": Sdk}

@@ -69,6 +69,7 @@ def main(kind: str, port: str, namespace: str, reliability: str = "reliable") ->
     publish = node.advertise(ODOMETRY, "odom", reliability)
     node.subscribe(TWIST, "cmd_vel", robot.hear)
     heard: list[str] = []
+    others: list[Any] = []
 
     def listen() -> None:
         heard.extend(iter(sys.stdin.readline, ""))
@@ -80,7 +81,7 @@ def main(kind: str, port: str, namespace: str, reliability: str = "reliable") ->
         while heard:
             word, *values = heard.pop(0).split()
             if word == "teleop":
-                node.advertise(TWIST, "cmd_vel")
+                others.append(node.advertise(TWIST, "cmd_vel"))
             else:
                 robot.obey(word, *values)
         node.spin(PERIOD_S)
