@@ -6,6 +6,7 @@ DDS and Zenoh beside its node.
 
 import abc
 import importlib
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -201,3 +202,11 @@ class Sdk(Node):
 
 NODES: Mapping[str, type[Any]] = {"rclpy": Rclpy, "pyzeros": Pyzeros, "zenoh_ros2_sdk": Sdk}
 """By the package that each needs."""
+
+
+def made(kind: str, port: int, name: str, namespace: str) -> Node:
+    """Make a node. ROS 2 itself gets a domain on DDS of its own."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100) if kind == "rclpy" else "0"
+    node: Node = NODES[kind](port, name, namespace)
+    return node

@@ -1,6 +1,5 @@
 """A ROS 2 robot as a body, where the robot is a node that others wrote: ROS 2 itself, pyzeros, zenoh-ros2-sdk."""
 
-import importlib.util
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,13 +22,6 @@ pytestmark = [pytest.mark.processes, pytest.mark.slow]
 
 TASK = {"step_s": 0.2, "width_m": 20.0, "height_m": 20.0, "sensing_range_m": 4.0}
 NAME = "/field/robot7"
-
-
-@pytest.fixture(params=["rclpy", "pyzeros", "zenoh_ros2_sdk"])
-def node(request: pytest.FixtureRequest) -> str:
-    if importlib.util.find_spec(request.param) is None:
-        pytest.skip(f"needs {request.param}: pip install -e '.[peers]'")
-    return str(request.param)
 
 
 @contextmanager
