@@ -51,13 +51,13 @@ class Node(NamedTuple):
 
 
 class Endpoint(NamedTuple):
-    """A publisher or subscription of the ROS graph: its session's id, kind, node, topic and type (as DDS names it)."""
+    """A publisher or subscription of the ROS graph: its session's id, kind, node, topic, and type as in its key."""
 
     session: str
     kind: str
     node: str
     topic: str
-    dds_type: str
+    type_key: str
 
 
 def is_name(text: str) -> bool:
@@ -69,15 +69,21 @@ def full_name(topic: str, namespace: str) -> str:
     return topic if topic.startswith("/") else f"{namespace}/{topic}"
 
 
-def dds_type(message_type: str) -> str:
-    """Name a type as DDS does: `geometry_msgs::msg::dds_::Twist_`."""
+def _type_key(message_type: str) -> str:
+    """Name a type as DDS does, `geometry_msgs::msg::dds_::Twist_`, and its hash: messages need both to arrive."""
     package, _, name = message_type.partition("/msg/")
-    return f"{package}::msg::dds_::{name}_"
+    return f"{package}::msg::dds_::{name}_/{HASHES[message_type]}"
+
+
+def _short(type_key: str) -> str:
+    """Shorten a type's hash to 13 digits; Humble's `TypeHashNotSupported` is as long."""
+    name, _, type_hash = type_key.partition("/")
+    return f"{name}/{type_hash[:20]}"
 
 
 def topic_key(layout: str, domain: int, topic: str, message_type: str) -> str:
     name = topic.removeprefix("/")
-    return f"{domain}/{name}/{dds_type(message_type)}/{HASHES[message_type]}" if layout == RMW_ZENOH else name
+    return f"{domain}/{name}/{_type_key(message_type)}" if layout == RMW_ZENOH else name
 
 
 def node_token(node: Node) -> str:
@@ -87,7 +93,7 @@ def node_token(node: Node) -> str:
 
 def endpoint_token(node: Node, number: int, kind: str, topic: str, message_type: str) -> str:
     """Make rmw_zenoh's liveliness token of a publisher or subscription; `number` is unique in the session."""
-    return "/".join((_token(node, number, kind), _mangled(topic), dds_type(message_type), HASHES[message_type], QOS))
+    return "/".join((_token(node, number, kind), _mangled(topic), _type_key(message_type), QOS))
 
 
 def all_tokens(domain: int) -> str:
@@ -101,7 +107,7 @@ def parse_endpoint(token: str) -> Endpoint | None:
     if len(parts) != _TOKEN_PARTS or parts[5] not in (PUBLISHER, SUBSCRIPTION):
         return None
     namespace, topic = (parts[at].replace(_NONE, "/") for at in (7, 9))
-    return Endpoint(parts[2], parts[5], f"{namespace.rstrip('/')}/{parts[8]}", topic, parts[10])
+    return Endpoint(parts[2], parts[5], f"{namespace.rstrip('/')}/{parts[8]}", topic, "/".join(parts[10:12]))
 
 
 def _token(node: Node, number: int, kind: str) -> str:
@@ -149,12 +155,13 @@ class Graph:
 
     def mismatch(self, session: str, kind: str, topic: str, message_type: str) -> str:
         """Why nobody of another session matches an endpoint that expects this kind at the other end; "" if one does."""
-        types = {found.dds_type for found in self._others(session, kind, topic)}
-        if dds_type(message_type) in types:
+        types = {found.type_key for found in self._others(session, kind, topic)}
+        if _type_key(message_type) in types:
             return ""
         verb = "published" if kind == PUBLISHER else "subscribed to"
         if types:
-            return f"{topic} is {verb} as {', '.join(sorted(types))} and not as {message_type}"
+            told = ", ".join(map(_short, sorted(types)))
+            return f"{topic} is {verb} as {told} and not as {_short(_type_key(message_type))}"
         return f"{topic} is not {verb}"
 
     def nodes(self, session: str, kind: str, topic: str) -> list[str]:

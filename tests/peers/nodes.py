@@ -6,12 +6,14 @@ DDS and Zenoh beside its node.
 
 import abc
 import importlib
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_ros2.keys import full_name
 from deltaswarm_wire.session import use_one_worker_thread
 from tests.support.ros2_robots import attached, dds_name, session
 from tests.support.ros2_types import built
@@ -20,6 +22,8 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 RELAY = "relay"
+
+Publish = Callable[[Mapping[str, Any]], None]
 
 
 def genuine(message_type: str, root: str = "") -> Any:
@@ -32,9 +36,7 @@ class Node(abc.ABC):
     """A node. It publishes messages that are dicts; those that it hears have their fields as attributes."""
 
     @abc.abstractmethod
-    def advertise(
-        self, message_type: str, topic: str, reliability: str = "reliable"
-    ) -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         """Declare a publisher, `reliable` or `best_effort`, and return what publishes."""
 
     @abc.abstractmethod
@@ -125,9 +127,7 @@ class Rclpy(Node):
         self._executor.add_node(self.node)
         self._executor.add_node(Relay(rclpy, port).node)
 
-    def advertise(
-        self, message_type: str, topic: str, reliability: str = "reliable"
-    ) -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         kinds = importlib.import_module("rclpy.qos")
         qos = kinds.QoSProfile(depth=10, reliability=kinds.ReliabilityPolicy[reliability.upper()])
         publisher = self.node.create_publisher(genuine(message_type), topic, qos)
@@ -146,15 +146,14 @@ class Pyzeros(Node):
     def __init__(self, port: int, name: str, namespace: str) -> None:
         from pyzeros.node import Node as ZenohNode
 
+        self._kept: list[Any] = []
         self._node = ZenohNode(name, session=session("client", f"tcp/127.0.0.1:{port}"), namespace=namespace or "%")
 
     @staticmethod
     def _class(message_type: str) -> Any:
         return genuine(message_type, "ros2_pyterfaces.cyclone.")
 
-    def advertise(
-        self, message_type: str, topic: str, reliability: str = "reliable"
-    ) -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         from pyzeros.pub import Pub
         from pyzeros.qos import QosProfile
 
@@ -178,16 +177,14 @@ class Sdk(Node):
             str(Path(sys.prefix) / "share")
         )  # where ROS 2's wheels have their definitions; else it clones them
         self._where = {"node_name": name, "namespace": namespace or "/", "router_port": port}
-        self._space = namespace
+        self._space, self._kept = namespace, []
 
-    def advertise(
-        self, message_type: str, topic: str, reliability: str = "reliable"
-    ) -> Callable[[Mapping[str, Any]], None]:
+    def advertise(self, message_type: str, topic: str, reliability: str = "reliable") -> Publish:
         from zenoh_ros2_sdk import ROS2Publisher
         from zenoh_ros2_sdk.qos import QosProfile, QosReliability
 
         qos = QosProfile(reliability=QosReliability[reliability.upper()])
-        made = ROS2Publisher(f"{self._space}/{topic}", message_type, **self._where, qos=qos)
+        made = ROS2Publisher(full_name(topic, self._space), message_type, **self._where, qos=qos)
         store = made.session_mgr.store
 
         def publish(message: Mapping[str, Any]) -> None:
@@ -205,3 +202,11 @@ class Sdk(Node):
 
 NODES: Mapping[str, type[Any]] = {"rclpy": Rclpy, "pyzeros": Pyzeros, "zenoh_ros2_sdk": Sdk}
 """By the package that each needs."""
+
+
+def made(kind: str, port: int, name: str, namespace: str) -> Node:
+    """Make a node. ROS 2 itself gets a domain on DDS of its own."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100) if kind == "rclpy" else "0"
+    node: Node = NODES[kind](port, name, namespace)
+    return node

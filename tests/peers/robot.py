@@ -14,7 +14,7 @@ import threading
 import time
 from typing import Any
 
-from tests.peers.nodes import NODES
+from tests.peers.nodes import made
 
 PERIOD_S, TIMEOUT_S = 0.05, 0.5
 ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
@@ -63,12 +63,11 @@ class Robot:
 
 def main(kind: str, port: str, namespace: str, reliability: str = "reliable") -> None:
     """Go about until standard input ends."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100) if kind == "rclpy" else "0"
-    robot, node = Robot(), NODES[kind](int(port), "driver", namespace)
+    robot, node = Robot(), made(kind, int(port), "driver", namespace)
     publish = node.advertise(ODOMETRY, "odom", reliability)
     node.subscribe(TWIST, "cmd_vel", robot.hear)
     heard: list[str] = []
+    others: list[Any] = []
 
     def listen() -> None:
         heard.extend(iter(sys.stdin.readline, ""))
@@ -80,7 +79,7 @@ def main(kind: str, port: str, namespace: str, reliability: str = "reliable") ->
         while heard:
             word, *values = heard.pop(0).split()
             if word == "teleop":
-                node.advertise(TWIST, "cmd_vel")
+                others.append(node.advertise(TWIST, "cmd_vel"))
             else:
                 robot.obey(word, *values)
         node.spin(PERIOD_S)

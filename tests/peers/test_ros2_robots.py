@@ -1,6 +1,6 @@
 """A ROS 2 robot as a body, where the robot is a node that others wrote: ROS 2 itself, pyzeros, zenoh-ros2-sdk."""
 
-import importlib.util
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from random import Random
@@ -24,13 +24,6 @@ TASK = {"step_s": 0.2, "width_m": 20.0, "height_m": 20.0, "sensing_range_m": 4.0
 NAME = "/field/robot7"
 
 
-@pytest.fixture(params=["rclpy", "pyzeros", "zenoh_ros2_sdk"])
-def node(request: pytest.FixtureRequest) -> str:
-    if importlib.util.find_spec(request.param) is None:
-        pytest.skip(f"needs {request.param}: pip install -e '.[peers]'")
-    return str(request.param)
-
-
 @contextmanager
 def a_body(port: int, **options: Any) -> Iterator[Ros2Body]:
     table = {"connect": [f"tcp/127.0.0.1:{port}"], "namespace": "/field/robot{id}", "max_speed_mps": 2.0, **options}
@@ -50,7 +43,7 @@ def driven(node: str, **options: Any) -> Iterator[tuple[Ros2Body, Scripted, int]
 
 
 def a_robot(node: str, port: int, name: str = NAME, reliability: str = "reliable") -> Any:
-    return scripted("tests.peers.robot", node, port, name, reliability)
+    return scripted(Scripted, "tests.peers.robot", node, port, name, reliability)
 
 
 def wait_for_fault(body: Ros2Body, text: str) -> None:
@@ -66,7 +59,7 @@ def go(body: Ros2Body, until: Callable[[], Any], what: str, vx_mps: float = 1.0,
 
 
 def speed_mps(robot: Scripted) -> float:
-    return robot.track[-1][3]
+    return robot.track[-1][3] if robot.track else math.nan
 
 
 def test_a_robot_goes_where_the_agent_wants_and_stands_without_odometry(node: str) -> None:

@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from tests.support.swarms import PATIENCE_S, wait_until
 
@@ -41,12 +42,15 @@ class Scripted:
         self._reader.join(PATIENCE_S)
 
 
+One = TypeVar("One", bound=Scripted)
+
+
 @contextmanager
-def scripted(module: str, *arguments: object) -> Iterator[Scripted]:
+def scripted(kind: type[One], module: str, *arguments: object) -> Iterator[One]:
     """One that is gone afterwards."""
     command = [sys.executable, "-m", module, *map(str, arguments)]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    one = Scripted(process)
+    one = kind(process)
     try:
         yield one
     finally:

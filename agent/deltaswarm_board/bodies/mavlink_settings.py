@@ -1,5 +1,6 @@
 """Settings of a MAVLink vehicle (`mavlink.py`): its link, its frame, its limits, and the names of flight modes."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -17,6 +18,9 @@ PX4 = 12
 """The heartbeat's `autopilot` of a PX4."""
 
 UNKNOWN = "UNKNOWN"
+
+_NUMBER = re.compile(r"Mode\((\d+|0x[0-9a-f]{8})\)")
+"""What a mode without a known name is called."""
 
 
 def _numbered(names: str) -> Mapping[int, str]:
@@ -57,6 +61,15 @@ MODES = frozenset(name for numbered in (_COPTER, _PLANE, _ROVER, _SUB, _PX4, _PX
 """All names, in capitals."""
 
 
+def _spelt(mode: str) -> str:
+    """Spell a mode as `mode_name` does, whatever its case."""
+    return mode.capitalize() if _NUMBER.fullmatch(mode.capitalize()) else mode.upper()
+
+
+def _is_mode(name: str) -> bool:
+    return name in MODES or _NUMBER.fullmatch(name) is not None
+
+
 def mode_name(autopilot: int, vehicle: int, base_mode: int, custom_mode: int) -> str:
     """Name the mode in a heartbeat; an unknown one is `Mode(NUMBER)`."""
     if autopilot == PX4:
@@ -86,7 +99,8 @@ class MavlinkSettings(GuardedSettings):
     heartbeat_s: float = key(3.0, "maximum age of a heartbeat [s]", above=0, high=60)
     needs_armed: bool = key(True, "wait for the vehicle to be armed")
     modes: tuple[str, ...] = key(
-        ("GUIDED", "OFFBOARD"), "flight modes in which the agent is in control, in upper or lower case; none: all"
+        ("GUIDED", "OFFBOARD"),
+        "flight modes in which the agent is in control, in upper or lower case; Mode(7): one without a name; none: all",
     )
 
     def problems(self) -> list[Problem]:
@@ -98,8 +112,9 @@ class MavlinkSettings(GuardedSettings):
         else:
             if needs := missing("pymavlink", *(["serial"] if kind == "serial" else [])):
                 problems.append(Problem("device", repr(self.device), needs))
-        if unknown := [mode for mode in self.modes if mode.upper() not in MODES]:
-            problems.append(Problem("modes", ", ".join(map(repr, unknown)), f"must be from {', '.join(sorted(MODES))}"))
+        if unknown := [mode for mode in self.modes if not _is_mode(_spelt(mode))]:
+            rule = f"must be Mode(NUMBER) or from {', '.join(sorted(MODES))}"
+            problems.append(Problem("modes", ", ".join(map(repr, unknown)), rule))
         return problems
 
     def limits(self, step_s: float) -> GuardLimits:
@@ -107,5 +122,5 @@ class MavlinkSettings(GuardedSettings):
             super().limits(step_s),
             heartbeat_s=self.heartbeat_s,
             needs_armed=self.needs_armed,
-            modes=tuple(mode.upper() for mode in self.modes),
+            modes=tuple(map(_spelt, self.modes)),
         )

@@ -1,13 +1,9 @@
 """A MAVLink vehicle as a body, against a scripted vehicle in a process of its own: real MAVLink over UDP."""
 
-import json
 import math
 import os
 import signal
 import socket
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,92 +23,10 @@ from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import RUN, board_table, boards, endpoint, free_port, listening
+from tests.support.flights import STEP_S, TASK, Flight, a_body, flying, go
 from tests.support.swarms import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
-
-STEP_S = 0.2
-TASK = {
-    "step_s": STEP_S,
-    "width_m": 20.0,
-    "height_m": 20.0,
-    "speed_mps": 2.0,
-    "range_m": 9.0,
-    "control": {"d_min_m": 3.0, "mode": "hierarchical", "rho": 1, "gamma_max": 100_000},
-}
-
-
-class Flight:
-    def __init__(self, process: subprocess.Popen[str], port: int) -> None:
-        self.process, self.port = process, port
-        self.track: list[list[float]] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.track.append(json.loads(line))
-
-    def tell(self, word: str) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(word + "\n")
-        self.process.stdin.flush()
-
-    @property
-    def at(self) -> tuple[float, float]:
-        """Where it is: (east, north) [m], which is (x, y) of an arena that is not turned."""
-        return (self.track[-1][2], self.track[-1][1]) if self.track else (math.nan, math.nan)
-
-    @property
-    def speed_mps(self) -> float:
-        return math.hypot(*self.track[-1][3:5]) if self.track else math.nan
-
-    def hears_what_was_sent(self) -> None:
-        """Wait until nothing that was sent before now is still on its way; it hears all there is before each row."""
-        rows = len(self.track) + 2
-        wait_until(lambda: len(self.track) >= rows, "two further rows of the vehicle")
-
-    def end(self) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        self.process.wait(PATIENCE_S)
-        self._reader.join(PATIENCE_S)
-
-
-@contextmanager
-def flying(port: int, kind: str = "copter") -> Iterator[Flight]:
-    """A vehicle that speaks to a port, with nothing left of it afterwards."""
-    command = [sys.executable, "-m", "tests.support.vehicle", str(port), kind]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    flight = Flight(process, port)
-    try:
-        yield flight
-    finally:
-        flight.end()
-
-
-@contextmanager
-def a_body(kind: str = "copter", **options: Any) -> Iterator[tuple[MavlinkBody, Flight]]:
-    """A body with its vehicle, once it is well."""
-    port = free_port()
-    table = {"device": f"udpin:127.0.0.1:{port}", "stall_s": 0.3, "max_speed_mps": 2.0, **options}
-    context = BodyContext(1, load(AgentSettings, TASK), Random(1))
-    body = MavlinkBody(load(MavlinkSettings, table), context)
-    try:
-        with flying(port, kind) as flight:
-            wait_until(lambda: not body.sense(0.0).fault, "a vehicle that is well")
-            yield body, flight
-    finally:
-        body.close()
-
-
-def go(body: MavlinkBody, vx_mps: float, vy_mps: float, until: Any, what: str) -> None:
-    def commanded() -> bool:
-        body.move(vx_mps, vy_mps, ())
-        return bool(until())
-
-    wait_until(commanded, what)
 
 
 def test_x_is_east_and_y_is_north_and_no_faster_than_allowed() -> None:

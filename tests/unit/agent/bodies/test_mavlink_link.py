@@ -243,6 +243,8 @@ def test_modes_have_the_names_that_pymavlink_gives_them() -> None:
 def test_modes_are_named_in_any_case_and_one_that_no_autopilot_has_is_refused() -> None:
     """Else the agent would wait for ever for a mode that cannot come."""
     assert load(MavlinkSettings, {"modes": ["guided", "OffBoard"]}).limits(1.0).modes == ("GUIDED", "OFFBOARD")
+    numbers = ("Mode(200)", "Mode(0x0000001f)")  # as `mode_name` calls what it does not know
+    assert load(MavlinkSettings, {"modes": [numbers[0].upper(), numbers[1]]}).limits(1.0).modes == numbers
     for mode in MODES:
         assert load(MavlinkSettings, {"modes": [mode]}).limits(1.0).modes == (mode,)
     with pytest.raises(SettingsError, match=r"^modes must .*ACRO, .*'GUIDE', 'UNKNOWN'"):

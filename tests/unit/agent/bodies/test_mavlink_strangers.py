@@ -12,8 +12,8 @@ from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port
+from tests.support.flights import TASK, a_body, flying, go
 from tests.support.swarms import wait_until
-from tests.unit.agent.bodies.test_mavlink import TASK, a_body, flying, go
 
 
 def test_datagrams_of_strangers_take_nothing_away() -> None:

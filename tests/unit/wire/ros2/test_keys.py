@@ -3,7 +3,7 @@
 import pytest
 from zenoh.ext import Int64, z_serialize
 
-from deltaswarm_ros2.definitions import TWIST, TWIST_STAMPED
+from deltaswarm_ros2.definitions import TWIST
 from deltaswarm_ros2.keys import (
     NODE,
     PUBLISHER,
@@ -96,14 +96,21 @@ def test_a_topic_nobody_is_at_is_told() -> None:
     assert graph.mismatch("2", SUBSCRIPTION, TOPIC, TWIST) == "/robot7/cmd_vel is not subscribed to"
 
 
-def test_another_type_is_told_until_one_with_this_type_is_there() -> None:
-    """Keys contain types, so that the two never meet."""
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ("TwistStamped_/RIHS01_5f0fcd4f81d5d06ad9b4c4c63e3ea51b", "TwistStamped_/RIHS01_5f0fcd4f81d5d"),
+        ("Twist_/TypeHashNotSupported", "Twist_/TypeHashNotSupported"),
+    ],
+)
+def test_another_type_is_told_until_one_with_this_type_is_there(other: str, told: str) -> None:
+    """Keys contain types and their hashes, so that the two never meet; Humble has no hashes."""
     graph = Graph(TOPIC)
-    other, same = (endpoint_token(ROBOT, 2, SUBSCRIPTION, TOPIC, name) for name in (TWIST_STAMPED, TWIST))
-    graph.add(other)
-    expected = (
-        "/robot7/cmd_vel is subscribed to as geometry_msgs::msg::dds_::TwistStamped_ and not as geometry_msgs/msg/Twist"
-    )
+    same = endpoint_token(ROBOT, 2, SUBSCRIPTION, TOPIC, TWIST)
+    head, _, tail = same.partition("Twist_/")
+    graph.add(f"{head}{other}/{tail.partition('/')[2]}")
+    dds = "geometry_msgs::msg::dds_::"
+    expected = f"/robot7/cmd_vel is subscribed to as {dds}{told} and not as {dds}Twist_/RIHS01_9c45bf16fe098"
     assert graph.mismatch("2", SUBSCRIPTION, TOPIC, TWIST) == expected
     graph.add(same)
     assert graph.mismatch("2", SUBSCRIPTION, TOPIC, TWIST) == ""

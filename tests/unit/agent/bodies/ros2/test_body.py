@@ -190,9 +190,7 @@ def test_a_board_is_there_before_its_robot_and_says_what_is_missing() -> None:
             wait_until(lambda: "/robot7/odom is not published" in body.sense(0.0).fault, "word of the robot")
             robot = robots.add("/robot7")
             robot.is_blind = True
-            told = (
-                "cmd_vel is subscribed to as geometry_msgs::msg::dds_::Twist_ and not as geometry_msgs/msg/TwistStamped"
-            )
+            told = "cmd_vel is subscribed to as geometry_msgs::msg::dds_::Twist_/RIHS01_9c45bf16fe098 and not as"
             wait_until(lambda: told in body.sense(0.0).fault, "word of the type")
 
 
