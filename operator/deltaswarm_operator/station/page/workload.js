@@ -74,7 +74,7 @@ export class WorkloadPanel {
           incrs: TIMES_S,
           values: (/** @type {uPlot} */ _plot, /** @type {number[]} */ times) => times.map(clock),
         },
-        { ...axis, size: (/** @type {uPlot} */ plot, /** @type {string[] | null} */ values) => widest(plot, values) },
+        { ...axis, space: 18, size: (/** @type {uPlot} */ plot, /** @type {string[] | null} */ values) => widest(plot, values) },
       ],
       series: [
         {},
