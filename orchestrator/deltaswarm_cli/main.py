@@ -47,7 +47,7 @@ GROUPS = {
     "many runs": ("sweep", "study", "report"),
     "a run with a difference": ("branch", "value"),
     "participants": ("session", "verify"),
-    "extensions": ("list", "new"),
+    "extensions": ("list", "new", "learn"),
     "boards": ("bundle", "certificates"),
     "this installation": ("doctor", "completion"),
     "parts by hand": ("agent", "world", "operator"),

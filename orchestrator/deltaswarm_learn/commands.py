@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_cli.arguments import add_json, add_quiet, show
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.extras import missing
@@ -54,7 +55,8 @@ def add_learn(command: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs; repeatable"
     )
     command.add_argument("--workers", type=whole(1), default=1, metavar="N", help="processes (default: 1)")
-    command.add_argument("-q", "--quiet", action="store_true", help="print no progress")
+    add_json(command)
+    add_quiet(command)
     command.set_defaults(func=learn, makes_files=True)
 
 
@@ -81,7 +83,9 @@ def learn(arguments: argparse.Namespace) -> int:
         _write(training, command, arguments.out)
     finally:
         pool.close()
-    print(f"{arguments.out}: cost {training.best[0]:.3f} of that of hybrid control with delta 3")
+    cost = training.best[0]
+    text = f"{arguments.out}: cost {cost:.3f} of that of hybrid control with delta 3"
+    show(arguments, {"file": str(arguments.out), "cost": cost, "generations": training.generation}, text)
     return OK
 
 

@@ -8,7 +8,6 @@ and board has the same bits. With weights of 0 an agent has delta 3 and works, a
 import json
 from collections.abc import Sequence
 from functools import cache
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 from deltaswarm_wire.digest import of_numbers
@@ -98,4 +97,6 @@ def policy_of(record: Any) -> tuple[float, ...]:
 @cache
 def shipped() -> tuple[float, ...]:
     """Return the numbers of the policy that is shipped with this file."""
+    from importlib.resources import files  # slow to import, and needed by this rule alone
+
     return policy_of(json.loads(files(__package__).joinpath(SHIPPED).read_text(encoding="ascii")))
