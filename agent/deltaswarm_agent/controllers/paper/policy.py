@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from deltaswarm_wire.digest import of_numbers
-
 INPUTS = (
     "busy",
     "find_rate",
@@ -83,6 +81,8 @@ def policy_of(record: Any) -> tuple[float, ...]:
     Raises:
         ValueError: it is the file of another network, or its digest is not that of its numbers.
     """
+    from deltaswarm_wire.digest import of_numbers  # of three megabytes, which boards without the rule can spare
+
     try:
         weights = tuple(map(float, record["weights"]))
         told = tuple(record["inputs"]), record["hidden"], len(weights), record["digest"]
