@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from typing import Any
 
 import pytest
@@ -182,7 +183,7 @@ def test_a_scenario_has_the_numbers_of_the_shipped_policy() -> None:
 
 @in_one_test("change", [{"weights": [0.1] * WEIGHTS}, {"hidden": 3}, {"inputs": ["busy"]}, {"digest": None}])
 def test_a_policy_file_that_was_changed_is_refused(change: dict[str, Any]) -> None:
-    record = json.loads((policy.files(policy.__package__) / policy.SHIPPED).read_text(encoding="ascii"))
+    record = json.loads((files(policy.__package__) / policy.SHIPPED).read_text(encoding="ascii"))
     assert len(policy_of(record)) == WEIGHTS
     with pytest.raises(ValueError, match="must be a policy"):
         policy_of(record | change)
