@@ -61,9 +61,12 @@ def add_learn(command: argparse.ArgumentParser) -> None:
 
 
 def learn(arguments: argparse.Namespace) -> int:
-    """Train a policy, and write it after each validation that finds a better one."""
+    """Train a policy; write the best one after each validation."""
     if needs := missing(*NEEDS, extra="learn"):
         raise CommandError(f"deltaswarm learn {needs}")
+    if arguments.generations < arguments.validate_every:
+        must = f"at least --validate-every, {arguments.validate_every}: a policy is written once it was validated"
+        raise CommandError(f"--generations must be {must} (got {arguments.generations})")
     from deltaswarm_learn.training import Pool, Training, TrainingSettings
 
     names = ("seed", "population", "tasks", "sigma", "validate_every", "validation_tasks")

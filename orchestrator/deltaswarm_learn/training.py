@@ -8,8 +8,10 @@ What a generation's candidates cost is kept in a log, from which an interrupted 
 """
 
 import json
+import os
+import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from multiprocessing import get_context
@@ -24,6 +26,8 @@ from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, OUTPUTS, W
 from deltaswarm_learn.costs import Cost, Keys, costs_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION, task
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
+from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.digest import of_numbers
 
@@ -64,16 +68,18 @@ class TrainingSettings:
 
 
 class Pool:
-    """Processes that do the runs."""
+    """Processes that do the runs, and end with this one, however that ends."""
 
     def __init__(self, workers: int, overrides: tuple[str, ...]) -> None:
         self._overrides = overrides
-        self._executor: Executor = ProcessPoolExecutor(workers, get_context("spawn"))
+        begin = signal.SIGKILL, os.getpid()
+        self._executor = ProcessPoolExecutor(workers, get_context("spawn"), signal_at_parents_death, begin)
 
     def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
         """Return what each task costs under each control, at the task's price: (tasks, controls)."""
         tasks, n = [task(stream, number) for number in numbers], len(numbers)
-        found: Iterator[list[Cost]] = self._executor.map(costs_of, tasks, [self._overrides] * n, [controls] * n)
+        with starting_processes():
+            found: Iterator[list[Cost]] = self._executor.map(costs_of, tasks, [self._overrides] * n, [controls] * n)
         return np.array([[cost.at(keys[PRICE]) for cost in row] for keys, row in zip(tasks, found, strict=True)])
 
     def close(self) -> None:

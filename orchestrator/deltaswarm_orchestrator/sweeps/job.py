@@ -216,11 +216,11 @@ def events_of(outcome: Outcome) -> dict[str, list[float | None]]:
 def _means(values: "np.ndarray[Any, np.dtype[np.float64]]", width: int, windows: int) -> list[float | None]:
     """Return the mean of each window of `width` values, of which the last may have fewer."""
     whole = len(values) // width
-    means: list[float | None] = values[: whole * width].reshape(whole, width).mean(axis=1).tolist()
+    means: list[float] = values[: whole * width].reshape(whole, width).mean(axis=1).tolist()
     return [
-        _mean(values[number * width : (number + 1) * width])
-        if number >= whole or math.isnan(means[number] or 0.0)
-        else means[number]
+        means[number]
+        if number < whole and not math.isnan(means[number])
+        else _mean(values[number * width : (number + 1) * width])
         for number in range(windows)
     ]
 

@@ -1,5 +1,7 @@
 """Training of the rule for delta: what a run costs, and a search that anybody can repeat or go on with."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,11 +11,13 @@ import numpy as np
 import pytest
 
 from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, WEIGHTS, policy_of
+from deltaswarm_cli.main import main
 from deltaswarm_learn import costs
 from deltaswarm_learn.costs import Cost, Keys, costs_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION
 from deltaswarm_learn.training import HYBRID, Pool, Training, TrainingSettings, learned
 from deltaswarm_wire.checked import SettingsError
+from tests.support.swarms import is_running, wait_until
 
 SMALL = TrainingSettings(seed=3, population=8, tasks=2, validate_every=2, validation_tasks=3)
 
@@ -105,3 +109,35 @@ def test_any_number_of_processes_finds_the_same() -> None:
         pool.close()
     assert found[0] == found[1]
     assert all(row[0] == row[1] != row[2] for row in found[0])
+
+
+WAITING = """
+import os, signal
+from deltaswarm_learn.training import Pool
+executor = Pool(1, ())._executor
+worker = executor.submit(os.getpid).result()
+busy = executor.submit(signal.pause)
+while not busy.running(): pass
+print(worker, flush=True)
+signal.pause()
+"""
+
+
+def test_workers_end_with_a_training_that_is_killed() -> None:
+    """In the middle of a run, too."""
+    with subprocess.Popen([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, text=True) as training:
+        try:
+            assert training.stdout
+            worker = int(training.stdout.readline())
+            assert is_running(worker)
+        finally:
+            training.kill()
+    wait_until(lambda: not is_running(worker), "the worker's end")
+
+
+def test_a_training_that_would_validate_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Else its file would hold a policy that nobody tried, at an infinite cost."""
+    out = tmp_path / "policy.json"
+    assert main(["learn", "delta", "--generations", "9", "--out", str(out)]) == 2
+    assert "--generations must be at least --validate-every, 10" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
