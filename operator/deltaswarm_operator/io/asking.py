@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from deltaswarm_operator.core.console import Console
@@ -32,20 +32,42 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Ask until all is answered, the time is over, the station has gone or a signal ends it."""
     arguments = parser().parse_args(argv)
     briefing = checked.load(Briefing, read_toml(arguments.briefing))
-    console, intents = Console(briefing), queue.SimpleQueue[bytes | None]()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    end, out = socket.socket(fileno=arguments.channel_fd), arguments.out
-    server = ConsoleServer(out.name, console, out, Outlet(lambda _: None, lambda _: None), Channel(end, intents.put))
+    intents = queue.SimpleQueue[bytes | None]()
+    channel = Channel(socket.socket(fileno=arguments.channel_fd), intents.put)
+    with contextlib.suppress(KeyboardInterrupt):
+        ask(briefing, arguments.out, channel, intents)
+    return 0
+
+
+def ask(
+    briefing: Briefing,
+    out: Path,
+    channel: Channel,
+    intents: "queue.SimpleQueue[bytes | None]",
+    was_stopped: Callable[[], object] = lambda: None,
+) -> None:
+    """Ask what a briefing asks for after a run, until all is answered, the time is over or the station has gone.
+
+    Args:
+        briefing: its probes are what is asked.
+        out: the folder for the answers, `probes.csv`; its name stands for the run.
+        channel: to the station; what it takes is in `intents`.
+        intents: see there.
+        was_stopped: asking ends once this returns something true.
+    """
+    console = Console(briefing)
+    server = ConsoleServer(out.name, console, out, Outlet(lambda _: None, lambda _: None), channel)
     console.conclude()
     console.probes.end(briefing.duration_s, time.monotonic())
     deadline = time.monotonic() + ANSWER_WITHIN_S
-    with contextlib.suppress(KeyboardInterrupt):
-        while server.is_asking and time.monotonic() < deadline:
+    try:
+        while server.is_asking and time.monotonic() < deadline and not was_stopped():
             server.show()
             with contextlib.suppress(queue.Empty):
                 server.on_intent(intents.get(timeout=server.wait_s))
-    server.finish()
-    return 0
+    finally:
+        server.finish()
 
 
 if __name__ == "__main__":

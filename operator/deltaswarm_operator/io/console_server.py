@@ -3,7 +3,6 @@
 import json
 import socket
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from deltaswarm_operator.core.hello import CONDUCTOR_KIND, page_hello
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.markers import Markers
+from deltaswarm_operator.io.wall_clock import WallClock
 from deltaswarm_scenario.operator_links import FIRST_STEP
 from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, Message, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON, OperatorAction
@@ -37,6 +37,8 @@ class Channel:
     """
 
     def __init__(self, end: socket.socket, take: Callable[[bytes | None], None]) -> None:
+        self.is_muted = False
+        """Whether nothing is sent."""
         end.setblocking(True)
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self._end = end
@@ -45,6 +47,8 @@ class Channel:
 
     def send(self, message: Message) -> None:
         """Send one message; drop it if the station is behind or gone."""
+        if self.is_muted:
+            return
         try:
             self._end.send(json.dumps(message, separators=(",", ":"), allow_nan=False).encode(), socket.MSG_DONTWAIT)
         except OSError:
@@ -75,7 +79,7 @@ class SavedConsole:
 class Outlet:
     """Sends turns and the pace to the world, or on the air; whether each turn is awaited there."""
 
-    send_turn: Callable[[Turn], None]
+    send_turn: Callable[[Turn], object]
     send_pace: Callable[[Pace], None]
     is_awaited: bool = False
 
@@ -91,6 +95,7 @@ class ConsoleServer:
         station, conductor: the channels to the participant's and the conductor's page, if there are any. The main
             thread must pass what they take to `on_intent`.
         markers: where acts and questions are told as they happen.
+        clock: tells the wall time.
     """
 
     def __init__(
@@ -103,7 +108,10 @@ class ConsoleServer:
         *,
         conductor: Channel | None = None,
         markers: Markers | None = None,
+        clock: WallClock | None = None,
     ) -> None:
+        clock = clock or WallClock()
+        self._now = clock.now
         saved = console if isinstance(console, SavedConsole) else None
         self.console = console = console.console if isinstance(console, SavedConsole) else console
         self._markers = markers
@@ -120,7 +128,8 @@ class ConsoleServer:
         self._answers: list[tuple[Message, str]] = []
         """Answers to inputs, and whose: they are sent once what was done is saved."""
         self._show_due = self._hello_due = 0.0
-        self._tables = ActionLog(folder, saved.table_bytes if saved else None, has_station=station is not None)
+        sizes = saved.table_bytes if saved else None
+        self._tables = ActionLog(folder, sizes, has_station=station is not None, clock=clock)
 
     @property
     def wait_s(self) -> float | None:
@@ -129,10 +138,10 @@ class ConsoleServer:
 
     @property
     def is_due(self) -> bool:
-        return self._channel is not None and time.monotonic() >= self._show_due
+        return self._channel is not None and self._now() >= self._show_due
 
     def start(self) -> None:
-        self.console.start(time.monotonic())
+        self.console.start(self._now())
         if self._outlet.is_awaited:
             for turn in self._turns:  # the world drops those that it has
                 self._outlet.send_turn(turn)
@@ -142,7 +151,7 @@ class ConsoleServer:
         self.show()
 
     def close_step(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
-        now = time.monotonic()
+        now = self._now()
         turn = self.console.close_step(clock, workload, reports, now)
         if self._channel is not None:
             self._tables.close_step(clock.step, clock.time_s, now)
@@ -168,7 +177,7 @@ class ConsoleServer:
             self._channel = None
             console.lose_station()
         else:
-            self._answers += ((answer, by) for answer in carry_out(console, intent, time.monotonic(), by))
+            self._answers += ((answer, by) for answer in carry_out(console, intent, self._now(), by))
         if not self._outlet.is_awaited and (turn := console.turn()).commands:
             self._outlet.send_turn(turn)
         is_changed = self._write()
@@ -196,7 +205,7 @@ class ConsoleServer:
 
     def show(self) -> None:
         """Write down the person's acts, answer them, and send the station a picture if one is due."""
-        now = time.monotonic()
+        now = self._now()
         self.console.watch_page(now)
         self._pass_on_pace()
         self._write()
@@ -215,6 +224,10 @@ class ConsoleServer:
         self._channel.send(picture)
         if self._conductor is not None:
             self._conductor.send({**picture, "next": self.console.probes.next})
+
+    def tell(self, markers: Markers) -> None:
+        """From now on, tell acts and questions there."""
+        self._markers = markers
 
     def _write(self) -> bool:
         """Write down new acts and answers, mark them, and tell the conductor; return whether there are any."""
@@ -240,7 +253,7 @@ class ConsoleServer:
     @property
     def is_asking(self) -> bool:
         """Whether a question to the person at the station is open, or an input of the run may be on the way."""
-        now = time.monotonic()
+        now = self._now()
         is_open = self.console.probes.open(now) is not None or self.console.probes.is_asking
         return self._channel is not None and (is_open or self.console.awaits_page(now))
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from deltaswarm_operator.io.action_log import utc_of
+from deltaswarm_operator.io.wall_clock import WallClock
 from deltaswarm_wire.session import host_and_port
 
 LSL = "lsl"
@@ -95,4 +95,4 @@ def markers_to(address: str, run: str) -> Markers:
 def _text(monotonic_s: float | None, marker: Mapping[str, Any]) -> str:
     at_s = time.monotonic() if monotonic_s is None else monotonic_s
     told = {name: value for name, value in marker.items() if value not in (None, "")}
-    return json.dumps(told | {"utc": utc_of(at_s), "monotonic_s": at_s}, separators=(",", ":"))
+    return json.dumps(told | {"utc": WallClock().utc_of(at_s), "monotonic_s": at_s}, separators=(",", ":"))

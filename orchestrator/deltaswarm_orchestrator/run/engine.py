@@ -13,6 +13,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.plugin_errors import PluginError
 
 if TYPE_CHECKING:
+    from deltaswarm_orchestrator.run.at_station import Seat
     from deltaswarm_orchestrator.run.state import RunState
 
 
@@ -46,6 +47,8 @@ class Wanted:
     """Gets the error of each plug-in that fails."""
     listens: bool = False
     """Whether there is a console though nobody is at it, so that a branch can have an operator."""
+    seat: "Seat | None" = None
+    """Where a person takes part; None: nowhere."""
     turn: Turn | None = None
     """For an engine that cannot go on from a state."""
 

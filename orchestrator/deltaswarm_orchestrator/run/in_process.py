@@ -20,6 +20,7 @@ from deltaswarm_operator.core.script import Scripted as Scripted  # for those th
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.processes.entry_point import GC_THRESHOLD
 from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.at_station import AtStation
 from deltaswarm_orchestrator.run.engine import NOTHING_MORE, Wanted
 from deltaswarm_orchestrator.run.operating import Operating
 from deltaswarm_orchestrator.run.state import Cores, RunState
@@ -89,6 +90,11 @@ class InProcess:
         console = cores.console if cores else None
         if console is not None or scenario.has_console or wanted.listens:
             self._operating = Operating(scenario, wanted.folder, console, state.tables if state else None)
+        self._at_station: AtStation | None = None
+        if wanted.seat is not None:
+            assert wanted.folder is not None
+            self._operating = None
+            self._at_station = AtStation(scenario, wanted.folder, wanted.seat, self.world.turns, wanted.stopped)
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self._wanted = wanted
@@ -122,10 +128,14 @@ class InProcess:
         last_step = self.scenario.run.steps - 1 if last_step is None else last_step
         for step in range(len(self.outcome.step_records), last_step + 1):
             before(self, step)
+            if self._at_station is not None and not self._at_station.wait(step):
+                break
             record = self.step(step, step == last_step or bool(self._wanted.stopped()))
             yield Step(record, self.close_step(record))
             if self.world.is_last:  # also if no agent is left
                 break
+        if self._at_station is not None:
+            self._at_station.answer_to_the_end()
 
     def go_on_with(self, scenario: Scenario, commands: Sequence[Scripted], rule_drops: int = 0) -> None:
         """Between two steps, go on by the settings of another scenario at the operator, and by other commands.
@@ -221,6 +231,8 @@ class InProcess:
         reports = self.operator.reports_of_closed_step
         if self._operating is not None:
             self.world.turns.accept(self._operating.close_step(clock, workload, reports))
+        if self._at_station is not None:
+            self._at_station.close_step(clock, workload, reports)
         self.outcome.step_records.append(record)
         self.outcome.workloads.append(workload)
         if self._wanted.sink is not None:
@@ -254,6 +266,8 @@ class InProcess:
         outcome.told_s = self.operator.told_s
         if self._operating is not None and self.scenario.has_console:
             self._operating.finish(outcome)
+        if self._at_station is not None:
+            self._at_station.finish(outcome)
 
 
 @contextmanager

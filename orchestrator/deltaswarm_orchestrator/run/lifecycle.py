@@ -33,6 +33,7 @@ from deltaswarm_orchestrator.run.by_processes import run_by_processes
 from deltaswarm_orchestrator.run.ending import Reason
 from deltaswarm_orchestrator.run.engine import Wanted
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunContext, RunOptions, RunResult, check
+from deltaswarm_orchestrator.run.watch import CONDUCTOR
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import NOBODY_LEFT
 from deltaswarm_wire import checkpoint
@@ -259,17 +260,20 @@ class _Run:
         from deltaswarm_orchestrator.run.choosing import run_here  # imports numpy, which is slow
         from deltaswarm_orchestrator.run.state import RunState
 
-        debugger = _Debugger()
+        debugger, seat = _Debugger(), self.options.seat
         wanted = Wanted(
             sink,
             self.folder.path,
             self.context.reporter,
             lambda: self.stop.by or debugger.was_left,
             debugger if self.options.debug else lambda error: None,
+            seat=seat,
         )
         state = RunState.read(self.folder.path, self.context.resumed) if self.context.resumed else None
-        asked = PYTHON if self.options.debug else self.options.in_process_engine
+        asked = PYTHON if self.options.debug or seat else self.options.in_process_engine
         self.outcome, by = run_here(self.scenario, wanted, state, asked=asked)
+        if seat and seat.was_ended:
+            self.stop.by = self.stop.by or CONDUCTOR
         self.manifest["in_process"] = by.told
         self.ending.why += self.outcome.messages
         if not self.stop.by:

@@ -84,5 +84,10 @@ class Operating:
         self.console.probes.close()
         if self._log is not None:
             self._log.close(self.console)
-        outcome.operator |= self.console.totals
-        outcome.shown_s, outcome.read_s = (outcome.operator.get(moment.column) for moment in (SHOWN, READ))
+        note_totals(outcome, self.console)
+
+
+def note_totals(outcome: Outcome, console: Console) -> None:
+    """Complete the operator's part of an outcome."""
+    outcome.operator |= console.totals
+    outcome.shown_s, outcome.read_s = (outcome.operator.get(moment.column) for moment in (SHOWN, READ))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, Reporter
 from deltaswarm_orchestrator.base.inputs import Inputs
@@ -21,6 +21,9 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.extras import missing
 from deltaswarm_wire.plugins import find_controller
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.run.at_station import Seat
 
 STOPPED_BY = "stopped by"
 
@@ -46,6 +49,8 @@ class RunOptions:
     """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
     station: StationChannel | None = None
     """The page of the person who watches and commands; None: no station."""
+    seat: "Seat | None" = None
+    """The same for a run in one process."""
     researcher: bool = False
     """Whether to serve another page, which shows the truth."""
     researcher_page: StationChannel | None = None

@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
-from deltaswarm_operator.station import rules, server
+from deltaswarm_operator.station import room, rules, server, visitors
 from deltaswarm_scenario.page_messages import FROM_PAGE
 from tests.support.station_feed import PATIENCE_S, Feed, Message, Swarm
 
@@ -158,7 +158,7 @@ def test_who_watches_is_told_everything_and_forwards_nothing(feed: Feed) -> None
 def test_watchers_do_not_keep_the_participant_out(feed: Feed) -> None:
     say(feed, HELLO)
     with ExitStack() as stack:
-        for _ in range(server.MAX_WATCHERS):
+        for _ in range(room.MAX_WATCHERS):
             stack.enter_context(watching(feed))
         with pytest.raises(InvalidStatus) as refused:
             stack.enter_context(watching(feed))
@@ -248,7 +248,7 @@ def test_only_so_many_browsers_at_a_time(feed: Feed) -> None:
         for _ in range(100):
             with suppress(InvalidStatus):
                 inside.append(stack.enter_context(browser(feed)))
-        assert len(inside) == server.MAX_BROWSERS
+        assert len(inside) == room.MAX_BROWSERS
         for client in inside:
             assert told(client, "hello")["run"] == HELLO["run"]
     deadline_s = time.monotonic() + PATIENCE_S
@@ -268,7 +268,7 @@ def test_connections_that_say_nothing_do_not_keep_others_out(feed: Feed) -> None
         idle = [stack.enter_context(socket.create_connection((host, port), PATIENCE_S)) for _ in range(100)]
         began_s = time.monotonic()
         assert fetch(feed, urlsplit(feed.url).path).status == HTTPStatus.OK
-        assert time.monotonic() - began_s < server.OPEN_WITHIN_S, (
+        assert time.monotonic() - began_s < visitors.OPEN_WITHIN_S, (
             "a page need not wait until the time of the idle ones is up"
         )
         for link in idle:  # the first ones are dropped at once, the others when their time is up
