@@ -308,7 +308,8 @@ TO_PAGE: Mapping[str, MessageForm] = {
         {"time_s": NUMBER, "agents": Field('Truth["agents"]'), "events": Field('Truth["events"]')},
     ),
     "role": MessageForm("from the station: this page only watches", (WATCHER,), {"role": Field('"watch"')}),
-    "ended": MessageForm("from the station: the feed has closed", EVERYBODY, {}),
+    "ended": MessageForm("the run has ended; another one may follow", EVERYBODY, {}),
+    "moved": MessageForm("from the station: what follows is at another address", EVERYBODY, {"address": TEXT}),
 }
 """The messages that pages receive, by type."""
 

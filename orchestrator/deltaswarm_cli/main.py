@@ -46,7 +46,7 @@ GROUPS = {
     "one run": ("run", "top", "station", "info", "why", "replay", "export"),
     "many runs": ("sweep", "study", "report"),
     "a run with a difference": ("branch", "value"),
-    "participants": ("session", "verify"),
+    "participants": ("session", "serve", "verify"),
     "extensions": ("list", "new", "learn"),
     "boards": ("bundle", "certificates"),
     "this installation": ("doctor", "completion"),

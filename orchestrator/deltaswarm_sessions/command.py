@@ -141,7 +141,13 @@ def add_verify(command: argparse.ArgumentParser) -> None:
         "digest."
     )
     command.add_argument("data", type=Path, metavar="DATA", help="folder of all sessions, with the commitment")
-    command.add_argument("--against", required=True, metavar="HASH", help="the hash that was published")
+    what = command.add_mutually_exclusive_group(required=True)
+    what.add_argument("--against", metavar="HASH", help="the hash that was published")
+    what.add_argument(
+        "--code",
+        metavar="CODE",
+        help="say whose completion code this is, and whether the data are those it was made for",
+    )
     add_json(command)
     command.set_defaults(func=verify)
 
@@ -149,4 +155,4 @@ def add_verify(command: argparse.ArgumentParser) -> None:
 def verify(arguments: argparse.Namespace) -> int:
     from deltaswarm_sessions import verification
 
-    return verification.verify(arguments)
+    return verification.verify(arguments) if arguments.code is None else verification.verify_code(arguments)

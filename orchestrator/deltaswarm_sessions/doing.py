@@ -5,7 +5,7 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from deltaswarm_cli.arguments import show
 from deltaswarm_orchestrator.base import provenance
@@ -111,24 +111,13 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
     participant: int = arguments.participant
     check_out(out)
     roster.check_number(out, participant)
-    folder = out / folder_name(participant)
-    _, record = before = _state(out, participant)
-    kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected", "begun") if name in record}
-    kept |= {"pilot": True} if arguments.pilot else {}
-    frozen, warnings = commitment.check_plan(settings, beside, out)
-    if record and (was := record.get("frozen", "")) != frozen:
-        raise CommandError(
-            f"{folder} must be a session of the plan that is frozen in {out}, {frozen or 'none'} (got a session of "
-            f"{was or 'none'}): restore {roster.COMMITMENT}, or use another --out"
-        )
-    kept |= {"frozen": frozen} if frozen else {}
-    kept |= {} if record else {"begun": provenance.now()}
+    begun = kept_of(settings, beside, out, participant, is_pilot=arguments.pilot)
     if arguments.language is not None:  # of this participant: no plan commits to it
         settings = replace(settings, language=language_at(arguments.language, Path()))
-    runs = plan(settings, kept.get("allocated", participant), beside)
+    runs = plan(settings, begun.kept.get("allocated", participant), beside)
     runner = Runner(
-        session=Session(participant, runs, shows_score=settings.score, kept=kept),
-        folder=folder,
+        session=Session(participant, runs, shows_score=settings.score, kept=begun.kept),
+        folder=out / folder_name(participant),
         speed=settings.speed,
         listen=arguments.station_listen or LOOPBACK,
         markers=arguments.markers or "",
@@ -136,27 +125,63 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         quiet=arguments.quiet,
         command=as_given(arguments),
     )
-    for warning in [*warnings, *runner.check()]:
+    for warning in [*begun.warnings, *runner.check()]:
         notice(warning)
     if arguments.dry_run:
         for warning in situation_warnings(runner.session.runs):
             notice(warning)
-        outlined = outline(settings, runner.session.runs, is_concealed=not record)
+        outlined = outline(settings, runner.session.runs, is_concealed=not begun.before[1])
         show(arguments, outlined, outline_text(outlined))
         return OK
-    out.mkdir(parents=True, exist_ok=True)
-    with roster.held(out):  # what was checked above may have changed since
-        roster.check_number(out, participant)
-        if _state(out, participant) != before:
-            raise CommandError(f"{folder} or the frozen plan was changed by another command; give this one again")
-        roster.write(out, roster.read(out))
-        runner.begin()
-        roster.note_begun(out, participant)
+    begin(runner, out, begun)
     with results_on(sys.stderr) if arguments.json else nullcontext():
         code = runner.run()
     if code == OK:
         show(arguments, {"folder": str(runner.folder), **runner.session.record}, str(runner.folder))
     return code
+
+
+class Begun(NamedTuple):
+    """What is known of a participant's session before it begins or goes on."""
+
+    kept: dict[str, Any]
+    """What stays in its record."""
+    warnings: list[str]
+    before: tuple[str, dict[str, Any]]
+    """The hash that is frozen, and the record; either may be empty."""
+
+
+def kept_of(settings: SessionSettings, beside: Path, out: Path, participant: int, *, is_pilot: bool) -> Begun:
+    """Check a participant's session against the frozen plan.
+
+    Raises:
+        CommandError: it is that of another plan.
+    """
+    _, record = before = _state(out, participant)
+    kept: dict[str, Any] = {name: record[name] for name in ("allocated", "corrected", "begun") if name in record}
+    kept |= {"pilot": True} if is_pilot else {}
+    frozen, warnings = commitment.check_plan(settings, beside, out)
+    if record and (was := record.get("frozen", "")) != frozen:
+        raise CommandError(
+            f"{out / folder_name(participant)} must be a session of the plan that is frozen in {out}, "
+            f"{frozen or 'none'} (got a session of {was or 'none'}): restore {roster.COMMITMENT}, or use another --out"
+        )
+    kept |= {"frozen": frozen} if frozen else {}
+    kept |= {} if record else {"begun": provenance.now()}
+    return Begun(kept, warnings, before)
+
+
+def begin(runner: Runner, out: Path, begun: Begun) -> None:
+    """Take the participant's folder, unless another command was faster."""
+    participant = runner.session.participant
+    out.mkdir(parents=True, exist_ok=True)
+    with roster.held(out):  # what was checked before may have changed since
+        roster.check_number(out, participant)
+        if _state(out, participant) != begun.before:
+            raise CommandError(f"{runner.folder} or the frozen plan was changed by another command; try again")
+        roster.write(out, roster.read(out))
+        runner.begin()
+        roster.note_begun(out, participant)
 
 
 def _state(out: Path, participant: int) -> tuple[str, dict[str, Any]]:

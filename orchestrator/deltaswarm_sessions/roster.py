@@ -9,7 +9,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -262,10 +262,11 @@ def allocated(record: dict[str, Any]) -> int:
     return int(record.get("allocated", record["participant"]))
 
 
-def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
+def next_number(settings: SessionSettings, sessions: Path, promised: Collection[int] = ()) -> dict[str, Any]:
     """Return the free number whose order and streams were done least often, and the sessions that were counted.
 
     Sessions that are complete or under way count; one that was begun and left does not, until it is continued.
+    `promised` numbers belong to somebody whose session has not begun: they are not free, and count too.
     """
 
     def balanced(number: int) -> tuple[object, ...]:
@@ -281,7 +282,8 @@ def next_number(settings: SessionSettings, sessions: Path) -> dict[str, Any]:
         is_counted = _is_complete(record) or is_held(file.parent)
         (counted if is_counted else left).append(record)
     done = Counter(balanced(allocated(record)) for record in counted)
-    free = (number for number in range(1, MAX_PARTICIPANT + 1) if number not in used)
+    done.update(balanced(number) for number in promised if number not in used)
+    free = (number for number in range(1, MAX_PARTICIPANT + 1) if number not in used and number not in promised)
     number = min(free, key=lambda number: (done[balanced(number)], number))
     return {
         "next": number,

@@ -119,8 +119,12 @@ class Runner:
         kept = self._inputs[run.folder]
         return RunOptions(out=out, station=station, researcher=self.researcher, researcher_page=page, inputs=kept)
 
+    def _ready(self, run: PlannedRun) -> RunOptions:
+        """Return how to do a run that begins now."""
+        return self._options(run)
+
     def _do_run(self, run: PlannedRun) -> int:
-        options = self._options(run)
+        options = self._ready(run)
         self._opens_browser = False
         scenario = scenario_of(run, options.out.name, self.session.attempts[run.folder])
         code = report.run_and_report(scenario, options, quiet=self.quiet)

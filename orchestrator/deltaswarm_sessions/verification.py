@@ -14,6 +14,7 @@ from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_sessions import roster
+from deltaswarm_sessions.codes import owner_of
 from deltaswarm_sessions.commitment import code_problems, read, run_problem, settings_of
 from deltaswarm_sessions.folder import (
     RECORD,
@@ -24,6 +25,7 @@ from deltaswarm_sessions.folder import (
     summary_of,
     unsealed_in,
 )
+from deltaswarm_sessions.links import Links
 from deltaswarm_sessions.plan import places_of, run_folder, seed_of
 from deltaswarm_sessions.settings import END, NOT_REACHED, SessionSettings
 
@@ -69,6 +71,19 @@ def verify(arguments: argparse.Namespace) -> int:
     ]
     show(arguments, told, "\n".join(lines))
     return FAILED if problems else OK
+
+
+def verify_code(arguments: argparse.Namespace) -> int:
+    """Print whose completion code it is; return FAILED if it is nobody's or its data have changed."""
+    sessions: Path = arguments.data
+    check_files(sessions)
+    if (owner := owner_of(Links.read(sessions), arguments.code, sessions)) is None:
+        show(arguments, {"participant": None}, "a code of nobody in this study")
+        return FAILED
+    link, state = owner.link, "as they were" if owner.is_intact else "changed since, or not those of the code"
+    told = {"participant": link.number, "outside": link.outside, "state": link.state, "is_intact": owner.is_intact}
+    show(arguments, told, f"participant {link.number}: {link.state}; the data are {state}")
+    return OK if owner.is_intact else FAILED
 
 
 def _absent(sessions: Path, folders: Iterable[Path]) -> Iterator[str]:

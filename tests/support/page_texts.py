@@ -15,7 +15,7 @@ from typing import Any
 
 from deltaswarm_agent.controllers import potential
 from deltaswarm_operator.core import autonomy, command_log, intents, probes
-from deltaswarm_operator.station import rules, server
+from deltaswarm_operator.station import room, rules, server
 from deltaswarm_scenario import page_messages
 from deltaswarm_scenario.techniques import TECHNIQUES
 from deltaswarm_sessions import plan, session
@@ -26,7 +26,7 @@ MARKED = re.compile(r'\b(?:t|later)\(\s*("(?:[^"\\]|\\.)*")')
 ROLE = re.compile(r"^  (\w+): \[", re.MULTILINE)
 SHOWN_ATTRIBUTES = ("title", "aria-label", "placeholder")
 ASKING = tuple({import_module(technique.__module__): None for technique in TECHNIQUES})
-REFUSING = (autonomy, command_log, intents, probes, *ASKING, rules, server)
+REFUSING = (autonomy, command_log, intents, probes, *ASKING, rules, room)
 """Modules whose ValueErrors the page shows."""
 NOT_OURS = "a message"
 """Refusals that begin so answer what this page never sends."""

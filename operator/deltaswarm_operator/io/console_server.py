@@ -225,7 +225,12 @@ class ConsoleServer:
         if self._conductor is not None:
             self._conductor.send({**picture, "next": self.console.probes.next})
 
-    def tell(self, markers: Markers) -> None:
+    def speak_anew(self) -> None:
+        """Tell the pages at once all that they need: a new one, or one that has waited for a process in its place."""
+        self._hello_due = self._show_due = 0.0
+        self.show()
+
+    def mark(self, markers: Markers) -> None:
         """From now on, tell acts and questions there."""
         self._markers = markers
 

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 
 from deltaswarm_operator.station import rules
 from deltaswarm_operator.station.visitors import Visitor
-from deltaswarm_scenario.page_messages import RefusedError, made, name_of
+from deltaswarm_scenario.page_messages import Message, RefusedError, made, name_of
 
 log = logging.getLogger("deltaswarm.station")
 
@@ -55,6 +55,8 @@ class Room:
         self._browsers: dict[int, Visitor] = {}
         self._newest_browser = 0
         self._hello: str | None = None
+        self._about: Message = {}
+        """What the newest hello says of the run."""
         self._newest: dict[bytes, str] = {}
         """The newest message with each of these beginnings."""
         self._has_ended = False
@@ -81,6 +83,13 @@ class Room:
     @property
     def is_empty(self) -> bool:
         return not self._browsers
+
+    @property
+    def shown(self) -> Message:
+        """The run that the pages show, its duration and time [s], and a call for help; empty: there was none yet."""
+        picture = self._newest.get(NEWEST_ONLY[0])
+        now = orjson.loads(picture) if picture else {}
+        return self._about | {name: now[name] for name in ("time_s", "help") if name in now}
 
     def hear(self) -> None:
         """Take the feed's waiting datagrams; show only the newest picture."""
@@ -123,6 +132,7 @@ class Room:
             if self._has_ended:  # the next run: its pictures are yet to come
                 self._newest.clear()
             self._hello, self._has_ended = text, False
+            self._about = {name: message.get(name) for name in ("run", "duration_s")}
         elif kind == "ended":
             self._has_ended = True
         self.tell(text, None if to is None else [self._browsers[to]] if to in self._browsers else [])

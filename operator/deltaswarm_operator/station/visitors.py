@@ -43,6 +43,8 @@ class Visitor(ServerConnection):
     most: ClassVar[int] = MAX_CONNECTIONS
     """How many there may be."""
     role = OPERATE
+    asked: Any = None
+    """What its address stands for, as whoever listens has read it."""
     has_begun: bool | None = None
     """Whether it asked by a method that is answered; None: it has sent nothing yet."""
 

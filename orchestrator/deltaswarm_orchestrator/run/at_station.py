@@ -11,7 +11,7 @@ from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, SHOW_EVERY_S,
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_operator.io.wall_clock import WallClock
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_orchestrator.run.journal import BEGIN, INPUT, LOOK, STEP, Journal, Row
+from deltaswarm_orchestrator.run.journal import BEGIN, INPUT, LOOK, SPEAK, STEP, Journal, Row
 from deltaswarm_orchestrator.run.operating import briefing_of, note_totals
 from deltaswarm_scenario.page_messages import made
 from deltaswarm_scenario.person_tables import PERSON
@@ -157,6 +157,8 @@ class AtStation:
         try:
             if row.kind == BEGIN:
                 self._server.start()
+            elif row.kind == SPEAK:
+                self._server.speak_anew()
             elif row.kind == STEP:
                 assert close is not None
                 close()
@@ -174,6 +176,7 @@ class AtStation:
         for channel in self._channels:
             channel.is_muted = False
         if seat.markers:
-            self._server.tell(markers_to(seat.markers, seat.run))
+            self._server.mark(markers_to(seat.markers, seat.run))
+        self._note(Row(SPEAK, self._clock.now()))
         if seat.sheet is not None and self.console.probes.is_sheet_open:
             self._note(Row(INPUT, self._clock.now(), PERSON, seat.sheet))

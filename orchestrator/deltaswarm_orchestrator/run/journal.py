@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, Self
 
 import msgpack
 
-BEGIN, STEP, INPUT, LOOK = "begin", "step", "input", "look"
-"""Kinds of rows: the run begins, a step closes, a page sent something, the page is looked after."""
+BEGIN, SPEAK, STEP, INPUT, LOOK = "begin", "speak", "step", "input", "look"
+"""Kinds of rows: the run begins, a process begins to speak to the pages, a step closes, a page sent something, the
+pages are looked after."""
 
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 

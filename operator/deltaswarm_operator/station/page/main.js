@@ -232,7 +232,8 @@ function showStatus() {
 
 /** @param {import("./types.js").Message} message */
 function take(message) {
-  if (message.type === "role") app.model.isWatching = true;
+  if (message.type === "moved") window.location.replace(message.address);
+  else if (message.type === "role") app.model.isWatching = true;
   else if (message.type === "hello") takeHello(message);
   else if (message.type === "picture") takePicture(message);
   else if (message.type === "catch_up") {

@@ -1,0 +1,76 @@
+/** The experimenter's page of a study by link: who is where, and what can be done about it. In English. */
+
+import { button, element, make, setText } from "./dom.js";
+import { clock } from "./words.js";
+
+/**
+ * @typedef {object} Row
+ * @property {number | null} number
+ * @property {string} state
+ * @property {string} agreed
+ * @property {string} run
+ * @property {number} time_s
+ * @property {number} duration_s
+ * @property {string} help
+ * @property {number} away_s
+ * @property {string} note
+ */
+
+/** @type {WebSocket | null} */
+let socket = null;
+let isOpen = true;
+
+/** @param {Record<string, unknown>} message */
+const send = (message) => socket?.send(JSON.stringify(message));
+
+/** @param {Row} row */
+function cells(row) {
+  const time = row.state === "running" && row.duration_s ? `${clock(row.time_s)} of ${clock(row.duration_s)}` : "";
+  const away = row.away_s > 3 ? `${Math.round(row.away_s)} s` : "";
+  const help = row.help === "asked" ? "calls" : row.help === "seen" ? "seen" : "";
+  return [row.number ?? "", row.state, row.agreed, row.run, time, away, help].map((text) => make("td", {}, String(text)));
+}
+
+/** @param {Row} row */
+function line(row) {
+  const note = make("input", { value: row.note, "aria-label": `Note on participant ${row.number}` });
+  note.addEventListener("change", () => send({ type: "note", number: row.number, text: note.value }));
+  const end = make("button", { type: "button" }, "End");
+  end.addEventListener("click", () => {
+    if (window.confirm(`End the session of participant ${row.number}?`)) send({ type: "end", number: row.number });
+  });
+  const isUnderWay = ["running", "waiting", "away"].includes(row.state) && row.number !== null;
+  const page = make("a", { href: `${row.number}/`, target: "_blank", rel: "noreferrer" }, "page");
+  const watch = make("a", { href: `${row.number}/watch/`, target: "_blank", rel: "noreferrer" }, "watch");
+  const acts = isUnderWay ? [page, " ", watch, " ", end] : [];
+  const made = make("tr", {}, ...cells(row), make("td", {}, row.number === null ? "" : note), make("td", {}, ...acts));
+  if (row.help === "asked") made.classList.add("alarm");
+  return made;
+}
+
+/** @param {{rows: Row[], places: number, inside: number, waiting: number, is_open: boolean}} told */
+function show(told) {
+  isOpen = told.is_open;
+  /** @type {Map<string, number>} */
+  const counts = new Map();
+  for (const row of told.rows) counts.set(row.state, (counts.get(row.state) ?? 0) + 1);
+  const states = [...counts].map(([state, count]) => `${state}: ${count}`).join(", ");
+  setText(element("sums"), `${told.inside} of ${told.places} places taken, ${told.waiting} waiting. ${states}`);
+  button("admissions").setAttribute("aria-pressed", String(!isOpen));
+  if (element("rows").contains(document.activeElement)) return; // a note is being written
+  element("rows").replaceChildren(...told.rows.map(line));
+}
+
+function connect() {
+  const address = new URL("live", window.location.href);
+  address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+  socket = new WebSocket(address);
+  socket.onmessage = (event) => show(JSON.parse(String(event.data)));
+  socket.onclose = () => {
+    setText(element("sums"), "connection lost, trying again");
+    window.setTimeout(connect, 1000);
+  };
+}
+
+button("admissions").addEventListener("click", () => send({ type: "admissions", open: !isOpen }));
+connect();

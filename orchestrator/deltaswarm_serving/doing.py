@@ -1,0 +1,165 @@
+"""What `deltaswarm serve` does: make links, or serve a study until a signal ends it."""
+
+import argparse
+import asyncio
+import logging
+import re
+import signal
+import ssl
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from deltaswarm_cli.arguments import show
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
+from deltaswarm_orchestrator.base.paths import check_files, check_out
+from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
+from deltaswarm_orchestrator.scenarios.load import language_at
+from deltaswarm_serving.front import Front
+from deltaswarm_serving.hosting import Plan
+from deltaswarm_serving.line import Line
+from deltaswarm_serving.routes import JOIN, OVERVIEW, Site
+from deltaswarm_serving.settings import load_serve
+from deltaswarm_serving.study import Study
+from deltaswarm_sessions import commitment, roster
+from deltaswarm_sessions.links import Links, table
+from deltaswarm_sessions.plan import PlannedRun, plan
+from deltaswarm_sessions.settings import SessionSettings, load_session
+
+LINK_COLUMNS = ("number", "state", "address")
+ORIGIN = re.compile(r"https?://[^/\s;,']+")
+
+
+def serve(arguments: argparse.Namespace) -> int:
+    """Make links, or serve. Raises CommandError, SettingsError: something is wrong with the study or an option."""
+    settings, beside = load_session(str(arguments.session))
+    serving = load_serve(str(arguments.session))
+    site = _site(arguments)
+    out: Path = arguments.out or Path("sessions") / arguments.session.stem
+    out = out / roster.PILOT if arguments.pilot else out
+    check_files(out)
+    check_out(out)
+    _, warnings = commitment.check_plan(settings, beside, out)
+    if arguments.language:
+        settings = replace(settings, language=language_at(arguments.language, Path()))
+    [first, *_] = plan(settings, 1, beside)
+    for warning in warnings:
+        notice(warning)
+    out.mkdir(parents=True, exist_ok=True)
+    with _alone(out):
+        links = Links.read(out)
+        if arguments.links is not None:
+            return _make_links(arguments, settings, out, links, site)
+        links.write(out)
+        language = (
+            str(Path(arguments.language).resolve()) if arguments.language.endswith(".toml") else arguments.language
+        )
+        study = Study(
+            settings,
+            serving,
+            Plan(arguments.session.resolve(), out.resolve(), language, arguments.pilot),
+            links,
+            Line(serving.places(settings.speed)),
+        )
+        tls = _tls(arguments.certificate, arguments.key)
+        front = Front(study, site, _texts(first))
+
+        def say(port: int) -> None:
+            host = arguments.listen.rpartition(":")[0]
+            base = site.public or f"http{'s' if tls else ''}://{host}:{port}"
+            addresses = {name: f"{base}/{kind}/{token}/" for name, kind, token in _addresses(links)}
+            show(arguments, addresses, "\n".join(f"{name}: {address}" for name, address in addresses.items()))
+            notice(
+                f"{study.line.at_once} sessions at once; Ctrl-C ends the service, and what is under way goes on later"
+            )
+
+        return _run(front, arguments.listen, tls, say)
+
+
+def _addresses(links: Links) -> list[tuple[str, str, str]]:
+    return [("open link", JOIN, links.join), ("overview", OVERVIEW, links.overview)]
+
+
+def _make_links(arguments: argparse.Namespace, settings: SessionSettings, out: Path, links: Links, site: Site) -> int:
+    for _ in range(arguments.links):
+        with roster.held(out):
+            number: int = roster.next_number(settings, out, links.numbers)["next"]
+        links.add(number)
+    links.write(out)
+    base = site.public or f"http://{arguments.listen}"
+    rows = table(links.links, f"{base}/")
+    show(
+        arguments,
+        rows,
+        "\n".join(["number,state,address", *(f"{r['number']},{r['state']},{r['address']}" for r in rows)]),
+    )
+    return OK
+
+
+def _texts(first: PlannedRun) -> dict[str, Any]:
+    page = first.scenario.operator.page
+    return {
+        "title": page.title or first.scenario.name,
+        "consent": first.scenario.operator.probes.consent,
+        "language": page.language.told,
+    }
+
+
+def _site(arguments: argparse.Namespace) -> Site:
+    public = urlsplit(arguments.public)
+    if arguments.public and (public.scheme not in ("http", "https") or not public.netloc or public.query):
+        raise CommandError(
+            f"--public must be an address such as https://study.example.org/swarm (got {arguments.public})"
+        )
+    if arguments.embed and not ORIGIN.fullmatch(arguments.embed):
+        raise CommandError(f"--embed must be an origin such as https://survey.example.org (got {arguments.embed})")
+    if (arguments.certificate is None) != (arguments.key is None):
+        raise CommandError("--certificate and --key must be given together")
+    host = arguments.listen.rpartition(":")[0].strip("[]")
+    return Site(host, arguments.public.rstrip("/"), arguments.embed, arguments.certificate is not None)
+
+
+def _tls(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:
+    if certificate is None:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        raise CommandError(f"--certificate {certificate} and --key {key} must be a pair in PEM: {error}") from None
+    return context
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Hold a study, so that one service at a time has it."""
+    logs = out / "logs"
+    logs.mkdir(exist_ok=True)
+    try:
+        lock = FolderLock(logs)
+    except HeldError:
+        raise CommandError(f"{out} must be free: another `deltaswarm serve` is at work there", FAILED) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _run(front: Front, listen: str, tls: ssl.SSLContext | None, say: Callable[[int], None]) -> int:
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    host, _, port = listen.rpartition(":")
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, front.stop)
+        await front.run(host.strip("[]"), int(port), tls, say)
+
+    try:
+        asyncio.run(run())
+    except OSError as error:
+        raise CommandError(f"--listen {listen}: {error}", FAILED) from None
+    return OK

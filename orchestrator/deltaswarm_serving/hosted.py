@@ -1,0 +1,183 @@
+"""`python -m deltaswarm_serving.hosted`: the process of one participant's session, whose pages another process serves.
+
+It does the runs in one process, and writes down every input, so that after a kill it goes on at the same step.
+"""
+
+import argparse
+import json
+import os
+import queue
+import shutil
+import socket
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from pathlib import Path
+
+from deltaswarm_operator.io.asking import ask
+from deltaswarm_operator.io.console_server import Channel
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.run.at_station import Arrivals, Seat
+from deltaswarm_orchestrator.run.journal import Header, Journal, Row
+from deltaswarm_orchestrator.run.operating import briefing_of
+from deltaswarm_orchestrator.run.options import RunOptions
+from deltaswarm_orchestrator.scenarios.load import language_at
+from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.techniques import ProbeSettings
+from deltaswarm_sessions import roster
+from deltaswarm_sessions.doing import Begun, begin, kept_of
+from deltaswarm_sessions.folder import folder_name, folders_of_later_answers
+from deltaswarm_sessions.plan import PlannedRun, after_score, plan
+from deltaswarm_sessions.runner import Runner
+from deltaswarm_sessions.session import SCORE, Ask, Session
+from deltaswarm_sessions.settings import END, NOT_REACHED, load_session
+from deltaswarm_wire.arguments import Parser, whole
+from deltaswarm_wire.checked import plain
+
+SCREENED = 3
+"""Exit code: the session ended since the criterion of the training was not reached."""
+
+Left = tuple[Header, tuple[Row, ...]]
+
+
+@dataclass(kw_only=True)
+class HostedRunner(Runner):
+    """Does a session whose pages are served elsewhere."""
+
+    ends: tuple[socket.socket, socket.socket]
+    """Of the channels to the participant's and the conductor's page."""
+    _arrivals: Arrivals = field(default_factory=queue.SimpleQueue, init=False)
+    _asked: "queue.SimpleQueue[bytes | None]" = field(default_factory=queue.SimpleQueue, init=False)
+    """Inputs while questions are asked after a run."""
+    _is_asking: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        person, conductor = self.ends
+        self._channel = Channel(person, lambda data: self._take(PERSON, data))
+        self._conductor = Channel(conductor, lambda data: self._take(CONDUCTOR, data))
+
+    def begin(self) -> None:
+        """Put aside what was killed and can go on: it is no attempt of its own."""
+        for run in self.session.runs:
+            if (found := self._left(run)) is not None:
+                shutil.rmtree(self.folder / f"{found[0].run}.part", ignore_errors=True)
+        super().begin()
+
+    def _take(self, by: str, data: bytes | None) -> None:
+        """Take an input; None: who serves the pages has gone, and a later process goes on from the journal."""
+        if data is None:
+            os._exit(FAILED)
+        if self._is_asking:
+            self._asked.put(data)
+        else:
+            self._arrivals.put((by, data))
+
+    def _options(self, run: PlannedRun) -> RunOptions:
+        return replace(super()._options(run), station=None, researcher=False, in_process=True)
+
+    def _ready(self, run: PlannedRun) -> RunOptions:
+        options, left = self._options(run), self._left(run)
+        name = left[0].run if left else options.out.name
+        header, rows = left or (Header.now(name, self._identity(run)), ())
+        while not self._arrivals.empty():  # what belongs to the run before
+            self._arrivals.get()
+        seat = Seat(
+            f"{self.folder.name}/{name}",
+            self._channel,
+            self._arrivals,
+            self.speed,
+            conductor=self._conductor,
+            journal=Journal(self._journal(run), header, rows),
+            sheet=_agreed(run.scenario.operator.probes),
+        )
+        return replace(options, out=self.folder / name, seat=seat)
+
+    def _do_run(self, run: PlannedRun) -> int:
+        code = super()._do_run(run)
+        self._journal(run).unlink()
+        return code
+
+    def _ask(self, step: Ask) -> None:
+        folder, scenario = self.folder / step.attempt.folder, step.attempt.scenario
+        name = f"again-{len(folders_of_later_answers(folder)) + 1}" if step.text else SCORE
+        out = folder.with_name(f"{folder.name}.{name}")
+        out.mkdir(exist_ok=not step.text)
+        asked: Scenario = after_score(replace(scenario, operator=replace(scenario.operator, probes=step.probes)))
+        self._is_asking = True
+        try:
+            ask(briefing_of(asked), out, self._channel, self._asked)
+        finally:
+            self._is_asking = False
+
+    def _journal(self, run: PlannedRun) -> Path:
+        return self.folder / f"{run.folder}.journal"
+
+    def _left(self, run: PlannedRun) -> Left | None:
+        """Return the journal of a run that was killed and can go on; remove one that cannot."""
+        if (found := Journal.read(self._journal(run))) is None:
+            return None
+        is_over = (self.folder / found[0].run).exists()
+        if is_over or found[0].identity != self._identity(run):
+            self._journal(run).unlink()
+            return None
+        return found
+
+    def _identity(self, run: PlannedRun) -> str:
+        """Return a digest of what decides a run besides its inputs: scenario, code, files, pace."""
+        told = [plain(run.scenario), self._inputs[run.folder], self.speed]
+        return sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _agreed(probes: ProbeSettings) -> bytes | None:
+    """Return the sheet of a person who agreed at the door; None: the run asks for no consent."""
+    if not probes.consent:
+        return None
+    filled = {"consent": True, "participant": probes.participant, "condition": probes.condition}
+    return json.dumps({"type": "sheet", "id": "agreed-before", "from": 0, **filled}).encode()
+
+
+def parser() -> argparse.ArgumentParser:
+    made = Parser(prog="python -m deltaswarm_serving.hosted", description="Do the session of one participant.")
+    made.add_argument("--session", required=True, metavar="FILE", help="a TOML file with a table [session]")
+    made.add_argument("--participant", type=whole(1), required=True, metavar="N", help="number of the participant")
+    made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder of all sessions")
+    made.add_argument("--language", metavar="LANGUAGE", help="language of the page")
+    made.add_argument("--pilot", action="store_true", help="note that the session is a pilot's")
+    for name, whose in (("--channel-fd", "participant's"), ("--conductor-fd", "conductor's")):
+        made.add_argument(name, type=whole(0), required=True, metavar="N", help=f"channel to the {whose} page")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    arguments = parser().parse_args(argv)
+    settings, beside = load_session(arguments.session)
+    out, participant = arguments.out, arguments.participant
+    roster.check_number(out, participant)
+    begun: Begun = kept_of(settings, beside, out, participant, is_pilot=arguments.pilot)
+    if arguments.language:
+        settings = replace(settings, language=language_at(arguments.language, Path()))
+    runs = plan(settings, begun.kept.get("allocated", participant), beside)
+    runner = HostedRunner(
+        session=Session(participant, runs, shows_score=settings.score, kept=begun.kept),
+        folder=out / folder_name(participant),
+        speed=settings.speed,
+        quiet=True,
+        command="open the link again",
+        ends=(socket.socket(fileno=arguments.channel_fd), socket.socket(fileno=arguments.conductor_fd)),
+    )
+    runner.check()
+    begin(runner, out, begun)
+    code, training = runner.run(), runs[0]
+    is_screened = training.criterion is not None and training.criterion.if_not_reached == END
+    return SCREENED if is_screened and runner.session.outcome(training) == NOT_REACHED else code
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except CommandError as error:
+        print(f"deltaswarm serve: {error}", file=sys.stderr)
+        sys.exit(error.code)

@@ -1,0 +1,257 @@
+"""A study by link: doors, lines, sessions of several people at once, kills, codes; all by the real service."""
+
+import csv
+import json
+import os
+import random
+import signal
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.by_link import Message, Participant, a_study, heard, serving, socket_at
+from tests.support.swarms import BOUND_S, told, wait_until
+
+pytestmark = pytest.mark.processes
+
+
+def links_of(file: Path, count: int) -> None:
+    made = told("serve", str(file), "--out", str(file.parent / "out"), "--links", str(count))
+    assert made.returncode == 0, made.stderr
+
+
+def tokens(file: Path) -> list[str]:
+    content = json.loads((file.parent / "out" / "links.json").read_text())
+    return [link["token"] for link in content["links"]]
+
+
+def states(file: Path) -> list[str]:
+    content = json.loads((file.parent / "out" / "links.json").read_text())
+    return [link["state"] for link in content["links"]]
+
+
+def person(open_link: str, token: str) -> Participant:
+    return Participant(f"{open_link.partition('/j/')[0]}/p/{token}/")
+
+
+def rows(file: Path, number: int, run: str, table: str) -> list[dict[str, str]]:
+    with (file.parent / "out" / f"participant-{number:03}" / run / f"{table}.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def together(people: list[Participant]) -> list[Message | None]:
+    """Let all go through their sessions at once; what the door says to each at the end."""
+    ends: list[Any] = [None] * len(people)
+
+    def go(index: int) -> None:
+        ends[index] = people[index].go_through()
+
+    threads = [threading.Thread(target=go, args=(index,)) for index in range(len(people))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(BOUND_S)
+    return ends
+
+
+def test_three_people_take_part_at_once_and_hand_in_codes(tmp_path: Path) -> None:
+    file = a_study(tmp_path)
+    frozen = told("session", str(file), "--freeze", "--out", str(tmp_path / "out"))
+    links_of(file, 3)
+    with serving(file) as service:
+        people = [person(service.open_link, token) for token in tokens(file)]
+        ends = together(people)
+    assert [end and end["state"] for end in ends] == ["complete"] * 3
+    for number, one in enumerate(people, 1):
+        given = [rows(file, number, run, "actions") for run in ("0-training", "1-A")]
+        assert [[row["input"] for row in acts if row["kind"] == "command"] for acts in given] == [
+            [order] for order in one.orders
+        ]
+        assert any("consent_sha256=" in row["text"] for row in given[0])
+    for number, end in enumerate(ends, 1):
+        assert end is not None
+        assert end["back"] == f"https://example.org/done?cc={end['code']}"
+        proved = told("verify", str(tmp_path / "out"), "--code", end["code"])
+        assert (proved.returncode, f"participant {number}: complete" in proved.stdout) == (0, True), proved.stdout
+    verified = told("verify", str(tmp_path / "out"), "--against", frozen.stdout.split()[0])
+    assert (verified.returncode, "6 of 6 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
+
+
+def test_a_code_tells_that_its_data_were_changed(tmp_path: Path) -> None:
+    file = a_study(tmp_path, training_s=30, condition_s=30)
+    links_of(file, 1)
+    with serving(file) as service:
+        [end] = together([person(service.open_link, tokens(file)[0])])
+    assert end is not None
+    table = tmp_path / "out" / "participant-001" / "1-A" / "actions.csv"
+    table.write_text(table.read_text().replace("set delta", "set beta"))
+    proved = told("verify", str(tmp_path / "out"), "--code", end["code"])
+    assert (proved.returncode, "changed" in proved.stdout) == (1, True), proved.stdout
+    assert told("verify", str(tmp_path / "out"), "--code", "AAAA-BBBB").returncode == 1
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_whatever_is_killed_a_person_goes_on_where_they_were(tmp_path: Path, seed: int) -> None:
+    """The session's process twice, then the service; every order counts once, and the runs repeat to their digests."""
+    chance = random.Random(seed)
+    file = a_study(tmp_path, speed=20.0)
+    frozen = told("session", str(file), "--freeze", "--out", str(tmp_path / "out"))
+    links_of(file, 1)
+    [token] = tokens(file)
+    at: list[tuple[str, int]] = []
+
+    def reached(step: int, run: str) -> Any:
+        def holds(hello: Message, picture: Message) -> bool:
+            if at and hello["run"] == at[-1][0]:
+                assert picture["step"] >= at[-1][1] - 1
+            is_there = bool(hello["run"].endswith(run) and picture["step"] >= step)
+            if is_there:
+                at.append((hello["run"], picture["step"]))
+            return is_there
+
+        return holds
+
+    with serving(file) as service:
+        one = person(service.open_link, token)
+        for step, run in ((chance.randrange(15, 50), "0-training"), (chance.randrange(15, 40), "1-A")):
+            assert one.go_through(reached(step, run)) is None
+            for process in hosted(tmp_path):
+                os.kill(process, signal.SIGKILL)
+        assert one.go_through(reached(chance.randrange(45, 80), "1-A")) is None
+        service.kill()
+    wait_until(lambda: not hosted(tmp_path), "the end of the session's process")
+    with serving(file) as service:
+        one.link = person(service.open_link, token).link
+        end = one.go_through()
+    assert end is not None
+    assert end["state"] == "complete"
+    given = [
+        row["input"]
+        for run in ("0-training", "1-A")
+        for row in rows(file, 1, run, "actions")
+        if row["kind"] == "command"
+    ]
+    assert given == one.orders
+    verified = told("verify", str(tmp_path / "out"), "--against", frozen.stdout.split()[0])
+    assert (verified.returncode, "2 of 2 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
+
+
+def hosted(folder: Path) -> list[int]:
+    """Processes of sessions below a folder."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = entry.read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"deltaswarm_serving.hosted" in words and os.fsencode(folder / "out") in words:
+            found.append(int(entry.parent.name))
+    return found
+
+
+def test_a_person_waits_in_line_until_there_is_a_place(tmp_path: Path) -> None:
+    file = a_study(tmp_path, training_s=30, condition_s=30, more="at_once = 1\n")
+    with serving(file) as service:
+        first = joined(f"{service.open_link}?PID=ann")
+        first.at_door("running")
+        second = joined(f"{service.open_link}?PID=bob")
+        with socket_at(second.link, "door") as door:
+            assert heard(door, lambda message: message["type"] == "door")["place"] == 1
+            ends = together([first])
+            assert ends[0] is not None
+            heard(door, lambda message: message.get("state") == "running")
+        [end] = together([second])
+        assert end is not None
+        assert joined(f"{service.open_link}?PID=ann").link == first.link
+    assert states(file) == ["complete", "complete"]
+    links = json.loads((tmp_path / "out" / "links.json").read_text())["links"]
+    assert [(link["number"], link["outside"]) for link in links] == [(1, "ann"), (2, "bob")]
+    told("session", str(file), "--out", str(tmp_path / "out"), "--table", str(tmp_path / "tables"))
+    assert not [path for path in (tmp_path / "tables").rglob("*") if path.is_file() and b"bob" in path.read_bytes()]
+
+
+def joined(open_link: str) -> Participant:
+    """Come by the open link."""
+    with socket_at(open_link, "door") as door:
+        if (message := heard(door, lambda message: message["type"] in ("door", "go")))["type"] == "door":
+            door.send('{"type":"agree"}')
+            message = heard(door, lambda message: message["type"] == "go")
+    return Participant(f"{open_link.partition('/j/')[0]}{message['address'].removeprefix('../..')}")
+
+
+def test_looking_at_a_link_changes_nothing(tmp_path: Path) -> None:
+    file = a_study(tmp_path)
+    links_of(file, 1)
+    before = (tmp_path / "out" / "links.json").read_bytes()
+    with serving(file) as service:
+        one = person(service.open_link, tokens(file)[0])
+        for address in (one.link, service.open_link, f"{service.open_link}?PID=ann"):
+            for _ in range(2):
+                with urllib.request.urlopen(address) as page:
+                    assert page.status == 200
+        with socket_at(one.link, "door") as door:
+            assert heard(door, lambda message: message["type"] == "door")["state"] == "new"
+    after = json.loads((tmp_path / "out" / "links.json").read_bytes())
+    assert after == json.loads(before)
+    assert not list((tmp_path / "out").glob("participant-*"))
+
+
+def test_one_persons_link_opens_nothing_of_anothers(tmp_path: Path) -> None:
+    file = a_study(tmp_path)
+    links_of(file, 1)
+    with serving(file) as service:
+        base = service.open_link.partition("/j/")[0]
+        own = tokens(file)[0]
+        for path in (
+            f"/o/{own}/",
+            f"/j/{own}/",
+            "/p/wrong/",
+            "/p//",
+            "/",
+            "/p/../links.json",
+            f"/p/{own}/run/../../links.json",
+        ):
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                urllib.request.urlopen(base + path)
+            assert refused.value.code == 404
+        strange = urllib.request.Request(base + f"/p/{own}/", headers={"Host": "evil.example"})
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(strange)
+        assert refused.value.code == 421
+
+
+def test_the_experimenter_sees_ends_and_stops_admissions(tmp_path: Path) -> None:
+    file = a_study(tmp_path, speed=5.0)
+    links_of(file, 2)
+    with serving(file) as service, socket_at(service.overview, "live") as overview:
+        one, other = (person(service.open_link, token) for token in tokens(file))
+        assert one.go_through(lambda hello, picture: picture["step"] > 5) is None
+        seen = heard(overview, lambda message: message["rows"][0]["state"] == "running")
+        assert (seen["rows"][0]["number"], seen["inside"]) == (1, 1)
+        overview.send('{"type":"admissions","open":false}')
+        overview.send('{"type":"note","number":1,"text":"late"}')
+        heard(overview, lambda message: not message["is_open"])
+        assert not other.at_door("waiting")["is_open"]
+        overview.send('{"type":"end","number":1}')
+        assert one.at_door("ended")["code"]
+        last = heard(overview, lambda message: message["rows"][0]["state"] == "ended")
+    assert last["rows"][0]["note"] == "late"
+
+
+def test_who_stays_away_gives_up_the_place_and_may_come_back(tmp_path: Path) -> None:
+    file = a_study(tmp_path, training_s=60, condition_s=30, more="absent_after_s = 5\nat_once = 1\n")
+    links_of(file, 2)
+    with serving(file) as service:
+        one, other = (person(service.open_link, token) for token in tokens(file))
+        assert one.go_through(lambda hello, picture: picture["step"] > 20) is None
+        left = time.monotonic()
+        [end] = together([other])
+        assert end is not None
+        assert time.monotonic() - left > 5.0
+        assert states(file) == ["away", "complete"]
+        assert (one.go_through() or {})["state"] == "complete"

@@ -1,0 +1,181 @@
+"""A study by link and scripted participants of it, who speak as the pages do."""
+
+import json
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urljoin, urlsplit
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from tests.support.persons import headless
+from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S
+
+Message = dict[str, Any]
+
+FILE = """
+schema = 1
+
+[session]
+speed = {speed}
+consent = "consent.txt"
+set = ["record=off", "operator.probes.isa_every_s=0", "operator.probes.tlx=true"]
+
+[session.training]
+label = "training"
+scenario = "smoke"
+set = ["run.duration_s={training_s}"]
+
+[[session.condition]]
+label = "A"
+scenario = "smoke"
+set = ["run.duration_s={condition_s}"]
+
+[serve]
+outside_id = "PID"
+return_url = "https://example.org/done?cc={{code}}"
+"""
+
+
+def a_study(folder: Path, *, speed: float = 50.0, training_s: int = 60, condition_s: int = 100, more: str = "") -> Path:
+    file = folder / "study.toml"
+    file.write_text(FILE.format(speed=speed, training_s=training_s, condition_s=condition_s) + more)
+    (folder / "consent.txt").write_text("You may stop at any time.\n")
+    return file
+
+
+@dataclass
+class Service:
+    process: subprocess.Popen[str]
+    open_link: str
+    overview: str
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+@contextmanager
+def serving(file: Path, *options: str) -> Iterator[Service]:
+    """Serve a study in its folder, and end the service at the end of the block."""
+    command = [*COMMAND, "serve", str(file), "--out", str(file.parent / "out"), "--json", "--listen", "127.0.0.1:0"]
+    with subprocess.Popen([*command, *options], stdout=subprocess.PIPE, text=True, env=headless()) as process:
+        try:
+            assert process.stdout is not None
+            told = json.loads(process.stdout.readline())
+            yield Service(process, told["open link"], told["overview"])
+        finally:
+            process.terminate()
+            try:
+                process.wait(BOUND_S)
+            finally:
+                process.kill()
+
+
+def socket_at(page: str, name: str, **options: Any) -> ClientConnection:
+    """Open a page's WebSocket."""
+    address = urlsplit(urljoin(page, name))
+    origin = f"{address.scheme}://{address.netloc}"
+    live = address._replace(scheme="wss" if address.scheme == "https" else "ws", query=urlsplit(page).query)
+    return connect(live.geturl(), origin=origin, max_size=1 << 22, close_timeout=1, ping_interval=None, **options)  # type: ignore[arg-type]
+
+
+def heard(socket: ClientConnection, is_it: Callable[[Message], bool], within_s: float = BOUND_S) -> Message:
+    deadline = time.monotonic() + within_s
+    while time.monotonic() < deadline:
+        message: Message = json.loads(socket.recv(PATIENCE_S))
+        if is_it(message):
+            return message
+    raise TimeoutError
+
+
+@dataclass
+class Participant:
+    """One person with a link."""
+
+    link: str
+    orders: list[str] = field(default_factory=list)
+    """Ids of the inputs that were noted."""
+    delays_s: list[float] = field(default_factory=list)
+    """From each input to its answer [s]."""
+    pictures: int = 0
+    seen_s: float = 0.0
+    _beat_due: float = 0.0
+    _done: set[str] = field(default_factory=set)
+    """What was answered, by run."""
+    _code: int = 0
+
+    def at_door(self, *states: str) -> Message:
+        """Agree if that is asked, and wait at the door until it shows one of these states."""
+        with socket_at(self.link, "door") as door:
+            while True:
+                told = heard(door, lambda message: message["type"] == "door")
+                if told["state"] in states:
+                    return told
+                if told["state"] == "new":
+                    door.send('{"type":"agree"}')
+
+    def go_through(self, until: Callable[[Message, Message], bool] = lambda hello, picture: False) -> Message | None:
+        """Do all runs with an order in each; return what the door says then, or None once `until` holds."""
+        while True:
+            told = self.at_door("running", "complete", "screened out", "ended", "failed", "declined")
+            if told["state"] != "running":
+                return told
+            with suppress(ConnectionClosed, TimeoutError, OSError):
+                if self._at_page(until):
+                    return None
+
+    def _at_page(self, until: Callable[[Message, Message], bool]) -> bool:
+        """Be at the station's page until it has moved, or `until` holds; return whether it does."""
+        with socket_at(self.link, "run/live") as page:
+            hello: Message = {}
+            began_s = time.monotonic()
+            while True:
+                message = json.loads(page.recv(PATIENCE_S))
+                if message["type"] == "moved":
+                    return False
+                if message["type"] == "hello":
+                    hello = message
+                elif message["type"] == "picture" and hello:
+                    self.pictures += 1
+                    self.seen_s += time.monotonic() - began_s
+                    began_s = time.monotonic()
+                    if until(hello, message):
+                        return True
+                    self._act(page, hello, message)
+
+    def _act(self, page: ClientConnection, hello: Message, picture: Message) -> None:
+        run = hello["run"]
+        kind = (picture["probe"] or {}).get("kind")
+        is_done = picture["over"] and kind is None
+        if time.monotonic() >= self._beat_due or is_done:
+            self._beat_due = time.monotonic() + 1.0
+            page.send(json.dumps({"type": "beat", "rtt_s": 0.0, "done": is_done}))
+        if kind == "sheet" and f"{run} sheet" not in self._done:
+            sheet = {name: hello["session"]["sheet"][name] for name in ("participant", "condition")}
+            self.put(page, "sheet", consent=True, **sheet)
+            self._done.add(f"{run} sheet")
+        if kind == "tlx" and f"{run} tlx" not in self._done:
+            scales = dict.fromkeys(("mental", "physical", "temporal", "performance", "effort", "frustration"), 50)
+            self.put(page, "tlx", scales=scales)
+            self._done.add(f"{run} tlx")
+        if not picture["over"] and picture["step"] > 10 and f"{run} order" not in self._done:
+            self.orders.append(
+                self.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 2})
+            )
+            self._done.add(f"{run} order")
+
+    def put(self, page: ClientConnection, kind: str, **what: Any) -> str:
+        """Put something in, and wait until it is noted; return its id."""
+        self._code += 1
+        code = f"{kind}-{self._code}"
+        began_s = time.monotonic()
+        page.send(json.dumps({"type": kind, "id": code, **what}))
+        heard(page, lambda message: message["type"] in ("noted", "refused") and message.get("id") == code)
+        self.delays_s.append(time.monotonic() - began_s)
+        return code
