@@ -9,8 +9,8 @@ from deltaswarm_wire.checked import Problem, key
 
 CODE = "{code}"
 
-PER_CORE_AT_SPEED_1 = 60
-"""Sessions that a core carries with room to spare at one simulated second per second (docs/BY_LINK.md)."""
+PER_CORE = 120.0
+"""Sessions times (1 + speed) that a core carries, as measured at speed 5 (docs/BY_LINK.md)."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ServeSettings:
         """Return how many sessions may be under way; `speed` [simulated s / wall s], 0: as fast as possible."""
         if self.at_once:
             return self.at_once
-        each = PER_CORE_AT_SPEED_1 / (1.0 + speed) * 2.0 if speed else 1.0
+        each = PER_CORE / (1.0 + speed) if speed else 1.0
         return max(1, int((os.cpu_count() or 1) * each))
 
 

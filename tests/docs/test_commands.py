@@ -20,6 +20,7 @@ from tests.support.swarms import COMMAND, UNHURRIED, wait_until
 from tests.support.tiers import in_one_test
 
 RUN_ELSEWHERE = {
+    "docs/BY_LINK.md": "processes/test_by_link",
     "docs/LEARNING.md": "docs/test_learning",
     "docs/TESTING.md": "docs/test_testing",
     "README.md": "docs/test_readme",

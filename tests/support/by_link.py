@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from ssl import SSLContext
 from typing import Any
 from urllib.parse import urljoin, urlsplit
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 from tests.support.persons import headless
 from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S
@@ -77,12 +79,12 @@ def serving(file: Path, *options: str) -> Iterator[Service]:
                 process.kill()
 
 
-def socket_at(page: str, name: str, **options: Any) -> ClientConnection:
+def socket_at(page: str, name: str, ssl: SSLContext | None = None) -> ClientConnection:
     """Open a page's WebSocket."""
     address = urlsplit(urljoin(page, name))
-    origin = f"{address.scheme}://{address.netloc}"
+    origin = Origin(f"{address.scheme}://{address.netloc}")
     live = address._replace(scheme="wss" if address.scheme == "https" else "ws", query=urlsplit(page).query)
-    return connect(live.geturl(), origin=origin, max_size=1 << 22, close_timeout=1, ping_interval=None, **options)  # type: ignore[arg-type]
+    return connect(live.geturl(), origin=origin, ssl=ssl, max_size=1 << 22, close_timeout=1, ping_interval=None)
 
 
 def heard(socket: ClientConnection, is_it: Callable[[Message], bool], within_s: float = BOUND_S) -> Message:

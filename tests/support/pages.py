@@ -34,7 +34,7 @@ def serve(command: str, folder: Path) -> None:
     process = subprocess.Popen(shlex.split(command), cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith("http://127.0.0.1:")
+        assert "http://127.0.0.1:" in process.stdout.readline()
         process.send_signal(signal.SIGINT)
         process.communicate()
     finally:

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 from tests.support.swarms import PATIENCE_S, RunningSwarm, wait_until
 
@@ -27,10 +28,10 @@ class Person:
 
     def __init__(self, swarm: RunningSwarm, page: str = "url") -> None:
         file = swarm.part / "station.json"
-        self._is_over = lambda: swarm.process.poll() is not None
-        found = wait_until(lambda: self._is_over() or (file.exists() and file.read_text().endswith("\n")), "the page")
+        process = swarm.process
+        found = wait_until(lambda: process.poll() is not None or (file.exists() and file.read_text().endswith("\n")), "the page")
         assert found
-        assert not self._is_over(), swarm.process.communicate()
+        assert process.poll() is None, process.communicate()
         self.url = urlsplit(json.loads(file.read_text())[page])
         self._stack = ExitStack()
         self._browsers = [self._stack.enter_context(self._browser()) for _ in range(HANDS)]
@@ -41,7 +42,8 @@ class Person:
 
     def _browser(self) -> ClientConnection:
         live = f"ws://{self.url.netloc}{self.url.path}live"
-        return connect(live, origin=f"http://{self.url.netloc}", max_size=1 << 22, close_timeout=1, ping_interval=None)  # type: ignore[arg-type]
+        origin = Origin(f"http://{self.url.netloc}")
+        return connect(live, origin=origin, max_size=1 << 22, close_timeout=1, ping_interval=None)
 
     def __enter__(self) -> Self:
         return self

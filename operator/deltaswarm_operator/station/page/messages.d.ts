@@ -98,7 +98,8 @@ export type Message =
   | { type: "acts"; acts: Act[]; is_first: boolean }
   | { type: "truth"; time_s: number; agents: Truth["agents"]; events: Truth["events"] }
   | { type: "role"; role: "watch" }
-  | { type: "ended" };
+  | { type: "ended" }
+  | { type: "moved"; address: string };
 
 export type Intent =
   | { type: "command"; name: string; target: Target; arguments?: Record<string, unknown> | null }
