@@ -13,7 +13,7 @@ from types import FrameType, TracebackType
 PACKAGES = frozenset(
     f"deltaswarm{part}"
     for part in (
-        *("", "_cli", "_field", "_wire", "_scenario", "_agent", "_world", "_operator", "_orchestrator"),
+        *("", "_cli", "_field", "_wire", "_scenario", "_agent", "_world", "_operator", "_orchestrator", "_serving"),
         *("_board", "_ros2", "_studies", "_sessions", "_branches", "_cluster", "_dense", "_learn", "_physics"),
     )
 )

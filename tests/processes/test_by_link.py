@@ -16,7 +16,7 @@ import pytest
 
 from tests.support import pages
 from tests.support.by_link import Message, Participant, a_study, heard, serving, socket_at
-from tests.support.swarms import BOUND_S, ROOT, told, wait_until
+from tests.support.swarms import BOUND_S, told, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -259,8 +259,8 @@ def test_who_stays_away_gives_up_the_place_and_may_come_back(tmp_path: Path) -> 
 
 
 def test_the_commands_of_the_page_serve_the_file_of_the_page_about_sessions(tmp_path: Path) -> None:
-    [command] = pages.commands((ROOT / "docs" / "BY_LINK.md").read_text())
-    for name, text in pages.files((ROOT / "docs" / "SESSION.md").read_text()).items():
+    [command] = pages.commands((pages.ROOT / "docs" / "BY_LINK.md").read_text())
+    for name, text in pages.files((pages.ROOT / "docs" / "SESSION.md").read_text()).items():
         (tmp_path / name).write_text(text)
     (tmp_path / "consent.txt").write_text("Yes\n")
     pages.serve(f"{command} --listen 127.0.0.1:0", tmp_path)
