@@ -79,7 +79,7 @@ class Study:
         self.save()
 
     def decline(self, link: Link) -> None:
-        if link.state in (NEW, WAITING):
+        if link.state == NEW:
             link.state = DECLINED
             self.line.leave(link.token)
             self.save()

@@ -29,10 +29,10 @@ class Person:
     def __init__(self, swarm: RunningSwarm, page: str = "url") -> None:
         file = swarm.part / "station.json"
         process = swarm.process
-        found = wait_until(
+        wait_until(
             lambda: process.poll() is not None or (file.exists() and file.read_text().endswith("\n")), "the page"
         )
-        assert has_ended() is None, process.communicate()
+        assert process.poll() is None, process.communicate()
         self.url = urlsplit(json.loads(file.read_text())[page])
         self._stack = ExitStack()
         self._browsers = [self._stack.enter_context(self._browser()) for _ in range(HANDS)]

@@ -24,9 +24,13 @@ NEEDS_BROWSER = [pytest.mark.processes, pytest.mark.skipif(not (CHROMIUM and DRI
 
 
 @contextmanager
-def browser() -> Iterator[webdriver.Chrome]:
-    """Chromium without a window, and without the temporary folder that it leaves behind."""
+def browser(*, insecure: bool = False) -> Iterator[webdriver.Chrome]:
+    """Chromium without a window, and without the temporary folder that it leaves behind.
+
+    `insecure`: it takes any certificate.
+    """
     options = webdriver.ChromeOptions()
+    options.accept_insecure_certs = insecure
     options.binary_location = CHROMIUM or ""
     for switch in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1366,768"):
         options.add_argument(switch)
