@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_cli.arguments import add_json, host_and_port
+from deltaswarm_cli.arguments import add_dry_run, add_json, host_and_port
 from deltaswarm_wire.arguments import whole
 
 LISTEN = "127.0.0.1:8420"
@@ -38,6 +38,7 @@ def add_serve(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--language", default="", metavar="LANGUAGE", help=f"language of all pages: {', '.join(LANGUAGES)}, or a file"
     )
+    add_dry_run(command, "what a session asks, and how many this machine carries")
     add_json(command)
     command.set_defaults(func=serve, makes_files=True, handles_signals=True)
 

@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import logging
 import re
+import resource
 import signal
 import ssl
 from collections.abc import Callable, Iterator
@@ -26,7 +27,7 @@ from deltaswarm_serving.settings import load_serve
 from deltaswarm_serving.study import Study
 from deltaswarm_sessions import commitment, roster
 from deltaswarm_sessions.links import Links, table
-from deltaswarm_sessions.plan import PlannedRun, plan
+from deltaswarm_sessions.plan import PlannedRun, outline, outline_text, plan
 from deltaswarm_sessions.settings import SessionSettings, load_session
 
 LINK_COLUMNS = ("number", "state", "address")
@@ -45,9 +46,14 @@ def serve(arguments: argparse.Namespace) -> int:
     _, warnings = commitment.check_plan(settings, beside, out)
     if arguments.language:
         settings = replace(settings, language=language_at(arguments.language, Path()))
-    [first, *_] = plan(settings, 1, beside)
+    [first, *_] = runs = plan(settings, 1, beside)
     for warning in warnings:
         notice(warning)
+    if arguments.dry_run:
+        places = serving.places(settings.speed)
+        outlined = outline(settings, runs, is_concealed=True) | {"at_once": places}
+        show(arguments, outlined, f"{outline_text(outlined)}\nSessions at once: {places}.")
+        return OK
     out.mkdir(parents=True, exist_ok=True)
     with _alone(out):
         links = Links.read(out)
@@ -150,6 +156,8 @@ def _alone(out: Path) -> Iterator[None]:
 
 def _run(front: Front, listen: str, tls: ssl.SSLContext | None, say: Callable[[int], None]) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # each page takes a few
     host, _, port = listen.rpartition(":")
 
     async def run() -> None:

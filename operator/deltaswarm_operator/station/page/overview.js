@@ -19,6 +19,8 @@ import { clock } from "./words.js";
 /** @type {WebSocket | null} */
 let socket = null;
 let isOpen = true;
+/** What the rows show besides times. */
+let shown = "";
 
 /** @param {Record<string, unknown>} message */
 const send = (message) => socket?.send(JSON.stringify(message));
@@ -57,8 +59,16 @@ function show(told) {
   const states = [...counts].map(([state, count]) => `${state}: ${count}`).join(", ");
   setText(element("sums"), `${told.inside} of ${told.places} places taken, ${told.waiting} waiting. ${states}`);
   button("admissions").setAttribute("aria-pressed", String(!isOpen));
-  if (element("rows").contains(document.activeElement)) return; // a note is being written
-  element("rows").replaceChildren(...told.rows.map(line));
+  const key = JSON.stringify(told.rows.map(({ time_s, away_s, ...row }) => row));
+  const isWriting = document.activeElement instanceof HTMLInputElement;
+  if (key !== shown && !isWriting) {
+    shown = key;
+    element("rows").replaceChildren(...told.rows.map(line));
+  }
+  told.rows.forEach((row, index) => { // a row that stays can be clicked
+    const kept = element("rows").children[index];
+    cells(row).forEach((cell, column) => kept?.children[column] && setText(kept.children[column], cell.textContent ?? ""));
+  });
 }
 
 function connect() {
