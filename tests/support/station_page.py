@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from selenium import webdriver
-from selenium.common.exceptions import StaleElementReferenceException
+from selenium.common.exceptions import NoSuchElementException, StaleElementReferenceException
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
@@ -56,7 +56,8 @@ class Looking:
 
     def until(self, holds: Callable[[], Any]) -> Any:
         """Wait for something to hold; elements may go while they are looked at, as when the page loads again."""
-        waiting = WebDriverWait(self.driver, PATIENCE_S, 0.05, [StaleElementReferenceException])
+        not_there = [StaleElementReferenceException, NoSuchElementException]
+        waiting = WebDriverWait(self.driver, PATIENCE_S, 0.05, not_there)
         return waiting.until(lambda _: holds())
 
     def at(self, name: str) -> WebElement:
