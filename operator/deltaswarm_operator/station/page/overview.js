@@ -19,7 +19,7 @@ import { clock } from "./words.js";
 /** @type {WebSocket | null} */
 let socket = null;
 let isOpen = true;
-/** What the rows show besides times. */
+/** What the rows show besides texts that change in place. */
 let shown = "";
 
 /** @param {Record<string, unknown>} message */
@@ -59,7 +59,7 @@ function show(told) {
   const states = [...counts].map(([state, count]) => `${state}: ${count}`).join(", ");
   setText(element("sums"), `${told.inside} of ${told.places} places taken, ${told.waiting} waiting. ${states}`);
   button("admissions").setAttribute("aria-pressed", String(!isOpen));
-  const key = JSON.stringify(told.rows.map(({ time_s, away_s, ...row }) => row));
+  const key = JSON.stringify(told.rows.map((row) => [row.number, row.state, row.note, row.help]));
   const isWriting = document.activeElement instanceof HTMLInputElement;
   if (key !== shown && !isWriting) {
     shown = key;
