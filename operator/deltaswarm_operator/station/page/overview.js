@@ -59,7 +59,7 @@ function show(told) {
   const states = [...counts].map(([state, count]) => `${state}: ${count}`).join(", ");
   setText(element("sums"), `${told.inside} of ${told.places} places taken, ${told.waiting} waiting. ${states}`);
   button("admissions").setAttribute("aria-pressed", String(!isOpen));
-  const key = JSON.stringify(told.rows.map((row) => [row.number, row.state, row.note, row.help]));
+  const key = JSON.stringify(told.rows.map((row) => [row.number, row.state, row.note, row.help === "asked"]));
   const isWriting = document.activeElement instanceof HTMLInputElement;
   if (key !== shown && !isWriting) {
     shown = key;
