@@ -25,7 +25,7 @@ ARMS = (
 )
 """The structures: hybrid control with these deltas, decentralised, and hierarchical control."""
 
-EXPLORES = 0.06
+EXPLORES = 0.15
 """The probability with which an agent tries any of them; else it takes the best, of equal ones the first."""
 
 FADING_S = 600.0
