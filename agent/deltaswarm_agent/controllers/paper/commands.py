@@ -58,7 +58,7 @@ FORMS = (
                 help="delay of an event that a message is worth",
             ),
         ),
-        "Tell me less (a higher price) or more (a lower one). For agents that choose delta by it.",
+        "Tell me less (a higher price) or more (a lower one). For agents that have learned to choose delta by it.",
         refused_in=("decentralised", "hierarchical"),
     ),
     CommandForm(
