@@ -85,7 +85,7 @@ class BudgetSettings:
     )
     moves: str = key(
         STRUCTURE,
-        "what the rule orders: the structure, or the price of a message, for agents with control.delta_rule learned",
+        "what the rule orders: the structure, or the price of a message, for control.delta_rule learned or bandit",
         source=OURS,
         choices=(STRUCTURE, PRICE),
     )
@@ -206,8 +206,8 @@ SET_STRUCTURE = "set structure"
 SET_PRICE, MESSAGE_PRICE = "set price", "message_price"
 """The command that changes what a message is worth to agents with a learned rule, and its argument."""
 
-DELTA_RULE, LEARNED = "delta_rule", "learned"
-"""The controller's option that says that they have one."""
+DELTA_RULE, PRICED = "delta_rule", ("learned", "bandit")
+"""The controller's option that says that they have one, and which these are."""
 
 
 @dataclass(frozen=True)
@@ -347,7 +347,7 @@ def begun_with(forms: tuple[CommandForm, ...], options: Mapping[str, Any]) -> tu
 
     Without those that the options rule out.
     """
-    ruled_out = () if options.get(DELTA_RULE) == LEARNED else (SET_PRICE,)
+    ruled_out = () if options.get(DELTA_RULE) in PRICED else (SET_PRICE,)
     numbers = {name: float(value) for name, value in options.items() if type(value) in (int, float)}
 
     def begun(argument: ArgumentForm) -> ArgumentForm:

@@ -3,8 +3,9 @@
 Covered are orders to all agents that set delta, the structure or the price.
 """
 
+from deltaswarm_dense.bandit import take_arm
 from deltaswarm_dense.compiled import compiled, inlined
-from deltaswarm_dense.delta import FIXED, LEARNED
+from deltaswarm_dense.delta import BANDIT, FIXED, LEARNED
 from deltaswarm_dense.hearing import SENDER, SLOT
 from deltaswarm_dense.layout import FORGOTTEN, KNOWN_COMMAND, NONE, UNKNOWN
 from deltaswarm_dense.packing import put_array, put_bytes, put_unsigned, size_of_bytes, size_of_unsigned
@@ -50,24 +51,27 @@ def _accept(swarm, agent, now, number, left_steps, count):
 @compiled
 def obey(swarm, agent, now):
     """Carry out the new commands, unless a later one, heard before, has done so (`_restructure`)."""
-    commands = swarm.commands
+    commands, settings = swarm.commands, swarm.settings[0]
     for k in range(commands.new[commands.new.size - 1]):
         number = commands.new[k]
         command, relay = commands.given[number], commands.relays[agent.id, number]
-        if not swarm.settings[0].has_delta or (command.sets_price and not swarm.settings[0].learns):
+        if not settings.has_delta or (command.sets_price and not (settings.learns or settings.tries)):
             relay.state = REFUSED
         elif number < agent.strategy_command:
             relay.state = SUPERSEDED
         else:
-            agent.strategy_command, agent.attends = number, agent.attends or agent.rule == LEARNED
+            agent.strategy_command, agent.attends = number, agent.attends or agent.rule >= LEARNED
             if command.sets_price:
                 agent.price_s, agent.rule, agent.attends = command.price_s, LEARNED, True
+                if settings.tries:
+                    agent.rule = BANDIT
+                    take_arm(agent)
             else:
                 agent.rule, agent.founds_at = FIXED, command.delta + (agent.rank < command.fraction)
             if command.sets_share:
                 agent.attends = agent.rank < command.share
             if not agent.attends and agent.target != NONE:
-                change(swarm.settings[0], agent, now, TAKEN_OFF)
+                change(settings, agent, now, TAKEN_OFF)
             relay.state = DONE
 
 

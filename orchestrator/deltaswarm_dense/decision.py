@@ -6,6 +6,7 @@ from deltaswarm_agent.controllers.paper.frames import ATTENDING as ATTENDING_FRA
 from deltaswarm_agent.controllers.paper.frames import LEAVING as LEAVING_FRAME
 from deltaswarm_agent.controllers.paper.frames import MEMBER as MEMBER_FRAME
 from deltaswarm_agent.controllers.paper.frames import RELOCATING as RELOCATING_FRAME
+from deltaswarm_dense.bandit import count_message, tell_arm
 from deltaswarm_dense.baseline import nearest_sensed
 from deltaswarm_dense.beliefs import active, departures, sightings, to_cm
 from deltaswarm_dense.commands import write_answers
@@ -105,6 +106,8 @@ def compose(swarm, agent, now, score):
     frame.x_cm, frame.y_cm = to_cm(agent.x_m), to_cm(agent.y_m)
     if swarm.settings[0].has_finds and agent.state != RELOCATING:
         tell_averages(swarm.settings[0], agent, frame, now)
+        if swarm.settings[0].tries:
+            tell_arm(swarm.settings[0], agent, frame, now)
     if agent.state == RELOCATING:
         frame.kind = RELOCATING_FRAME
     elif agent.in_tree:
@@ -194,6 +197,8 @@ def report(swarm, agent, now, time_s):
     agent.sequence += 1
     if settings.learns:
         note_report(settings, agent, now)
+    if settings.tries:
+        count_message(settings, agent, now)
     return True, is_news
 
 

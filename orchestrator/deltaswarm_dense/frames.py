@@ -12,10 +12,10 @@ NIL, FALSE, TRUE = 0xC0, 0xC2, 0xC3
 
 
 @compiled
-def write_payload(out, frame, table, events, has_averages):
-    """Write a frame's payload; return its length [bytes]."""
+def write_payload(out, frame, table, events, averages):
+    """Write a frame's payload, with averages (1) and with what was tried (2); return its length [bytes]."""
     items = 11 if frame.kind == MEMBER else 6 if frame.kind == ATTENDING else 3
-    at = put_array(out, 0, items + (has_averages and items > 3))
+    at = put_array(out, 0, items + (averages > 0 and items > 3))
     at = put_unsigned(out, at, frame.kind)
     at = put_unsigned(out, at, frame.x_cm)
     at = put_unsigned(out, at, frame.y_cm)
@@ -23,7 +23,7 @@ def write_payload(out, frame, table, events, has_averages):
         at = put_unsigned(out, at, events[frame.event].id)
         at = put_unsigned(out, at, frame.event_x_cm)
         at = put_unsigned(out, at, frame.event_y_cm)
-        return _write_averages(out, at, frame.averages) if has_averages else at
+        return _write_averages(out, at, frame, averages) if averages else at
     if frame.kind != MEMBER:
         return at
     out[at] = TRUE if frame.orphan else FALSE
@@ -45,14 +45,18 @@ def write_payload(out, frame, table, events, has_averages):
         at = put_array(out, at, ORDER_FIELDS)
         for field in range(ORDER_FIELDS):
             at = put_unsigned(out, at, frame.order[field])
-    return _write_averages(out, at, frame.averages) if has_averages else at
+    return _write_averages(out, at, frame, averages) if averages else at
 
 
 @compiled
-def _write_averages(out, at, averages):
-    at = put_array(out, at, averages.size)
-    for k in range(averages.size):
-        at = put_unsigned(out, at, averages[k])
+def _write_averages(out, at, frame, averages):
+    at = put_array(out, at, frame.averages.size + averages - 1)
+    for k in range(frame.averages.size):
+        at = put_unsigned(out, at, frame.averages[k])
+    if averages > 1:
+        at = put_array(out, at, frame.tried.size)
+        for k in range(frame.tried.size):
+            at = put_unsigned(out, at, frame.tried[k])
     return at
 
 

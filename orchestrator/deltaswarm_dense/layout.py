@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH, Averages
+from deltaswarm_agent.controllers.paper.bandit import ARMS
+from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH, Averages, Tried
 from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS
 from deltaswarm_agent.controllers.paper.returning import MAX_PLACES
 from deltaswarm_wire.envelope import MAX_COMMANDS
@@ -57,7 +58,7 @@ SETTINGS = record(
     """,
     flags="""
     recruitment dissolution any_place idle_root_leaves root_succession observes_all report_members
-    report_finds ask_every_step has_finds returns has_delta learns is_modelled
+    report_finds ask_every_step has_finds returns has_delta learns tries is_modelled
     """,
 )
 """The scenario's keys and what follows from them. Squares are Python's own, so that comparisons are the same ones.
@@ -65,7 +66,8 @@ SETTINGS = record(
 `two` and `half` are exponents: a power with a constant exponent would be compiled as a product or a root, which
 Python's is not (`arithmetic.py`). Times are in steps. `own_weight` is that of an agent's own averages beside those of
 one that it hears (`Finds._kept`); `has_finds` says whether a rule needs averages, `returns` whether places of finds,
-`learns` whether agents have a policy, `is_modelled` whether Python moves bodies and carries frames (`modelled.py`).
+`learns` whether agents have a policy, `tries` whether they have a bandit, `is_modelled` whether Python moves bodies and
+carries frames (`modelled.py`).
 """
 
 AGENT = record(
@@ -77,9 +79,9 @@ AGENT = record(
     id role state target leg_ends until counter sequence used path_length pulse pulse_step parent_heard parents_rows
     heirs children contested_steps followed_order since leave_frames_left previous_root previous_pulse
     previous_pulse_step freed updates places delta noted noted_step leg averaged_step averaged_leg back_step found
-    founds_at strategy_command knows began rule noted_until entered last_found changed
+    founds_at strategy_command knows began rule noted_until entered last_found changed arm arms_step
     """,
-    flags="in_tree sensed_before has_order has_carried works attends was_in_tree takes_part sees has_status",
+    flags="in_tree sensed_before has_order has_carried works attends was_in_tree arm_works takes_part sees has_status",
     words=WORDS,
     float_arrays={
         "finds": 2,
@@ -87,6 +89,9 @@ AGENT = record(
         "found_x_m": MAX_PLACES,
         "found_y_m": MAX_PLACES,
         "units": len(INPUTS) + HIDDEN,
+        "arm_s": len(ARMS),
+        "arm_work_s": len(ARMS),
+        "arm_messages": len(ARMS),
     },
     found_step=MAX_PLACES,
     path=MAX_PATH + 1,
@@ -100,7 +105,8 @@ of `FoundPlaces` the `found` first of its places, and the one to which its leg l
 `noted` events were sensed in `noted_step`; these are in `News.noted`. `founds_at` (NONE: it never
 founds a tree), `attends`, `rule` and `price_s` follow the newest order, `strategy_command`; it `knows` so many. Of
 `Experience` it has the averages, up to `noted_until` and `entered`, and the steps `last_found` and `changed`; `units`
-are its policy's inputs and hidden units. Its process
+are its policy's inputs and hidden units. Of `Bandit` it has the counts, up to `arms_step`, since which it follows
+`arm`. Its process
 `began` before that step, and `takes_part` unless it is dead or frozen; `has_status` if it has acted since."""
 
 EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
@@ -123,7 +129,8 @@ FRAME = record(
     order=ORDER_FIELDS,
     sighting=4 * MAX_EVENTS,
     departure=2 * MAX_GONE,
-    averages=len(Averages._fields),
+    averages=len(Averages._fields) - 1,
+    tried=len(Tried._fields),
     item=2 * MAX_COMMANDS,
 )
 """A radio frame as its receivers decode it, and where in `Output.world` it `begins`; `kind` is NONE if it has no

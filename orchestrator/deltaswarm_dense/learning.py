@@ -2,6 +2,7 @@
 
 from deltaswarm_agent.controllers.paper.frames import ATTENDING
 from deltaswarm_dense.arithmetic import squared_m2
+from deltaswarm_dense.bandit import begin_arm, hear_arms
 from deltaswarm_dense.compiled import compiled
 from deltaswarm_dense.experience import begin_place, note_heard
 from deltaswarm_dense.finds import begin_activity, hear_averages, tells_averages, update_averages
@@ -43,6 +44,8 @@ def learn(swarm, agent, now, heard):
         if agent.averaged_leg != NONE:
             agent.finds[agent.averaged_leg] += count
     hear_averages(settings, agent, air, now, heard)
+    if settings.tries:
+        hear_arms(settings, agent, air, now, heard)
     if settings.learns:
         note_heard(settings, agent, air, agent.noted, heard, now)
         agent.last_found = now if new.size else agent.last_found
@@ -93,3 +96,4 @@ def begin(settings, agent, works, now):
     """Say what the agent does from this step on: whether it walks, and whether it works."""
     begin_activity(settings, agent, agent.leg if agent.state == WALKING else NONE, works, now)
     begin_place(settings, agent, now)
+    begin_arm(settings, agent, works, now)

@@ -2,6 +2,7 @@
 
 from deltaswarm_agent.controllers.paper.frames import ATTENDING, MAX_PATH, MAX_TABLE
 from deltaswarm_agent.controllers.paper.frames import MEMBER as MEMBER_FRAME
+from deltaswarm_dense.bandit import ARM, follow_arm
 from deltaswarm_dense.compiled import compiled
 from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import AGENT_ID, CHILDREN, NONE, PARENT, ROW_FIELDS, ROW_X_CM, ROW_Y_CM, SCORE
@@ -33,6 +34,8 @@ def enter_tree(swarm, agent, now, parent, cause):
     if parent != NONE:
         _take_path(settings, agent, swarm.air, swarm.trees, parent)
         agent.pulse = heard_of(swarm.air, parent).pulse
+        if settings.tries:
+            follow_arm(settings, agent, heard_of(swarm.air, parent).tried[ARM], now)
     agent.pulse_step = agent.parent_heard = now
     stay(settings, agent)
     agent.contested_steps = 0

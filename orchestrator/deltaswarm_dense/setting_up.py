@@ -188,7 +188,8 @@ def _made(scenario: Scenario, agents: Iterable[int], restart: int = 0) -> list[A
 def _rows(made: Sequence[Agent]) -> np.ndarray:
     """Return the rows of agents that have just been made, without their ids and places."""
     rows = np.zeros(len(made), layout.AGENT)
-    for name in ("target", "followed_order", "previous_root", "leg_ends", "noted_step", "averaged_leg", "back_step"):
+    steps = "noted_step", "arms_step", "back_step"
+    for name in ("target", "followed_order", "previous_root", "leg_ends", "averaged_leg", *steps):
         rows[name] = NONE
     rows["finds"], rows["walked_s"] = FIRST_FINDS, FIRST_S
     rows["events_s"] = rows["sensing_s"] = FIRST_SENSING_S
@@ -264,6 +265,7 @@ def _settings(scenario: Scenario, agent: Agent) -> np.ndarray:
         "returns": agent.found is not None,
         "has_delta": strategy.has_delta,
         "learns": agent.experience is not None,
+        "tries": agent.bandit is not None,
         "ask_every_step": scenario.run.ask_every_step,
         "forget_sender": round(FORGET_SENDER_S / shared.step_s),
         "is_modelled": False,

@@ -3,7 +3,9 @@
 import numpy as np
 
 from deltaswarm_agent.controllers.paper.states import TRANSITIONS, Cause, State
+from deltaswarm_dense.bandit import choose_arm
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.delta import BANDIT
 from deltaswarm_dense.layout import NONE
 from deltaswarm_dense.walk import turn
 
@@ -53,4 +55,6 @@ def change(settings, agent, now, cause):
     agent.changed = now
     if agent.state == WALKING:
         agent.target = agent.back_step = NONE
+        if agent.rule == BANDIT:
+            choose_arm(settings, agent, now)
         turn(settings, agent, now)

@@ -105,7 +105,7 @@ def step_agent(swarm, agent, now, time_s, sensed, heard):
     if frame.kind != NONE:
         until = now + 1
         table = swarm.air.tables[slot_of(swarm.air, now), agent.id]
-        length = write_payload(swarm.output.payload, frame, table, world.events, settings.has_finds)
+        length = write_payload(swarm.output.payload, frame, table, world.events, settings.has_finds + settings.tries)
     if agent.knows:
         wake = relay_commands(swarm, agent, frame, now, MAX_RADIO_BYTES - ENVELOPE_BYTES - length)
         if wake != NONE:

@@ -19,6 +19,7 @@ from deltaswarm_agent.controllers.paper.frames import (
     RecruitmentOrder,
     Relocating,
     Sighting,
+    Tried,
 )
 from deltaswarm_wire import codec
 from tests.support.annotating import Example, Page, Shape, assert_is_the_codes, message
@@ -44,6 +45,10 @@ EXAMPLES = {
     "adaptive": _example(
         Attending(4, 5250, 4700, 3, 5250, 4700, Averages(812, 1430, 2417, 1962, 315)),
         averages=Shape("averages", Averages._fields),
+    ),
+    "bandit": _example(
+        Attending(4, 5250, 4700, 3, 5250, 4700, Averages(812, 1430, 2417, 1962, 315, Tried(2, 3200, 1500, 60_000))),
+        averages=Shape("averages", (*Averages._fields[:-1], Shape("tried", Tried._fields))),
     ),
     "member": _example(
         Member(

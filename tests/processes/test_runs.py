@@ -41,6 +41,7 @@ SAME = {
     "collisions": ("world.dynamics=physics", "world.radius_m=0.5", "world.avoidance=none", "run.duration_s=60"),
     "decentralised": ("control.mode=decentralised", "radio.loss=0.2", "run.duration_s=200"),
     "learned": ("control.mode=hybrid", "control.delta_rule=learned", f"control.policy={POLICY}", *EVENTFUL),
+    "bandit": ("control.mode=hybrid", "control.delta_rule=bandit", *EVENTFUL),
     "adaptive": ("control.mode=adaptive", *EVENTFUL),
 }
 

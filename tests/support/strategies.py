@@ -83,7 +83,8 @@ statuses = st.builds(
 )
 
 _heads = (agents, centimetres, centimetres)
-averages = st.builds(paper.Averages, ids, ids, ids, ids, st.integers(0, 1000))
+tried = st.builds(paper.Tried, st.integers(0, paper.MAX_ARM), ids, ids, ids)
+averages = st.builds(paper.Averages, ids, ids, ids, ids, st.integers(0, 1000), st.none() | tried)
 attendings = st.builds(paper.Attending, *_heads, ids, centimetres, centimetres, averages)
 descendants = st.builds(paper.Descendant, agents, agents, centimetres, centimetres, scores)
 sightings = st.builds(paper.Sighting, ids, centimetres, centimetres, ages)

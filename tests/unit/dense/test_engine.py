@@ -110,7 +110,7 @@ scenarios = st.fixed_dictionaries(
                 "patience_finds": st.sampled_from([0.0, 0.1, 0.5]),
                 "return_to_finds": st.booleans(),
                 "find_memory_s": st.sampled_from([20.0, 1500.0]),
-                "delta_rule": st.sampled_from(["fixed", "busy", "learned", "learned"]),
+                "delta_rule": st.sampled_from(["fixed", "busy", "learned", "bandit"]),
                 "policy": st.integers(0, 2**32).map(a_policy),
                 "message_price": st.sampled_from([0.0, 0.3, 20.0]),
                 "report_finds": st.booleans(),
@@ -173,7 +173,7 @@ scenarios = st.fixed_dictionaries(
 def made(table: dict[str, Any], steps: int) -> Scenario:
     run = table["run"] | {"duration_s": steps * table["run"]["step_s"]}
     density = {"density": {"mean_m": [15.0, 15.0]}} | table["events"]
-    learns = table["control"].get("delta_rule") == "learned"
+    learns = table["control"].get("delta_rule") in ("learned", "bandit")
     orders = [order for order in table["command"] if learns or order["name"] != "set price"]
     return load(Scenario, table | {"command": orders} | {"run": run, "events": density, "metrics": {"horizon_s": 1.0}})
 
@@ -193,9 +193,10 @@ def test_every_mode_has_the_same_outcome(mode: str) -> None:
     assert differences(load_scenario("paper-25", [f"control.mode={mode}", "run.duration_s=1500.0", "seed=11"])) == []
 
 
-def test_a_learned_swarm_has_the_same_outcome() -> None:
+@pytest.mark.parametrize("rule", ["learned", "bandit"])
+def test_a_swarm_that_learns_has_the_same_outcome(rule: str) -> None:
     """Long enough for averages to change, with a price that the operator changes."""
-    scenario = load_scenario("paper-25", ["control.delta_rule=learned", f"control.policy={a_policy(5)}"])
+    scenario = load_scenario("paper-25", [f"control.delta_rule={rule}", f"control.policy={a_policy(5)}"])
     orders = tuple(CommandSettings(at_s, "set price", arguments={"message_price": price}) for at_s, price in PRICES)
     assert differences(replace(scenario, command=orders, run=replace(scenario.run, duration_s=1500.0))) == []
 

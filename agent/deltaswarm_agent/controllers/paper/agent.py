@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from deltaswarm_agent.controller import ControllerContext
+from deltaswarm_agent.controllers.paper.bandit import ARMS, Bandit
 from deltaswarm_agent.controllers.paper.beliefs import Beliefs
 from deltaswarm_agent.controllers.paper.delta import delta_for
 from deltaswarm_agent.controllers.paper.experience import Experience
@@ -10,9 +11,9 @@ from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder
 from deltaswarm_agent.controllers.paper.hybrid import strategy_of
 from deltaswarm_agent.controllers.paper.membership import Membership, PreviousTree
-from deltaswarm_agent.controllers.paper.policy import structure_of
+from deltaswarm_agent.controllers.paper.policy import Structure, structure_of
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
-from deltaswarm_agent.controllers.paper.settings import BUSY, FIXED, LEARNED, PaperSettings
+from deltaswarm_agent.controllers.paper.settings import BANDIT, BUSY, FIXED, LEARNED, PaperSettings
 from deltaswarm_agent.controllers.paper.states import ATTENDING, TRANSITIONS, WALKING, Cause
 from deltaswarm_agent.controllers.paper.timers import steps_of, timers
 from deltaswarm_agent.controllers.paper.walk import Walk
@@ -42,6 +43,11 @@ class Agent:
         """What its policy is given, if it has one."""
         if self.strategy.rule == LEARNED:
             self.experience = Experience(context.shared.step_s)
+        self.bandit: Bandit | None = None
+        """What it has learned on the way, under that rule."""
+        if self.strategy.rule == BANDIT:
+            self.bandit = Bandit(context.shared.step_s)
+            self.take(ARMS[0])
         self.price_s = settings.message_price
         self.found: FoundPlaces | None = None
         if self.finds is not None and settings.return_to_finds:
@@ -116,9 +122,11 @@ class Agent:
         if strategy.rule != LEARNED or self.experience is None or self.finds is None:
             return
         inputs = self.experience.inputs(self.finds, self.state is ATTENDING, self.price_s, self.now)
-        chosen = structure_of(self.settings.policy, inputs, self.rank)
-        if chosen != (strategy.founds_at, strategy.attends):
-            self.strategy = replace(strategy, founds_at=chosen.founds_at, attends=chosen.attends)
+        self.take(structure_of(self.settings.policy, inputs, self.rank))
+
+    def take(self, chosen: Structure) -> None:
+        if chosen != (self.strategy.founds_at, self.strategy.attends):
+            self.strategy = replace(self.strategy, founds_at=chosen.founds_at, attends=chosen.attends)
 
     def note(self, sensed: tuple[Event, ...]) -> None:
         """Note the events that are new in this step."""
@@ -144,12 +152,16 @@ class Agent:
             self.target = None
             if self.found is not None:
                 self.found.give_up_goal()
+            if self.bandit is not None and self.finds is not None and self.strategy.rule == BANDIT:
+                self.take(self.bandit.choose(self.finds.busy, self.price_s, self.rng, self.now))
             self.walk.turn(self.now, self.here.x_m, self.here.y_m)
 
     def enter_tree(self, parent: Member | None, cause: Cause) -> Membership:
         """Become a member below `parent`, or a root."""
         self.change(cause)
         self.membership = Membership(self.id, parent, self.now, self.timers)
+        if self.bandit is not None and parent is not None and parent.averages and parent.averages.tried:
+            self.bandit.follow(parent.averages.tried.arm, self.now)
         self.stay()
         self.contested = 0
         self.target = self.order = self.followed_order = None

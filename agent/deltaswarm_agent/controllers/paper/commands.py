@@ -3,7 +3,7 @@
 - `set delta`: sets how many events sensed at once make the agent a root from now on (hybrid control only).
 - `set structure`: the same, finer: with a fraction of delta, that share of the agents takes the next greater delta, and
   only a share of the agents works on events outside trees; the others only walk, as under hierarchical control.
-- `set price`: sets what a message is worth, and lets the agents' policy set delta again (learned rule only).
+- `set price`: sets what a message is worth, and lets the agents' policy set delta again (learned and bandit only).
 - `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
 - `attend`: free agents near a place go there; what they sense on the way comes first. It ends with the command's life.
 - `hold`: an agent that walks, or goes to an event, stands still; `resume` ends it.
@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.bandit import ARMS
 from deltaswarm_agent.controllers.paper.hybrid import Strategy
-from deltaswarm_agent.controllers.paper.settings import FIXED, LEARNED
+from deltaswarm_agent.controllers.paper.settings import FIXED, PRICED
 from deltaswarm_agent.controllers.paper.states import FREE, Cause
 from deltaswarm_wire.commands import AGENT, ALL, CIRCLE, PLACE, TREE, ArgumentForm, Command, CommandForm
 from deltaswarm_wire.messages import Pose
@@ -95,7 +96,7 @@ def obey(agent: Agent, commands: Sequence[Command]) -> None:
 
 def _set_delta(agent: Agent, command: Command) -> bool | None:
     strategy, delta = agent.strategy, int(command.arguments["delta"])
-    attends = strategy.attends or strategy.rule == LEARNED  # what a policy has chosen ends with its rule
+    attends = strategy.attends or strategy.rule in PRICED  # what a policy has chosen ends with its rule
     return _restructure(agent, command, replace(strategy, founds_at=delta, attends=attends, rule=FIXED))
 
 
@@ -106,9 +107,11 @@ def _set_structure(agent: Agent, command: Command) -> bool | None:
 
 
 def _set_price(agent: Agent, command: Command) -> bool | None:
-    if agent.experience is None:
+    rule, bandit = agent.settings.delta_rule, agent.bandit
+    if rule not in PRICED:
         return False
-    done = _restructure(agent, command, replace(agent.strategy, attends=True, rule=LEARNED))
+    founds_at, attends = ARMS[bandit.arm] if bandit is not None else (agent.strategy.founds_at, True)
+    done = _restructure(agent, command, replace(agent.strategy, founds_at=founds_at, attends=attends, rule=rule))
     if done:
         agent.price_s = float(command.arguments["message_price"])
     return done

@@ -34,6 +34,8 @@ def decision_of(agent: Agent, sensed: tuple[Event, ...]) -> Decision:
     report = _report(agent, frame, finds)
     if report is not None and agent.experience is not None:
         agent.experience.report(agent.now)
+    if report is not None and agent.bandit is not None:
+        agent.bandit.report(agent.now)
     fields = (velocity, observed, payload, report, *place, until, (), (), (), agent.delta or 0)
     decision: Decision = tuple_of(Decision, fields)
     if agent.done or agent.refused or agent.superseded:
@@ -84,6 +86,8 @@ def _frame(agent: Agent, score: int) -> PaperFrame | None:
     if agent.state is RELOCATING:
         return Relocating(*head)
     averages = None if agent.finds is None else agent.finds.told(agent.now)
+    if averages is not None and agent.bandit is not None:
+        averages = averages._replace(tried=agent.bandit.told(agent.now))
     if membership is not None:
         table = membership.table()
         agent.rows_cut += membership.rows_cut

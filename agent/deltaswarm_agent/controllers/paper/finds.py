@@ -82,7 +82,8 @@ class Finds:
 
     def hear(self, heard: list[PaperFrame], now: int) -> None:
         """Mix in the averages of others, in whichever order they came."""
-        averages = [f.averages for f in heard if (type(f) is Attending or type(f) is Member) and f.averages is not None]
+        told = [frame.averages for frame in heard if type(frame) is Attending or type(frame) is Member]
+        averages = [one[:-1] for one in told if one is not None]
         if not averages:
             return
         self.update(now)
@@ -98,4 +99,4 @@ class Finds:
         self.update(now)
         finds = [min(MAX_ID, round(1000 * finds)) for finds in self._finds]
         walked_ds = [round(10 * walked_s) for walked_s in self._walked_s]
-        return Averages._make((*finds, *walked_ds, round(1000 * self.busy)))
+        return Averages._make((*finds, *walked_ds, round(1000 * self.busy), None))

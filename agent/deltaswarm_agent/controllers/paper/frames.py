@@ -35,8 +35,18 @@ MAX_GONE = 8
 MAX_AGE = 0xFFFF
 MAX_SCORE = 0xFFFF
 MAX_TTL = 0xFF
+MAX_ARM = 5
 
 ATTENDING, MEMBER, RELOCATING, LEAVING = 0, 1, 2, 3
+
+
+class Tried(NamedTuple):
+    """What its sender knows of the structure that it follows: the place of that, and counts that fade (`bandit.py`)."""
+
+    arm: int
+    time_ds: int
+    work_ds: int
+    messages_milli: int
 
 
 class Averages(NamedTuple):
@@ -48,6 +58,8 @@ class Averages(NamedTuple):
     returning_ds: int
     """Time on such legs [0.1 s]."""
     busy_permille: int
+    tried: Tried | None = None
+    """With the rule `bandit` alone."""
 
 
 class Attending(NamedTuple):
@@ -142,7 +154,7 @@ _KIND_OF = {cls: kind for kind, cls in enumerate(_KINDS)}
 _PLACE_CODES, _ATTENDING_CODES = "ii", "iiIii"
 _ATTENDING_FIELDS = [f"frame.{field}" for field in Attending._fields[1:-1]]
 _DESCENDANT_CODES, _SIGHTING_CODES, _GONE_CODES, _ORDER_CODES = "HHiiH", "IiiH", "IH", "HiiIB"
-_AVERAGES_CODES = "IIIIH"
+_AVERAGES_CODES, _TRIED_CODES = "IIIIH", "HIII"
 _WITH_AVERAGES = {ATTENDING: 7, MEMBER: 12}
 """Items of a payload that ends with averages."""
 _BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
@@ -168,10 +180,11 @@ def encode(frame: PaperFrame) -> bytes:
         _, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, order, averages = frame
         rows = (tuple(_flat(table)), tuple(_flat(events)), tuple(_flat(gone)))
         items: tuple[Any, ...] = (MEMBER, x_cm, y_cm, orphan, path[:-1], pulse, score, *rows, order)
-        items = items if averages is None else (*items, averages)
+        items = items if averages is None else (*items, _told(averages))
     else:
         items = (_KIND_OF[type(frame)], *frame[1:])
-        items = items[:-1] if items[-1] is None else items
+        if type(frame) is Attending:
+            items = items[:-1] if frame.averages is None else (*items[:-1], _told(frame.averages))
     payload = pack(items, MAX_RADIO_BYTES)
     keep(encoded.setdefault(sender, {}), payload, frame, KEPT)
     return payload
@@ -196,10 +209,19 @@ def decode(sender: int, payload: bytes) -> PaperFrame:
     return (Relocating if kind == RELOCATING else Leaving)(sender, *raw[1:])
 
 
+def _told(averages: Averages) -> tuple[Any, ...]:
+    return averages if averages.tried is not None else averages[:-1]
+
+
 def _averages(raw: Any) -> Averages:
+    tried = None
+    if type(raw) is list and len(raw) > len(_AVERAGES_CODES):
+        tried = Tried._make(array(raw.pop(), len(_TRIED_CODES), "frame.averages.tried"))
+        _check_integers([*tried], _TRIED_CODES, "frame.averages.tried")
+        integer(tried.arm, 0, MAX_ARM, "frame.averages.tried.arm")
     _check_integers(array(raw, len(_AVERAGES_CODES), "frame.averages"), _AVERAGES_CODES, "frame.averages")
     integer(raw[-1], 0, 1000, "frame.averages.busy_permille")
-    return Averages._make(raw)
+    return Averages._make((*raw, tried))
 
 
 def _decode_member(sender: int, raw: list[Any], averages: Averages | None) -> Member:

@@ -2,7 +2,7 @@
 
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.finds import Finds
-from deltaswarm_agent.controllers.paper.frames import Attending, Member, PaperFrame
+from deltaswarm_agent.controllers.paper.frames import Attending, Member, PaperFrame, Tried
 from deltaswarm_agent.controllers.paper.states import WALKING
 from deltaswarm_wire.messages import Event
 
@@ -18,6 +18,8 @@ def learn(agent: Agent, finds: Finds, heard: list[PaperFrame]) -> None:
         finds.find(sum(not _is_known(agent, event, heard) for event in new))
     if heard:
         finds.hear(heard, now)
+    if agent.bandit is not None and (told := [tried for frame in heard if (tried := _tried(frame)) is not None]):
+        agent.bandit.hear(told, now)
     if experience is not None:
         experience.note(len(agent.sensed), heard, now)
         experience.found = now if new else experience.found
@@ -29,6 +31,11 @@ def learn(agent: Agent, finds: Finds, heard: list[PaperFrame]) -> None:
         met = [frame for frame in heard if type(frame) is Attending and agent.here.is_newly_met(frame)]
         for x_cm, y_cm in sorted({(frame.event_x_cm, frame.event_y_cm) for frame in met}):
             found.add(x_cm / 100, y_cm / 100, now)
+
+
+def _tried(frame: PaperFrame) -> Tried | None:
+    averages = frame.averages if type(frame) is Attending or type(frame) is Member else None
+    return None if averages is None else averages.tried
 
 
 def _is_known(agent: Agent, event: Event, heard: list[PaperFrame]) -> bool:
@@ -44,5 +51,7 @@ def begin(agent: Agent, finds: Finds, works: bool) -> None:
     """Say what the agent does from this step on: whether it walks on its own account, and whether it works."""
     walks = agent.state is WALKING and agent.now >= agent.holds_until and agent.goto is None
     finds.begin(agent.walk.leg if walks else None, works, agent.now)
+    if agent.bandit is not None:
+        agent.bandit.begin(works, agent.now)
     if agent.experience is not None:
         agent.experience.begin(agent.membership is not None, agent.now)

@@ -9,7 +9,9 @@ from deltaswarm_wire.settings import AgentSettings
 ALL, NEAREST = "all", "nearest"
 STAYS, LEAVES = "stays", "leaves"
 WITH_EVENTS, ANY = "with-events", "any"
-FIXED, BUSY, LEARNED = "fixed", "busy", "learned"
+FIXED, BUSY, LEARNED, BANDIT = "fixed", "busy", "learned", "bandit"
+PRICED = LEARNED, BANDIT
+"""Rules by which a price of messages counts."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,10 @@ class PaperSettings:
     find_memory_s: float = key(1500.0, "time for which the place of a find is remembered [s]", source=OURS, above=0)
     delta_rule: str = key(
         FIXED,
-        "hybrid: what sets delta: the key delta, or each agent, by how busy agents are, or by a learned policy",
+        "hybrid: what sets delta: the key delta, or each agent: by how busy agents are, by a learned policy, or by "
+        "what comes of its choices in the run",
         source=OURS,
-        choices=(FIXED, BUSY, LEARNED),
+        choices=(FIXED, BUSY, LEARNED, BANDIT),
     )
     policy: tuple[float, ...] = key(
         (),
@@ -67,7 +70,11 @@ class PaperSettings:
         high=MAX_WEIGHT,
     )
     message_price: float = key(
-        1.0, "learned: delay of an event that one message to the operator is worth [s]", source=OURS, low=0, high=1000
+        1.0,
+        "learned, bandit: delay of an event that one message to the operator is worth [s]",
+        source=OURS,
+        low=0,
+        high=1000,
     )
     leg_max_s: float = key(
         100.0, "maximum duration of a leg of the walk; durations are uniform [s]", source=OURS, above=0

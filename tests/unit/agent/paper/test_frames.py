@@ -53,7 +53,7 @@ FULL = Member(
     (Sighting(MAX_ID, -MAX_ABS_CM, -MAX_ABS_CM, frames.MAX_AGE),) * frames.MAX_EVENTS,
     (Gone(MAX_ID, frames.MAX_AGE),) * frames.MAX_GONE,
     RecruitmentOrder(MAX_AGENT_ID, -MAX_ABS_CM, -MAX_ABS_CM, MAX_STEP, frames.MAX_TTL),
-    Averages(MAX_ID, MAX_ID, MAX_ID, MAX_ID, 1000),
+    Averages(MAX_ID, MAX_ID, MAX_ID, MAX_ID, 1000, frames.Tried(frames.MAX_ARM, MAX_ID, MAX_ID, MAX_ID)),
 )
 
 
