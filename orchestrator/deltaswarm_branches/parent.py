@@ -18,6 +18,7 @@ from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_orchestrator.results.folder_lock import is_held
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import RUNNING, read_rows
+from deltaswarm_orchestrator.run.options import unsaved
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_links import FIRST_STEP, CommandSettings
 from deltaswarm_scenario.operator_settings import OPERATOR
@@ -91,6 +92,9 @@ def read_parent(folder: Path) -> Parent:
         )
     if written.run.bound != "none":
         raise CommandError(f"RUN must have agents with a controller (got a bound, run.bound = {written.run.bound!r})")
+    if why := unsaved(written):
+        dynamics = written.world.dynamics
+        raise CommandError(f"RUN must have bodies that can be saved (got world.dynamics = {dynamics!r}: {why})")
     if manifest.get("exit_reason") == RUNNING and is_held(folder):
         raise CommandError(f"RUN must have ended (got {folder}, which is under way)")
     checkpoint = _checkpoint(folder, written)

@@ -1,1 +1,1 @@
-"""Robots that take up room: discs on wheels that collide, by the physics engine Chipmunk (docs/BODIES.md)."""
+"""Bodies with inertia (docs/BODIES.md): discs on wheels that collide, by Chipmunk, and quadcopters, by JSBSim."""

@@ -23,7 +23,7 @@ from deltaswarm_physics.steering import (
 )
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.arrays import Floats, Indices, Mask, generator, near
-from deltaswarm_world.core.dynamics import BodyState
+from deltaswarm_world.core.dynamics import NO_CRASHES, BodyState
 from deltaswarm_world.core.faults.kind import ActiveFault
 from deltaswarm_world.core.obstacles import Obstacles
 
@@ -38,6 +38,7 @@ STRAYS = 0.5
 
 class Physics:
     Settings = PhysicsSettings
+    crashes = NO_CRASHES
 
     def __init__(self, settings: PhysicsSettings, scenario: Scenario, obstacles: Obstacles) -> None:
         self.starts_m: Floats | None = np.array(settings.starts_m) if settings.starts_m else None

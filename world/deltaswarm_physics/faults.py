@@ -1,4 +1,4 @@
-"""Faults of robots that move on wheels, as kinds of `[[fault]]`."""
+"""Faults of bodies with wheels or rotors, as kinds of `[[fault]]`."""
 
 import math
 from collections.abc import Sequence
@@ -22,6 +22,15 @@ class WheelLost(Kind):
 
     Settings = WheelLostSettings
     dynamics = "physics"
+
+
+ROTOR_LOST = "rotor-lost"
+
+
+class RotorLost(Kind):
+    """A quadcopter's front right rotor gives no thrust any more; it tumbles."""
+
+    dynamics = "jsbsim"
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def failed_agents(run: RunData) -> list[dict[str, Any]]:
     rows = {row["agent"]: row for row in outcome.world.get("agents_failed", [])}
     step = len(run.steps)
     rows = {agent: {"agent": agent, "step": step, "steps": 0, "longest": 0} for agent in causes} | rows
-    return [{**row, "cause": causes.get(agent, NO_LINK)} for agent, row in sorted(rows.items())]
+    return [{**row, "cause": row.get("cause") or causes.get(agent, NO_LINK)} for agent, row in sorted(rows.items())]
 
 
 def hung_agents(run: RunData) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from deltaswarm_orchestrator.run.ending import Ending
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.extras import missing
-from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.plugins import DYNAMICS, find, find_controller
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.run.at_station import Seat
@@ -137,6 +137,12 @@ def check_packages(scenario: Scenario) -> None:
         raise SettingsError([Problem(path, repr(value), needs) for (path, value), needs in lacking.items()])
 
 
+def unsaved(scenario: Scenario) -> str:
+    """Return why the bodies of a run cannot be saved between two steps; "" if they can."""
+    why: str = getattr(find(DYNAMICS, scenario.world.dynamics, "world.dynamics"), "UNSAVED", "")
+    return why
+
+
 def _check_engine(scenario: Scenario, options: RunOptions) -> None:
     from deltaswarm_orchestrator.run.choosing import planned_by  # imports numpy, which is slow
 
@@ -154,6 +160,9 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     check_packages(scenario)
+    if options.checkpoint_steps and (why := unsaved(scenario)):
+        allowed = f"must have bodies that can be saved with --checkpoint: {why}"
+        raise SettingsError([Problem("world.dynamics", repr(scenario.world.dynamics), allowed)])
     if options.in_process_engine:
         _check_engine(scenario, options)
     if options.boards:

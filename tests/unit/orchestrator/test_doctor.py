@@ -67,6 +67,7 @@ for command in json.loads(sys.argv[2]):
         ("scipy", "study"): ([*again, "--set", "control.mode=central"], [*again, "--set", "run.bound=density"]),
         ("matplotlib", "study"): (["value", "a"], ["branch", "a", "--at", "2", "--replicates", "8"]),
         ("pandas", "study"): (["sweep", "smoke"], ["report", "a"]),
+        ("jsbsim", "jsbsim"): ([*again, "--set", "world.dynamics=jsbsim"],),
         ("pymunk", "physics"): ([*again, "--set", "world.dynamics=physics"],),
         ("pycdr2", "ros2"): ([*again, "--live", "ros2"],),
         ("foxglove-sdk", "live"): ([*again, "--live", "foxglove"],),

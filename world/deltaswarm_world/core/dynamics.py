@@ -5,8 +5,9 @@ as `module:Class`. Its options are its own frozen dataclass `Settings` and stand
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -19,14 +20,21 @@ from deltaswarm_world.core.faults.kind import ActiveFault
 from deltaswarm_world.core.obstacles import Obstacles
 
 NOBODY_HIT: frozenset[int] = frozenset()
+NO_CRASHES: Mapping[int, str] = MappingProxyType({})
 
 
 class BodyState(NamedTuple):
-    """What a recording shows of a body besides its position: heading [rad; from x to y], wheel speeds [m/s]."""
+    """What a recording shows of a body besides its position: heading [rad; from x to y], wheel speeds [m/s].
+
+    Of one that flies also the height above the ground [m], and roll to the right and pitch up [rad].
+    """
 
     heading_rad: float
     left_mps: float
     right_mps: float
+    height_m: float | None = None
+    roll_rad: float | None = None
+    pitch_rad: float | None = None
 
 
 class Dynamics(Protocol):
@@ -46,6 +54,11 @@ class Dynamics(Protocol):
     """Agents whose body touched another body, an obstacle or the arena's edge in the last step."""
     blocked: frozenset[int]
     """Agents whose body something kept from moving as commanded in the last step."""
+    crashes: Mapping[int, str]
+    """How bodies crashed so far, by agent; an agent fails by it before the next step. May be left out."""
+
+    # Two class attributes may be there as well: `UNSAVED`, a text that says why the bodies cannot be part of a
+    # checkpoint, and `to_process`, whether they crash, which ends processes of agents.
 
     def __init__(self, settings: Any, scenario: Scenario, obstacles: Obstacles) -> None: ...
 
@@ -72,6 +85,7 @@ class Points:
     Settings = NoSettings
     starts_m = None
     bumped = blocked = NOBODY_HIT
+    crashes = NO_CRASHES
 
     def __init__(self, settings: NoSettings, scenario: Scenario, obstacles: Obstacles) -> None:
         self._step_s = scenario.run.step_s
@@ -108,8 +122,19 @@ def _states(room: Room, value: Any) -> Sequence[BodyState] | None:
         return None
     if not isinstance(value, list | tuple) or len(value) != room[0]:
         raise ValueError(f"must return None or a state for each of {room[0]} bodies (got {value!r:.80})")
-    if wrong := [state for state in value if not (isinstance(state, BodyState) and all(map(isfinite, state)))]:
+    if wrong := [state for state in value if not (isinstance(state, BodyState) and _is_finite(state))]:
         raise ValueError(f"must return a BodyState of finite numbers for each body (got {wrong[0]!r:.80})")
+    return value
+
+
+def _is_finite(state: BodyState) -> bool:
+    return all(map(isfinite, state[:3])) and all(number is None or isfinite(number) for number in state[3:])
+
+
+def _crashes(room: Room, value: Any) -> Mapping[int, str]:
+    if not isinstance(value, Mapping) or not all(type(how) is str and how for how in value.values()):
+        raise ValueError(f"must give a text for each crashed agent (got {value!r:.80})")
+    checked_agents(frozenset(value), room[0])
     return value
 
 
@@ -131,7 +156,12 @@ class ForeignDynamics(Foreign):
         **dict.fromkeys(("bumped", "blocked"), lambda room, value: checked_agents(value, room[0])),
         "states": _states,
         "totals": _totals,
+        "crashes": _crashes,
     }
+
+    @property
+    def crashes(self) -> Any:
+        return self.__getattr__("crashes") if hasattr(self._plugin, "crashes") else NO_CRASHES
 
 
 def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:

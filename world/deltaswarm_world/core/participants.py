@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 MAX_RETURNS = 20
 """Number of times that an agent, unless it is a board, may come back after its process died."""
@@ -85,6 +86,8 @@ class Missed:
     """Number of agent-steps without an answer."""
     longest: int = 0
     """The largest number of them in a row."""
+    cause: str = ""
+    """Why, if the world knows."""
     _in_a_row: int = 0
     _newest: int = -1
 
@@ -95,9 +98,10 @@ class Missed:
         self.longest = max(self.longest, self._in_a_row)
 
 
-def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, int]]:
+def as_rows(missed: Mapping[int, Missed]) -> list[dict[str, Any]]:
     return [
         {"agent": agent, "step": about.step, "steps": about.steps, "longest": about.longest}
+        | ({"cause": about.cause} if about.cause else {})
         for agent, about in sorted(missed.items())
     ]
 
@@ -223,13 +227,13 @@ class Participants:
 
     # Processes
 
-    def token_gone(self, agent: int) -> None:
-        """Note that an agent's liveliness token disappeared: an agent is lost, a board is absent."""
+    def token_gone(self, agent: int, cause: str = "") -> None:
+        """Note that an agent's liveliness token disappeared or will: an agent is lost, a board is absent."""
         is_asked, is_hung = agent in self._in[ASKED], agent in self._in[HUNG]
         if not self._change(agent, ConditionCause.TOKEN_GONE):
             return
         if self.step >= 0:
-            self.failed.setdefault(agent, Missed(self.step))
+            self.failed.setdefault(agent, Missed(self.step, cause=cause))
         if is_asked:
             self._without[0].add(agent)
         if agent not in self.boards:

@@ -1,0 +1,76 @@
+"""Quadcopters follow velocities, hold their heights against wind, repeat to the bit, and fail when they crash."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.options import RunOptions, check
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_world.core.environment import Environment
+from tests.support.tiers import in_one_test
+
+JSBSIM = 'world.dynamics="jsbsim"'
+
+
+def world(*overrides: str) -> Environment:
+    return Environment(load_scenario("paper-25", [JSBSIM, "agents.count=2", *overrides], 5))
+
+
+@in_one_test(("wind",), [([],), (["world.wind_mps=5", "world.gust_mps=1"],)])
+def test_a_quadcopter_follows_a_velocity_and_holds_its_height(wind: list[str]) -> None:
+    environment = world("world.heights_m=[5,20]", *wind)
+    for _ in range(8):
+        environment.command(0, 0.0, 0.0)
+        environment.command(1, 0.6, -0.8)
+        before = environment.positions_m.copy()
+        environment.move()
+    moved = environment.positions_m - before
+    assert moved[0].tolist() == pytest.approx([0.0, 0.0], abs=0.1)
+    assert moved[1].tolist() == pytest.approx([0.6, -0.8], abs=0.1)
+    assert [state.height_m for state in environment.dynamics.states() or ()] == pytest.approx([5.0, 20.0], abs=0.1)
+
+
+def test_a_crash_is_a_failure_with_its_cause() -> None:
+    fault = 'fault=[{kind="rotor-lost",at_s=3,agents=[1]}]'
+    run = InProcess(load_scenario("paper-25", [JSBSIM, "agents.count=3", "run.duration_s=12", fault], 5))
+    list(run.steps())
+    run.finish(0.0)
+    [failed] = run.outcome.world["agents_failed"]
+    assert failed["agent"] == 1
+    assert failed["cause"].startswith("crashed: tumbled")
+    assert failed["steps"] > 0
+
+
+def test_two_runs_have_the_same_digest() -> None:
+    digests = []
+    for _ in range(2):
+        wind = ["world.wind_mps=5", "world.gust_mps=2"]
+        run = InProcess(load_scenario("paper-25", [JSBSIM, "agents.count=4", "run.duration_s=10", *wind], 5))
+        list(run.steps())
+        digests.append((run.world.digest.hex(), run.world.environment.positions_m.tolist()))
+    assert digests[0] == digests[1]
+
+
+def test_what_cannot_be_saved_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="must have bodies that can be saved with --checkpoint"):
+        check(load_scenario("smoke", [JSBSIM]), RunOptions(out=tmp_path / "run", checkpoint_steps=5))
+    with pytest.raises(TypeError, match="cannot be saved"):
+        pickle.dumps(world().dynamics)
+
+
+@in_one_test(
+    ("override", "line"),
+    [
+        ("agents.speed_mps=4", "agents.speed_mps of at most 3 m/s"),
+        ("world.radius_m=50", "world.radius_m must be less than half"),
+        ("world.heights_m=[10,0.1]", "world.heights_m[1] must be from 0.3 to 1000 m"),
+        ("world.heights_m=[]", "world.heights_m must have at least one height"),
+    ],
+)
+def test_bad_settings_are_told(override: str, line: str) -> None:
+    with pytest.raises(SettingsError) as told:
+        load_scenario("paper-25", [JSBSIM, override])
+    assert line in str(told.value)
