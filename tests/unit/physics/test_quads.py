@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_orchestrator.base.exits import Reporter
+from deltaswarm_orchestrator.recording.reader import entries, recording_in, values_of
 from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions, check
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
@@ -74,3 +77,11 @@ def test_bad_settings_are_told(override: str, line: str) -> None:
     with pytest.raises(SettingsError) as told:
         load_scenario("paper-25", [JSBSIM, override])
     assert line in str(told.value)
+
+
+def test_a_run_of_quadcopters_is_recorded_with_their_headings(tmp_path: Path) -> None:
+    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=5"])
+    result = run(scenario, RunOptions(out=tmp_path / "run", in_process=True), Reporter())
+    assert result.summary["valid"], result.messages
+    entry = next(entries(recording_in(result.folder), {"/swarm/agents"}))
+    assert len(values_of(entry[1])["heading_rad"]) == scenario.agents.count

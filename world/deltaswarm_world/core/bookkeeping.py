@@ -6,7 +6,16 @@ from typing import NamedTuple
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, UPLINK_REASONS, AgentState, EventState, Sample, StepRecord, Truth
+from deltaswarm_scenario.truth import (
+    BODY_FIELDS,
+    DEAD,
+    UPLINK_REASONS,
+    AgentState,
+    EventState,
+    Sample,
+    StepRecord,
+    Truth,
+)
 from deltaswarm_wire.controller_metrics import PREFIX, mean_of
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import NOBODY, Act, TreeStatus, encode_act
@@ -142,10 +151,15 @@ def samples_of(closed: ClosedStep) -> list[Sample]:
     return sorted(frames + [(agent, REPORT, data) for agent, data in closed.sent])
 
 
+RECORDED = len(BODY_FIELDS)
+"""The numbers of a body that a recording has: its height and attitude are not among them."""
+
+
 def truth_of(closed: ClosedStep, record: StepRecord, events: Sequence[EventState]) -> Truth:
     """Return the full state of a closed step for the recorder, with these events."""
     bodies, present, statuses = [], closed.present, closed.tree_statuses
     for agent, (x_m, y_m) in enumerate(closed.positions_m.tolist()):
         status = statuses.get(agent, SILENT) if agent in present else GONE
-        bodies.append(AgentState(agent, x_m, y_m, *status, *(closed.bodies[agent] if closed.bodies else ())))
+        body = closed.bodies[agent][:RECORDED] if closed.bodies else ()
+        bodies.append(AgentState(agent, x_m, y_m, *status, *body))
     return Truth(closed.step, closed.time_s, tuple(bodies), tuple(events), tuple(closed.links), record)
