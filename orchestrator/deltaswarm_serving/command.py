@@ -36,6 +36,12 @@ def add_serve(command: argparse.ArgumentParser) -> None:
     command.add_argument("--key", type=Path, metavar="FILE", help="with --certificate: its private key (PEM)")
     command.add_argument("--pilot", action="store_true", help="work on the pilot's sessions, in the folder 'pilot'")
     command.add_argument(
+        "--robots",
+        type=whole(1, 1000),
+        metavar="N",
+        help="with --pilot: N scripted participants come by the open link, for a rehearsal that ends with them",
+    )
+    command.add_argument(
         "--language", default="", metavar="LANGUAGE", help=f"language of all pages: {', '.join(LANGUAGES)}, or a file"
     )
     add_dry_run(command, "what a session asks, and how many this machine carries")

@@ -7,10 +7,12 @@ import re
 import resource
 import signal
 import ssl
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -26,7 +28,7 @@ from deltaswarm_serving.routes import JOIN, OVERVIEW, Site
 from deltaswarm_serving.settings import load_serve
 from deltaswarm_serving.study import Study
 from deltaswarm_sessions import commitment, roster
-from deltaswarm_sessions.links import Links, table
+from deltaswarm_sessions.links import COMPLETE, SCREENED_OUT, Links, table
 from deltaswarm_sessions.plan import PlannedRun, outline, outline_text, plan
 from deltaswarm_sessions.settings import SessionSettings, load_session
 
@@ -38,6 +40,8 @@ def serve(arguments: argparse.Namespace) -> int:
     """Make links, or serve. Raises CommandError, SettingsError: something is wrong with the study or an option."""
     settings, beside = load_session(str(arguments.session))
     serving = load_serve(str(arguments.session))
+    if arguments.robots is not None and not arguments.pilot:
+        raise CommandError("--robots must be given with --pilot: what robots do is no data of the study")
     site = _site(arguments)
     out: Path = arguments.out or Path("sessions") / arguments.session.stem
     out = out / roster.PILOT if arguments.pilot else out
@@ -63,9 +67,10 @@ def serve(arguments: argparse.Namespace) -> int:
         language = (
             str(Path(arguments.language).resolve()) if arguments.language.endswith(".toml") else arguments.language
         )
+        most = max(serving.per_address, arguments.robots or 0)  # they all come from this machine
         study = Study(
             settings,
-            serving,
+            replace(serving, per_address=most),
             Plan(arguments.session.resolve(), out.resolve(), language, arguments.pilot),
             links,
             Line(serving.places(settings.speed)),
@@ -82,7 +87,7 @@ def serve(arguments: argparse.Namespace) -> int:
                 f"{study.line.at_once} sessions at once; Ctrl-C ends the service, and what is under way goes on later"
             )
 
-        return _run(front, arguments.listen, tls, say)
+        return _run(front, arguments.listen, tls, say, arguments.robots or 0)
 
 
 def _addresses(links: Links) -> list[tuple[str, str, str]]:
@@ -154,20 +159,40 @@ def _alone(out: Path) -> Iterator[None]:
         lock.release()
 
 
-def _run(front: Front, listen: str, tls: ssl.SSLContext | None, say: Callable[[int], None]) -> int:
+def _run(front: Front, listen: str, tls: ssl.SSLContext | None, say: Callable[[int], None], robot_count: int) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # each page takes a few
     host, _, port = listen.rpartition(":")
+    rehearsals: list[asyncio.Task[int]] = []
 
-    async def run() -> None:
+    def ready(port: int) -> None:
+        say(port)
+        if robot_count:
+            link = f"http://{host}:{port}/{JOIN}/{front.study.links.join}/"
+            rehearsals.append(asyncio.get_running_loop().create_task(_rehearse(front, link, robot_count)))
+
+    async def run() -> int:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(number, front.stop)
-        await front.run(host.strip("[]"), int(port), tls, say)
+        await front.run(host.strip("[]"), int(port), tls, ready)
+        return rehearsals[0].result() if rehearsals and rehearsals[0].done() else OK
 
     try:
-        asyncio.run(run())
+        return asyncio.run(run())
     except OSError as error:
         raise CommandError(f"--listen {listen}: {error}", FAILED) from None
-    return OK
+
+
+async def _rehearse(front: Front, open_link: str, count: int) -> int:
+    """Let robots take part, then stop the service; return FAILED if one did not come to an end that a study has."""
+    from deltaswarm_serving.robots import Robot  # few services have any
+
+    outside = front.study.settings.outside_id
+    links = [f"{open_link}?{outside}=robot-{number}" if outside else open_link for number in range(1, count + 1)]
+    states = await asyncio.gather(*(Robot(link, Random(link + str(n))).take_part() for n, link in enumerate(links)))
+    for state, sum_of in sorted(Counter(states).items()):
+        notice(f"robots {state}: {sum_of}")
+    front.stop()
+    return OK if all(state in (COMPLETE, SCREENED_OUT) for state in states) else FAILED

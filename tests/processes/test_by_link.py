@@ -20,6 +20,22 @@ from tests.support.swarms import BOUND_S, told, wait_until
 
 pytestmark = pytest.mark.processes
 
+FORMS = """
+[[session.form]]
+name = "you"
+when = "before"
+question = [{ name = "age", text = "How old are you?", kind = "number", low = 18, high = 99 }]
+
+[[session.form]]
+name = "trust"
+when = "between"
+question = [
+    { name = "reliable", text = "It is reliable." },
+    { name = "why", text = "Why?", kind = "text" },
+    { name = "which", text = "Which?", kind = "choice", choices = ["this", "that"] },
+]
+"""
+
 
 def links_of(file: Path, count: int) -> None:
     made = told("serve", str(file), "--out", str(file.parent / "out"), "--links", str(count))
@@ -183,6 +199,24 @@ def joined(open_link: str) -> Participant:
             door.send('{"type":"agree"}')
             message = heard(door, lambda message: message["type"] == "go")
     return Participant(f"{open_link.partition('/j/')[0]}{message['address'].removeprefix('../..')}")
+
+
+def test_robots_rehearse_a_whole_session_and_answer_everything(tmp_path: Path) -> None:
+    """A task, forms before and after, ISA and NASA-TLX with weights; nothing is missing, and the study has no data."""
+    file = a_study(tmp_path, training_s=30, condition_s=60, more=FORMS)
+    keys = ("operator.probes.isa_every_s=20", "operator.probes.tlx_weights=true", "operator.task.target_share=0.5")
+    file.write_text(file.read_text().replace('"operator.probes.isa_every_s=0"', ", ".join(map(repr, keys))))
+    out = tmp_path / "out"
+    refused = told("serve", str(file), "--out", str(out), "--robots", "2")
+    assert (refused.returncode, "--pilot" in refused.stderr) == (2, True)
+    done = told("serve", str(file), "--out", str(out), "--pilot", "--robots", "2", "--listen", "127.0.0.1:0")
+    assert (done.returncode, "robots complete: 2" in done.stderr) == (0, True), done.stderr
+    tables = told("session", str(file), "--out", str(out), "--pilot", "--table", str(tmp_path / "tables"))
+    assert tables.returncode == 0, tables.stderr
+    with (tmp_path / "tables" / "runs.tsv").open(newline="") as stream:
+        runs = list(csv.DictReader(stream, delimiter="\t"))
+    assert [(run["complete"], run["answered_share"]) for run in runs] == [("1", "1.0")] * 4
+    assert not list(out.glob("participant-*"))
 
 
 def test_looking_at_a_link_changes_nothing(tmp_path: Path) -> None:
