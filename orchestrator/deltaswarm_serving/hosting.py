@@ -45,7 +45,6 @@ class Hosted:
     process: asyncio.subprocess.Process | None = None
     seen_s: float = field(default_factory=time.monotonic)
     """When somebody was at the page last (monotonic)."""
-    began_s: float = 0.0
     is_let_go: bool = False
     """Whether its process was ended from here."""
     _ends: list[socket.socket] = field(default_factory=list)
@@ -79,7 +78,7 @@ class Hosted:
             os.close(log)
             for end in theirs:
                 end.close()
-        self._ends, self.is_let_go, self.began_s = [pair[0] for pair in pairs], False, time.monotonic()
+        self._ends, self.is_let_go = [pair[0] for pair in pairs], False
         for room, end in zip((self.pages, self.desk), self._ends, strict=True):
             room.follow(end)
         asyncio.get_running_loop().create_task(self._watch(self.process, on_end))

@@ -33,8 +33,8 @@ from deltaswarm_sessions.settings import SessionSettings
 
 log = logging.getLogger("deltaswarm.serve")
 
-RESTARTS_WITHIN_S = 60.0
-"""A session that fails sooner after its start than this is not started again by itself."""
+RESTARTS, RESTARTS_WITHIN_S = 5, 600.0
+"""A session that is killed more often than this in a span of time is not started again by itself."""
 
 HOUR_S = 3600.0
 
@@ -49,6 +49,7 @@ class Study:
     hosted: dict[str, Hosted] = field(default_factory=dict)
     """By the token of the link; kept after the end, for pages that come back."""
     _joins: Limiter = field(init=False)
+    _restarts: Limiter = field(default_factory=lambda: Limiter(RESTARTS, RESTARTS_WITHIN_S), init=False)
 
     def __post_init__(self) -> None:
         self._joins = Limiter(self.settings.per_address, HOUR_S)
@@ -126,7 +127,7 @@ class Study:
             link.state = {0: COMPLETE, SCREENED: SCREENED_OUT, INTERRUPTED: ENDED}[code]
         elif hosted.is_let_go:
             link.state = AWAY
-        elif code < 0 or time.monotonic() - hosted.began_s > RESTARTS_WITHIN_S:  # killed: it can go on
+        elif code < 0 and self._restarts.allows(link.token, time.monotonic()):  # killed: it can go on
             log.warning("the session of participant %s was killed (%d); it goes on", link.number, code)
             link.state = WAITING
             self.line.waiting.insert(0, link.token)

@@ -13,7 +13,7 @@ from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import COLUMNS, DROP_REASONS, Sample, StepRecord, Truth
-from deltaswarm_wire.codec import MAX_ID, tuple_of
+from deltaswarm_wire.codec import tuple_of
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
@@ -23,6 +23,7 @@ from deltaswarm_world.core.air.channel.links import Diagnosis
 from deltaswarm_world.core.air.radio import Air
 from deltaswarm_world.core.air.reception import Reception
 from deltaswarm_world.core.bookkeeping import Bookkeeping, ClosedStep, samples_of, truth_of
+from deltaswarm_world.core.crashes import Crashes
 from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.faults.timeline import Faults
@@ -36,9 +37,6 @@ HEARD_BYTES = 6
 """Overhead of a heard frame in an agent's frame: its sender and length."""
 
 NOBODY_HIT: frozenset[int] = frozenset()
-
-FIRST_CRASH = MAX_ID
-"""Orders about crashes are numbered downwards from here, those of faults upwards from 0."""
 
 
 def untimed(phase: str) -> None:
@@ -75,8 +73,7 @@ class WorldCore:
         count = scenario.agents.count
         self._alive = set(range(count))
         """Agents that had a process when this step began."""
-        self._crashed: set[int] = set()
-        """Agents whose bodies have crashed, as far as that is handled."""
+        self._crashes = Crashes()
         self._listening = self._speaking = [True] * count
         """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
         self._tree_statuses: dict[int, TreeStatus] = {}
@@ -119,7 +116,8 @@ class WorldCore:
 
     def inject(self, step: int) -> Sequence[ProcessOrder]:
         """Apply the faults before a step, and the last one's crashes; return the orders for agents' processes."""
-        crashed = self._fail_crashed(step)
+        time_s = step * self.scenario.run.step_s
+        crashed = self._crashes.fail(self.environment.dynamics.crashes, self.participants, step, time_s)
         if self._faults is None:
             return crashed
         participants = self.participants
@@ -136,18 +134,6 @@ class WorldCore:
                     self.expect_new_process(agent, step)
         participants.freeze(self._faults.frozen)
         return [*crashed, *orders]
-
-    def _fail_crashed(self, step: int) -> list[ProcessOrder]:
-        """Let the agents fail whose bodies crashed in the step before; return the orders to end their processes."""
-        crashes, orders = self.environment.dynamics.crashes, list[ProcessOrder]()
-        for agent in sorted(crashes.keys() - self._crashed):
-            self._crashed.add(agent)
-            if agent in self.participants.present:
-                self.participants.token_gone(agent, crashes[agent])
-                why = crashes[agent]
-                time_s = step * self.scenario.run.step_s
-                orders.append(ProcessOrder(FIRST_CRASH - agent, step, time_s, KILL, (agent,), why))
-        return orders
 
     def expect_new_process(self, agent: int, step: int) -> None:
         """Expect a new process of an agent, which begins with this step and knows nothing of those before."""

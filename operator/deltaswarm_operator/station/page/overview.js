@@ -66,8 +66,11 @@ function show(told) {
     element("rows").replaceChildren(...told.rows.map(line));
   }
   told.rows.forEach((row, index) => { // a row that stays can be clicked
-    const kept = element("rows").children[index];
-    cells(row).forEach((cell, column) => kept?.children[column] && setText(kept.children[column], cell.textContent ?? ""));
+    const kept = element("rows").children[index]?.children;
+    cells(row).forEach((cell, column) => {
+      const there = kept?.[column];
+      if (there) setText(there, cell.textContent ?? "");
+    });
   });
 }
 
