@@ -9,16 +9,13 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 
 from tests.support import pages
 from tests.support.by_link import Message, Participant, a_study, heard, serving, socket_at
-from tests.support.cable import cable
 from tests.support.swarms import BOUND_S, told, wait_until
 
 pytestmark = pytest.mark.processes
@@ -64,7 +61,7 @@ def rows(file: Path, number: int, run: str, table: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def together(people: list[Participant], within_s: float = BOUND_S) -> list[Message | None]:
+def together(people: list[Participant]) -> list[Message | None]:
     """Let all go through their sessions at once; what the door says to each at the end."""
     ends: list[Any] = [None] * len(people)
 
@@ -75,7 +72,7 @@ def together(people: list[Participant], within_s: float = BOUND_S) -> list[Messa
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(within_s)
+        thread.join(BOUND_S)
     return ends
 
 
@@ -172,40 +169,6 @@ def hosted(folder: Path) -> list[int]:
         if b"deltaswarm_serving.hosted" in words and os.fsencode(folder / "out") in words:
             found.append(int(entry.parent.name))
     return found
-
-
-@pytest.mark.slow
-def test_links_that_die_stall_and_are_slow_lose_nothing(tmp_path: Path) -> None:
-    """Twelve people at once, each over a link of their own, to which something happens every few seconds."""
-    file = a_study(tmp_path, speed=10.0, training_s=100, condition_s=200, more="at_once = 12\n")
-    links_of(file, 12)
-    with serving(file) as service, ExitStack() as stack:
-        port = urlsplit(service.open_link).port
-        assert port is not None
-        wires = [stack.enter_context(cable(port)) for _ in range(12)]
-        links = [f"http://127.0.0.1:{wire.port}/p/{token}/" for wire, token in zip(wires, tokens(file), strict=True)]
-        people = [Participant(link, patience_s=5.0) for link in links]
-        for index, wire in enumerate(wires):
-            wire.delay_s = (0.0, 0.05, 0.2)[index % 3]
-        over = threading.Event()
-
-        def disturb() -> None:
-            chance = random.Random(1)
-            while not over.wait(0.3):
-                wire = chance.choice(wires)
-                chance.choice([wire.cut, wire.hold, wire.die, wire.mend])()
-                over.wait(0.3)
-                chance.choice(wires).mend()
-
-        disturbing = threading.Thread(target=disturb)
-        disturbing.start()
-        ends = together(people, 300.0)
-        over.set()
-        disturbing.join()
-    assert [end and end["state"] for end in ends] == ["complete"] * 12
-    for number, one in enumerate(people, 1):
-        acts = [row for run in ("0-training", "1-A") for row in rows(file, number, run, "actions")]
-        assert [row["input"] for row in acts if row["kind"] == "command"] == one.orders
 
 
 def test_a_person_waits_in_line_until_there_is_a_place(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from ssl import SSLContext
 from typing import Any
 from urllib.parse import urljoin, urlsplit
 
-from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
@@ -89,8 +89,8 @@ def socket_at(page: str, name: str, ssl: SSLContext | None = None) -> ClientConn
 
 def heard(socket: ClientConnection, is_it: Callable[[Message], bool], within_s: float = BOUND_S) -> Message:
     deadline = time.monotonic() + within_s
-    while (left_s := deadline - time.monotonic()) > 0.0:
-        message: Message = json.loads(socket.recv(min(left_s, PATIENCE_S)))
+    while time.monotonic() < deadline:
+        message: Message = json.loads(socket.recv(PATIENCE_S))
         if is_it(message):
             return message
     raise TimeoutError
@@ -101,8 +101,6 @@ class Participant:
     """One person with a link."""
 
     link: str
-    patience_s: float = PATIENCE_S
-    """After this long without a message it connects anew."""
     orders: list[str] = field(default_factory=list)
     """Ids of the inputs that were noted."""
     delays_s: list[float] = field(default_factory=list)
@@ -113,8 +111,6 @@ class Participant:
     _done: set[str] = field(default_factory=set)
     """What was answered, by run."""
     _code: int = 0
-    _pending: tuple[str, Message] | None = None
-    """What was sent and is not noted yet, and its run."""
 
     def at_door(self, *states: str) -> Message:
         """Agree if that is asked, and wait at the door until it shows one of these states."""
@@ -129,10 +125,10 @@ class Participant:
     def go_through(self, until: Callable[[Message, Message], bool] = lambda hello, picture: False) -> Message | None:
         """Do all runs with an order in each; return what the door says then, or None once `until` holds."""
         while True:
-            with suppress(ConnectionClosed, InvalidHandshake, TimeoutError, OSError):
-                told = self.at_door("running", "complete", "screened out", "ended", "failed", "declined")
-                if told["state"] != "running":
-                    return told
+            told = self.at_door("running", "complete", "screened out", "ended", "failed", "declined")
+            if told["state"] != "running":
+                return told
+            with suppress(ConnectionClosed, TimeoutError, OSError):
                 if self._at_page(until):
                     return None
 
@@ -142,12 +138,11 @@ class Participant:
             hello: Message = {}
             began_s = time.monotonic()
             while True:
-                message = json.loads(page.recv(self.patience_s))
+                message = json.loads(page.recv(PATIENCE_S))
                 if message["type"] == "moved":
                     return False
                 if message["type"] == "hello":
                     hello = message
-                    self.settle(page, hello["run"])
                 elif message["type"] == "picture" and hello:
                     self.pictures += 1
                     self.seen_s += time.monotonic() - began_s
@@ -165,32 +160,24 @@ class Participant:
             page.send(json.dumps({"type": "beat", "rtt_s": 0.0, "done": is_done}))
         if kind == "sheet" and f"{run} sheet" not in self._done:
             sheet = {name: hello["session"]["sheet"][name] for name in ("participant", "condition")}
+            self.put(page, "sheet", consent=True, **sheet)
             self._done.add(f"{run} sheet")
-            self.put(page, run, "sheet", consent=True, **sheet)
         if kind == "tlx" and f"{run} tlx" not in self._done:
             scales = dict.fromkeys(("mental", "physical", "temporal", "performance", "effort", "frustration"), 50)
+            self.put(page, "tlx", scales=scales)
             self._done.add(f"{run} tlx")
-            self.put(page, run, "tlx", scales=scales)
         if not picture["over"] and picture["step"] > 10 and f"{run} order" not in self._done:
+            self.orders.append(
+                self.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 2})
+            )
             self._done.add(f"{run} order")
-            self.put(page, run, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 2})
 
-    def put(self, page: ClientConnection, run: str, kind: str, **what: Any) -> None:
-        """Put something in, and wait until it is noted; what a dead link swallowed is sent again by `settle`."""
+    def put(self, page: ClientConnection, kind: str, **what: Any) -> str:
+        """Put something in, and wait until it is noted; return its id."""
         self._code += 1
-        self._pending = (run, {"type": kind, "id": f"{kind}-{self._code}", **what})
-        self.settle(page, run)
-
-    def settle(self, page: ClientConnection, run: str) -> None:
-        """Send what is not noted yet, if it is of this run, as the page does."""
-        if self._pending is None or self._pending[0] != run:
-            self._pending = None
-            return
-        what, began_s = self._pending[1], time.monotonic()
-        page.send(json.dumps(what))
-        answers = ("noted", "refused")
-        answer = heard(page, lambda one: one["type"] in answers and one.get("id") == what["id"], self.patience_s)
+        code = f"{kind}-{self._code}"
+        began_s = time.monotonic()
+        page.send(json.dumps({"type": kind, "id": code, **what}))
+        heard(page, lambda message: message["type"] in ("noted", "refused") and message.get("id") == code)
         self.delays_s.append(time.monotonic() - began_s)
-        self._pending = None
-        if what["type"] == "command" and answer["type"] == "noted":
-            self.orders.append(what["id"])
+        return code
