@@ -82,7 +82,7 @@ class HostedRunner(Runner):
         options, left = self._options(run), self._left(run)
         name = left[0].run if left else options.out.name
         header, rows = left or (Header.now(name, self._identity(run)), ())
-        while not self._arrivals.empty():  # what belongs to the run before
+        while left is None and not self._arrivals.empty():  # what belongs to the run before
             self._arrivals.get()
         seat = Seat(
             f"{self.folder.name}/{name}",

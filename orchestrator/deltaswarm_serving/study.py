@@ -48,6 +48,8 @@ class Study:
     line: Line
     hosted: dict[str, Hosted] = field(default_factory=dict)
     """By the token of the link; kept after the end, for pages that come back."""
+    _codes: dict[str, str] = field(default_factory=dict, init=False)
+    """Codes of sessions that are over, by the token of the link: for one, all files of its data are read."""
     _joins: Limiter = field(init=False)
     _restarts: Limiter = field(default_factory=lambda: Limiter(RESTARTS, RESTARTS_WITHIN_S), init=False)
 
@@ -153,7 +155,11 @@ class Study:
         self.save()
 
     def code(self, link: Link) -> str:
-        return code_of(self.links, link, self.plan.out) if link.state in OVER else ""
+        if link.state not in OVER:
+            return ""
+        if link.token not in self._codes:
+            self._codes[link.token] = code_of(self.links, link, self.plan.out)
+        return self._codes[link.token]
 
     def told(self, link: Link, there: Collection[str]) -> dict[str, Any]:
         """Return what the door's page is told of a link."""

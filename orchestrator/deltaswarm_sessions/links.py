@@ -56,7 +56,8 @@ class Links:
 
     def by_token(self, token: str) -> Link | None:
         """Return the link with a token, in the same time whichever it is."""
-        found = [link for link in self.links if secrets.compare_digest(link.token.encode(), token.encode())]
+        given = token.encode(errors="replace")
+        found = [link for link in self.links if secrets.compare_digest(link.token.encode(), given)]
         return found[0] if found else None
 
     def of_outside(self, outside: str) -> Link | None:

@@ -16,25 +16,10 @@ import pytest
 
 from tests.support import pages
 from tests.support.by_link import Message, Participant, a_study, heard, serving, socket_at
+from tests.support.sessions import FORMS
 from tests.support.swarms import BOUND_S, told, wait_until
 
 pytestmark = pytest.mark.processes
-
-FORMS = """
-[[session.form]]
-name = "you"
-when = "before"
-question = [{ name = "age", text = "How old are you?", kind = "number", low = 18, high = 99 }]
-
-[[session.form]]
-name = "trust"
-when = "between"
-question = [
-    { name = "reliable", text = "It is reliable." },
-    { name = "why", text = "Why?", kind = "text" },
-    { name = "which", text = "Which?", kind = "choice", choices = ["this", "that"] },
-]
-"""
 
 
 def links_of(file: Path, count: int) -> None:
@@ -156,6 +141,27 @@ def test_whatever_is_killed_a_person_goes_on_where_they_were(tmp_path: Path, see
     assert given == one.orders
     verified = told("verify", str(tmp_path / "out"), "--against", frozen.stdout.split()[0])
     assert (verified.returncode, "2 of 2 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
+
+
+def test_an_input_that_comes_while_the_process_starts_again_counts(tmp_path: Path) -> None:
+    """The page is there at once, and shows what it knows; the process is not yet."""
+    file = a_study(tmp_path, speed=20.0)
+    links_of(file, 1)
+    with serving(file) as service:
+        one = person(service.open_link, tokens(file)[0])
+        assert one.go_through(lambda hello, picture: picture["step"] >= 15) is None
+        for process in hosted(tmp_path):
+            os.kill(process, signal.SIGKILL)
+        wait_until(lambda: states(file) == ["waiting"], "the end of the process")
+        one.at_door("running")
+        with socket_at(one.link, "run/live") as page:
+            heard(page, lambda message: message["type"] == "picture")
+            one.orders.append(
+                one.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 4})
+            )
+        assert (one.go_through() or {})["state"] == "complete"
+    acts = [row for run in ("0-training", "1-A") for row in rows(file, 1, run, "actions")]
+    assert [row["input"] for row in acts if row["kind"] == "command"] == one.orders
 
 
 def hosted(folder: Path) -> list[int]:
