@@ -9,6 +9,20 @@ from deltaswarm_wire.arguments import whole
 LISTEN = "127.0.0.1:8420"
 
 
+def add_session(command: argparse.ArgumentParser) -> None:
+    """Do all runs of one participant, in a balanced order."""
+    from deltaswarm_sessions.command import add_session as add
+
+    add(command)
+    command.set_defaults(func=session)
+
+
+def session(arguments: argparse.Namespace) -> int:
+    from deltaswarm_serving import alone
+
+    return alone.session(arguments)
+
+
 def add_serve(command: argparse.ArgumentParser) -> None:
     """Serve a study by link: many participants at once, each at a page of their own."""
     from deltaswarm_orchestrator.scenarios import LANGUAGES

@@ -8,7 +8,7 @@ import resource
 import signal
 import ssl
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from deltaswarm_cli.arguments import show
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, notice
 from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.scenarios.load import language_at
@@ -64,34 +64,31 @@ def serve(arguments: argparse.Namespace) -> int:
         if arguments.links is not None:
             return _make_links(arguments, settings, out, links, site)
         links.write(out)
-        language = (
-            str(Path(arguments.language).resolve()) if arguments.language.endswith(".toml") else arguments.language
-        )
         most = max(serving.per_address, arguments.robots or 0)  # they all come from this machine
         study = Study(
             settings,
             replace(serving, per_address=most),
-            Plan(arguments.session.resolve(), out.resolve(), language, arguments.pilot),
+            Plan(arguments.session.resolve(), out.resolve(), language_at(arguments.language, Path()), arguments.pilot),
             links,
             Line(serving.places(settings.speed)),
         )
         tls = _tls(arguments.certificate, arguments.key)
-        front = Front(study, site, _texts(first))
+        front = Front(study, site, texts_of(first))
 
-        def say(port: int) -> None:
-            host = arguments.listen.rpartition(":")[0]
-            base = site.public or f"http{'s' if tls else ''}://{host}:{port}"
-            addresses = {name: f"{base}/{kind}/{token}/" for name, kind, token in _addresses(links)}
+        async def meanwhile(here: str) -> int:
+            base = site.public or here
+            paths = {"open link": f"{JOIN}/{links.join}", "overview": f"{OVERVIEW}/{links.overview}"}
+            addresses = {name: f"{base}/{path}/" for name, path in paths.items()}
             show(arguments, addresses, "\n".join(f"{name}: {address}" for name, address in addresses.items()))
             notice(
                 f"{study.line.at_once} sessions at once; Ctrl-C ends the service, and what is under way goes on later"
             )
+            if not arguments.robots:
+                return OK
+            return await _rehearse(front, f"{here}/{JOIN}/{links.join}/", arguments.robots)
 
-        return _run(front, arguments.listen, tls, say, arguments.robots or 0)
-
-
-def _addresses(links: Links) -> list[tuple[str, str, str]]:
-    return [("open link", JOIN, links.join), ("overview", OVERVIEW, links.overview)]
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+        return serve_front(front, arguments.listen, tls, meanwhile, if_stopped=OK)
 
 
 def _make_links(arguments: argparse.Namespace, settings: SessionSettings, out: Path, links: Links, site: Site) -> int:
@@ -110,7 +107,7 @@ def _make_links(arguments: argparse.Namespace, settings: SessionSettings, out: P
     return OK
 
 
-def _texts(first: PlannedRun) -> dict[str, Any]:
+def texts_of(first: PlannedRun) -> dict[str, Any]:
     page = first.scenario.operator.page
     return {
         "title": page.title or first.scenario.name,
@@ -159,25 +156,34 @@ def _alone(out: Path) -> Iterator[None]:
         lock.release()
 
 
-def _run(front: Front, listen: str, tls: ssl.SSLContext | None, say: Callable[[int], None], robot_count: int) -> int:
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+def serve_front(
+    front: Front,
+    listen: str,
+    tls: ssl.SSLContext | None,
+    meanwhile: Callable[[str], Coroutine[Any, Any, int]],
+    *,
+    if_stopped: int = INTERRUPTED,
+) -> int:
+    """Serve until the front is stopped, by a signal or by `meanwhile`, which gets the address; return the exit code.
+
+    It is what `meanwhile` returns, or `if_stopped` if that has not come to its end.
+    """
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # each page takes a few
     host, _, port = listen.rpartition(":")
-    rehearsals: list[asyncio.Task[int]] = []
+    tasks: list[asyncio.Task[int]] = []
 
     def ready(port: int) -> None:
-        say(port)
-        if robot_count:
-            link = f"http://{host}:{port}/{JOIN}/{front.study.links.join}/"
-            rehearsals.append(asyncio.get_running_loop().create_task(_rehearse(front, link, robot_count)))
+        here = f"http{'s' if tls else ''}://{host}:{port}"
+        tasks.append(asyncio.get_running_loop().create_task(meanwhile(here)))
+        tasks[0].add_done_callback(lambda task: None if task.cancelled() or not task.exception() else front.stop())
 
     async def run() -> int:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(number, front.stop)
         await front.run(host.strip("[]"), int(port), tls, ready)
-        return rehearsals[0].result() if rehearsals and rehearsals[0].done() else OK
+        return tasks[0].result() if tasks[0].done() else if_stopped
 
     try:
         return asyncio.run(run())

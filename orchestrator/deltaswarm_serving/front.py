@@ -19,7 +19,7 @@ from deltaswarm_operator.station.server import page_files
 from deltaswarm_operator.station.visitors import CLOSE_WITHIN_S, Visitor, abort_all, listening, response
 from deltaswarm_serving.hosting import MOVED
 from deltaswarm_serving.line import Limiter
-from deltaswarm_serving.routes import DOOR, JOIN, LIVE, OVERVIEW, PERSON, RUN, WATCH, Route, Site, outside_id
+from deltaswarm_serving.routes import DOOR, JOIN, LIVE, OVERVIEW, PERSON, RUN, WATCHER, Route, Site, outside_id
 from deltaswarm_serving.study import Study
 from deltaswarm_sessions.links import FAILED, RUNNING, Link
 
@@ -115,17 +115,16 @@ class Front:
         links = self.study.links
         if route.kind == PERSON:
             return links.by_token(route.token) is not None
+        if route.kind == WATCHER:
+            return links.by_watchers(route.token) is not None
         wanted = links.join if route.kind == JOIN else links.overview
         return rules.role_and_path({rules.OPERATE: wanted}, f"/{route.token}/") is not None
 
     def _file(self, route: Route) -> Response:
         """Return a file of the page that a route is within."""
         *folders, name = route.below
-        page = "door.html"
-        if route.kind == OVERVIEW:
-            page = "index.html" if folders and folders[0].isdecimal() else "overview.html"
-            folders = folders[1:] if folders and folders[0].isdecimal() else folders
-        if folders and folders[0] in (RUN, WATCH):
+        page = {OVERVIEW: "overview.html", WATCHER: "index.html"}.get(route.kind, "door.html")
+        if folders and (folders[0] == RUN or (route.kind == OVERVIEW and folders[0].isdecimal())):
             page, folders = "index.html", folders[1:]
         file = self.files.get("/".join([*folders, name]) if name else page)
         return self._respond(HTTPStatus.OK, *file) if file else self._respond(HTTPStatus.NOT_FOUND)
@@ -148,6 +147,9 @@ class Front:
                 await self._at_overview(connection, route)
             elif route.kind == JOIN:
                 await self._at_open_link(connection, route, address)
+            elif route.kind == WATCHER and (link := self.study.links.by_watchers(route.token)):
+                connection.role = rules.WATCH
+                await self._in_room(connection, self.study.host(link).pages)
             elif link := self.study.links.by_token(route.token):
                 await self._at_link(connection, route, link)
         except ConnectionClosed:
@@ -210,9 +212,7 @@ class Front:
         if first.isdecimal():
             found = next((link for link in study.links.links if link.number == int(first)), None)
             if found is not None:
-                is_watcher = route.below[1] == WATCH
-                visitor.role = rules.WATCH if is_watcher else rules.OPERATE
-                await self._in_room(visitor, study.host(found).pages if is_watcher else study.host(found).desk)
+                await self._in_room(visitor, study.host(found).desk)
             return
         telling = asyncio.get_running_loop().create_task(self._show(visitor))
         try:

@@ -15,9 +15,10 @@ from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 
+from deltaswarm_cli.arguments import add_markers, add_quiet
 from deltaswarm_operator.io.asking import ask
 from deltaswarm_operator.io.console_server import Channel
-from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError, show_notices
 from deltaswarm_orchestrator.run.at_station import Arrivals, Seat
 from deltaswarm_orchestrator.run.journal import Header, Journal, Row
 from deltaswarm_orchestrator.run.operating import briefing_of
@@ -48,6 +49,8 @@ class HostedRunner(Runner):
 
     ends: tuple[socket.socket, socket.socket]
     """Of the channels to the participant's and the conductor's page."""
+    has_agreed: bool = True
+    """Whether the person agreed at a door; else the page of the first run asks."""
     _arrivals: Arrivals = field(default_factory=queue.SimpleQueue, init=False)
     _asked: "queue.SimpleQueue[bytes | None]" = field(default_factory=queue.SimpleQueue, init=False)
     """Inputs while questions are asked after a run."""
@@ -91,7 +94,8 @@ class HostedRunner(Runner):
             self.speed,
             conductor=self._conductor,
             journal=Journal(self._journal(run), header, rows),
-            sheet=_agreed(run.scenario.operator.probes),
+            markers=self.markers,
+            sheet=_agreed(run.scenario.operator.probes) if self.has_agreed else None,
         )
         return replace(options, out=self.folder / name, seat=seat)
 
@@ -146,6 +150,10 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder of all sessions")
     made.add_argument("--language", metavar="LANGUAGE", help="language of the page")
     made.add_argument("--pilot", action="store_true", help="note that the session is a pilot's")
+    made.add_argument("--sheet", action="store_true", help="nobody agreed at a door; the sheet asks")
+    made.add_argument("--go-on", default="open the link again", metavar="TEXT", help="how an ended session goes on")
+    add_markers(made)
+    add_quiet(made)
     for name, whose in (("--channel-fd", "participant's"), ("--conductor-fd", "conductor's")):
         made.add_argument(name, type=whole(0), required=True, metavar="N", help=f"channel to the {whose} page")
     return made
@@ -153,6 +161,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
+    show_notices(not arguments.quiet)
     settings, beside = load_session(arguments.session)
     out, participant = arguments.out, arguments.participant
     roster.check_number(out, participant)
@@ -164,8 +173,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         session=Session(participant, runs, shows_score=settings.score, kept=begun.kept),
         folder=out / folder_name(participant),
         speed=settings.speed,
-        quiet=True,
-        command="open the link again",
+        markers=arguments.markers or "",
+        quiet=arguments.quiet,
+        command=arguments.go_on,
+        has_agreed=not arguments.sheet,
         ends=(socket.socket(fileno=arguments.channel_fd), socket.socket(fileno=arguments.conductor_fd)),
     )
     runner.check()

@@ -28,6 +28,10 @@ class Plan:
     out: Path
     language: str = ""
     is_pilot: bool = False
+    options: tuple[str, ...] = ()
+    """More options of each session's process."""
+    terminal: tuple[int, int] | None = None
+    """Standard output and error of the processes; None: each has a log."""
 
     @property
     def logs(self) -> Path:
@@ -47,6 +51,8 @@ class Hosted:
     """When somebody was at the page last (monotonic)."""
     is_let_go: bool = False
     """Whether its process was ended from here."""
+    code: int | None = None
+    """How the newest process that has ended did so."""
     _ends: list[socket.socket] = field(default_factory=list)
 
     async def start(self, plan: Plan, on_end: Callable[["Hosted", int], None]) -> None:
@@ -62,20 +68,21 @@ class Hosted:
             **({"--language": plan.language} if plan.language else {}),
         }
         words = [str(word) for option in options.items() for word in option] + ["--pilot"] * plan.is_pilot
-        log = os.open(
-            plan.logs / f"participant-{self.link.number:03}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600
-        )
+        words += ["--quiet"] if plan.terminal is None else []
+        log = None if plan.terminal else self._log(plan)
+        out, error = plan.terminal or (log, log)
         try:
             self.process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-P", "-m", "deltaswarm_serving.hosted", *words),
+                *(sys.executable, "-P", "-m", "deltaswarm_serving.hosted", *words, *plan.options),
                 pass_fds=[end.fileno() for end in theirs],
                 stdin=asyncio.subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
+                stdout=out,
+                stderr=error,
                 start_new_session=True,  # Ctrl-C is for the service alone
             )
         finally:
-            os.close(log)
+            if log is not None:
+                os.close(log)
             for end in theirs:
                 end.close()
         self._ends, self.is_let_go = [pair[0] for pair in pairs], False
@@ -83,8 +90,12 @@ class Hosted:
             room.follow(end)
         asyncio.get_running_loop().create_task(self._watch(self.process, on_end))
 
+    def _log(self, plan: Plan) -> int:
+        file = plan.logs / f"participant-{self.link.number:03}.log"
+        return os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+
     async def _watch(self, process: asyncio.subprocess.Process, on_end: Callable[["Hosted", int], None]) -> None:
-        code = await process.wait()
+        self.code = code = await process.wait()
         for room in (self.pages, self.desk):
             room.hear()  # what it said last
             room.leave()

@@ -6,10 +6,10 @@ from urllib.parse import parse_qs, urlsplit
 
 from deltaswarm_operator.station import rules
 
-JOIN, PERSON, OVERVIEW = "j", "p", "o"
-"""First parts of paths: the open link, a participant's own, the experimenter's."""
+JOIN, PERSON, WATCHER, OVERVIEW = "j", "p", "w", "o"
+"""First parts of paths: the open link, a participant's own, that of who watches one, the experimenter's."""
 
-RUN, WATCH, DOOR, LIVE = "run", "watch", "door", "live"
+RUN, DOOR, LIVE = "run", "door", "live"
 
 MAX_OUTSIDE = 200
 """Characters of an id from elsewhere; longer ones are cut."""
@@ -17,7 +17,7 @@ MAX_OUTSIDE = 200
 
 class Route(NamedTuple):
     kind: str
-    """JOIN, PERSON or OVERVIEW."""
+    """JOIN, PERSON, WATCHER or OVERVIEW."""
     token: str
     below: tuple[str, ...]
     """What follows the token: nothing, without the last slash; an empty name stands for the page."""
@@ -71,7 +71,7 @@ class Site:
         if self.prefix and (path == self.prefix or path.startswith(f"{self.prefix}/")):
             path = path[len(self.prefix) :]
         parts = path.removeprefix("/").split("/")
-        if len(parts) < 2 or parts[0] not in (JOIN, PERSON, OVERVIEW):
+        if len(parts) < 2 or parts[0] not in (JOIN, PERSON, WATCHER, OVERVIEW):
             return None
         return Route(parts[0], parts[1], tuple(parts[2:]), query)
 

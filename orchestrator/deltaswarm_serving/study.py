@@ -46,6 +46,8 @@ class Study:
     plan: Plan
     links: Links
     line: Line
+    has_doors: bool = True
+    """Whether people come by links that are kept; else the page of the only session is all there is."""
     hosted: dict[str, Hosted] = field(default_factory=dict)
     """By the token of the link; kept after the end, for pages that come back."""
     _codes: dict[str, str] = field(default_factory=dict, init=False)
@@ -89,6 +91,7 @@ class Study:
 
     async def admit(self, there: Collection[str]) -> None:
         """Start the sessions of those whose turn it is, and free the places of those who are away."""
+        there = there if self.has_doors else [link.token for link in self.links.links]
         now_s = time.monotonic()
         for hosted in self.hosted.values():
             if hosted.process is not None and hosted.absent_s(now_s) > self.settings.absent_after_s:
@@ -136,7 +139,8 @@ class Study:
         else:
             log.error("the session of participant %s failed; see %s", link.number, self.plan.logs)
             link.state = FAILED
-        hosted.pages.tell(MOVED)
+        if self.has_doors:
+            hosted.pages.tell(MOVED)
         self.save()
 
     def end(self, number: int) -> None:
@@ -155,7 +159,7 @@ class Study:
         self.save()
 
     def code(self, link: Link) -> str:
-        if link.state not in OVER:
+        if link.state not in OVER or not self.has_doors:
             return ""
         if link.token not in self._codes:
             self._codes[link.token] = code_of(self.links, link, self.plan.out)
@@ -192,9 +196,11 @@ class Study:
                     "help": shown.get("help", ""),
                     "away_s": round(away_s, 1),
                     "note": link.note,
+                    "watch": self.links.watchers(link),
                 }
             )
         return rows
 
     def save(self) -> None:
-        self.links.write(self.plan.out)
+        if self.has_doors:
+            self.links.write(self.plan.out)

@@ -16,7 +16,6 @@ from deltaswarm_wire.arguments import number, whole
 
 
 def add_session(command: argparse.ArgumentParser) -> None:
-    """Do all runs of one participant, in a balanced order."""
     from deltaswarm_orchestrator.scenarios import LANGUAGES
 
     command.description = (
@@ -91,7 +90,16 @@ def add_session(command: argparse.ArgumentParser) -> None:
     )
     add_markers(command)
     command.add_argument(
-        "--researcher", action="store_true", help="also serve a page for the experimenter that shows the truth"
+        "--agents",
+        choices=("in-process", "processes"),
+        default="in-process",
+        help="where agents run: in-process (default): in one process with all else, so that a killed session goes on "
+        "at its step; processes: in one each, which needs more of the machine. Digests are equal",
+    )
+    command.add_argument(
+        "--researcher",
+        action="store_true",
+        help="also serve a page for the experimenter that shows the truth; implies --agents processes",
     )
     add_dry_run(
         command, "the runs, their duration and what they ask (before the session has begun, in the order of the file)"
@@ -99,7 +107,7 @@ def add_session(command: argparse.ArgumentParser) -> None:
     _add_question(command.add_argument_group("with --plan"))
     add_quiet(command)
     add_json(command)
-    command.set_defaults(func=session, makes_files=True, handles_signals=True)
+    command.set_defaults(makes_files=True, handles_signals=True)
 
 
 def _add_question(group: Group) -> None:
@@ -125,12 +133,6 @@ def _add_question(group: Group) -> None:
         choices=("adjusted", "t", "signed-rank"),
         help="test of the differences: t-test adjusted for position and stream (default), t-test, or signed-rank test",
     )
-
-
-def session(arguments: argparse.Namespace) -> int:
-    from deltaswarm_sessions import doing
-
-    return doing.session(arguments)
 
 
 def add_verify(command: argparse.ArgumentParser) -> None:

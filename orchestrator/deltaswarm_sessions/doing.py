@@ -2,13 +2,14 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_cli.arguments import show
-from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
 from deltaswarm_orchestrator.base.output import results_on
@@ -34,8 +35,27 @@ NEEDS = dict.fromkeys(QUESTION, "plan") | {"reason": "withdraw", "wide": "table"
 """Options that have no effect without another."""
 
 
-def session(arguments: argparse.Namespace) -> int:
-    """Do the remaining runs of a participant's session, write the tables of all participants, or plan their number."""
+class Begun(NamedTuple):
+    """What is known of a participant's session before it begins or goes on."""
+
+    kept: dict[str, Any]
+    """What stays in its record."""
+    warnings: list[str]
+    before: tuple[str, dict[str, Any]]
+    """The hash that is frozen, and the record; either may be empty."""
+
+
+class Ready(NamedTuple):
+    """A session whose checks are made."""
+
+    runner: Runner
+    settings: SessionSettings
+    out: Path
+    begun: Begun
+
+
+def session(arguments: argparse.Namespace, do: Callable[[argparse.Namespace, Ready], int]) -> int:
+    """Let `do` do the remaining runs of a participant's session, write the tables of all, or plan their number."""
     settings, beside = load_session(arguments.session)
     for name, needed in NEEDS.items():
         value = getattr(arguments, name)
@@ -52,7 +72,7 @@ def session(arguments: argparse.Namespace) -> int:
         return OK
     if arguments.participant is None:
         return _keep(arguments, settings, out)
-    return _do(arguments, settings, beside, out)
+    return _do(arguments, settings, beside, out, do)
 
 
 def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -> int:
@@ -107,7 +127,13 @@ def _tables(arguments: argparse.Namespace, settings: SessionSettings, out: Path,
     return files
 
 
-def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, out: Path) -> int:
+def _do(
+    arguments: argparse.Namespace,
+    settings: SessionSettings,
+    beside: Path,
+    out: Path,
+    do: Callable[[argparse.Namespace, Ready], int],
+) -> int:
     participant: int = arguments.participant
     check_out(out)
     roster.check_number(out, participant)
@@ -133,22 +159,18 @@ def _do(arguments: argparse.Namespace, settings: SessionSettings, beside: Path, 
         outlined = outline(settings, runner.session.runs, is_concealed=not begun.before[1])
         show(arguments, outlined, outline_text(outlined))
         return OK
-    begin(runner, out, begun)
-    with results_on(sys.stderr) if arguments.json else nullcontext():
-        code = runner.run()
+    code = do(arguments, Ready(runner, settings, out, begun))
     if code == OK:
-        show(arguments, {"folder": str(runner.folder), **runner.session.record}, str(runner.folder))
+        record = {name: value for name, value in read_record(runner.folder).items() if name != seal.SEAL}
+        show(arguments, {"folder": str(runner.folder), **record}, str(runner.folder))
     return code
 
 
-class Begun(NamedTuple):
-    """What is known of a participant's session before it begins or goes on."""
-
-    kept: dict[str, Any]
-    """What stays in its record."""
-    warnings: list[str]
-    before: tuple[str, dict[str, Any]]
-    """The hash that is frozen, and the record; either may be empty."""
+def run_here(arguments: argparse.Namespace, ready: Ready) -> int:
+    """Do a session's runs by this process, each with processes for its agents and its page."""
+    begin(ready.runner, ready.out, ready.begun)
+    with results_on(sys.stderr) if arguments.json else nullcontext():
+        return ready.runner.run()
 
 
 def kept_of(settings: SessionSettings, beside: Path, out: Path, participant: int, *, is_pilot: bool) -> Begun:

@@ -7,6 +7,7 @@ import json
 import secrets
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Self
 
@@ -58,6 +59,15 @@ class Links:
         """Return the link with a token, in the same time whichever it is."""
         given = token.encode(errors="replace")
         found = [link for link in self.links if secrets.compare_digest(link.token.encode(), given)]
+        return found[0] if found else None
+
+    def watchers(self, link: Link) -> str:
+        """Return the token of the page that shows what a participant sees, and from which nothing else follows."""
+        return sha256(f"{self.secret} {link.token}".encode()).hexdigest()[: TOKEN_BYTES * 2]
+
+    def by_watchers(self, token: str) -> Link | None:
+        given = token.encode(errors="replace")
+        found = [link for link in self.links if secrets.compare_digest(self.watchers(link).encode(), given)]
         return found[0] if found else None
 
     def of_outside(self, outside: str) -> Link | None:

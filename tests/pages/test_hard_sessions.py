@@ -88,7 +88,7 @@ class Unlucky(Participant):
 
 def take_part(folder: Path, number: int, fate: str) -> list[tuple[str, str, float, float]]:
     """Do the whole session of one participant; return the log of what was done."""
-    file = folder / "sessions" / "study" / f"participant-{number:03}" / "0-training.part" / "station.json"
+    file = folder / "sessions" / "study" / f"participant-{number:03}" / "station.json"
     with subprocess.Popen([*SESSION, "--participant", str(number), "--language", "de"], cwd=folder) as session:
         try:
             wait_until(lambda: file.exists() and file.read_text().endswith("\n"), "the page")

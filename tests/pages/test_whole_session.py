@@ -142,7 +142,7 @@ def test_a_whole_session(tmp_path: Path) -> None:
         [*command, "--participant", "1", "--language", "de"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     ) as session:
         try:
-            address = folder / "0-training.part" / "station.json"
+            address = folder / "station.json"
             wait_until(lambda: address.exists() and address.read_text().endswith("\n"), "the page's address")
             with browser() as driver:
                 participant = Participant(driver)

@@ -87,7 +87,7 @@ class Browser:
 @contextmanager
 def a_session(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """The session of participant 1 of the folder's `study.toml`, under way."""
-    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
+    command = [*COMMAND, "session", "study.toml", "--agents", "processes", "--quiet", "--participant", "1"]
     with subprocess.Popen(command, cwd=folder, env=headless(), stderr=subprocess.PIPE, text=True) as session:
         try:
             yield session

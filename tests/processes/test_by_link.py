@@ -2,9 +2,6 @@
 
 import csv
 import json
-import os
-import random
-import signal
 import threading
 import time
 import urllib.error
@@ -15,35 +12,23 @@ from typing import Any
 import pytest
 
 from tests.support import pages
-from tests.support.by_link import Message, Participant, a_study, heard, serving, socket_at
+from tests.support.by_link import (
+    Message,
+    Participant,
+    a_study,
+    heard,
+    links_of,
+    person,
+    rows,
+    serving,
+    socket_at,
+    states,
+    tokens,
+)
 from tests.support.sessions import FORMS
-from tests.support.swarms import BOUND_S, told, wait_until
+from tests.support.swarms import BOUND_S, told
 
 pytestmark = pytest.mark.processes
-
-
-def links_of(file: Path, count: int) -> None:
-    made = told("serve", str(file), "--out", str(file.parent / "out"), "--links", str(count))
-    assert made.returncode == 0, made.stderr
-
-
-def tokens(file: Path) -> list[str]:
-    content = json.loads((file.parent / "out" / "links.json").read_text())
-    return [link["token"] for link in content["links"]]
-
-
-def states(file: Path) -> list[str]:
-    content = json.loads((file.parent / "out" / "links.json").read_text())
-    return [link["state"] for link in content["links"]]
-
-
-def person(open_link: str, token: str) -> Participant:
-    return Participant(f"{open_link.partition('/j/')[0]}/p/{token}/")
-
-
-def rows(file: Path, number: int, run: str, table: str) -> list[dict[str, str]]:
-    with (file.parent / "out" / f"participant-{number:03}" / run / f"{table}.csv").open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def together(people: list[Participant]) -> list[Message | None]:
@@ -95,86 +80,6 @@ def test_a_code_tells_that_its_data_were_changed(tmp_path: Path) -> None:
     proved = told("verify", str(tmp_path / "out"), "--code", end["code"])
     assert (proved.returncode, "changed" in proved.stdout) == (1, True), proved.stdout
     assert told("verify", str(tmp_path / "out"), "--code", "AAAA-BBBB").returncode == 1
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_whatever_is_killed_a_person_goes_on_where_they_were(tmp_path: Path, seed: int) -> None:
-    """The session's process twice, then the service; every order counts once, and the runs repeat to their digests."""
-    chance = random.Random(seed)
-    file = a_study(tmp_path, speed=20.0)
-    frozen = told("session", str(file), "--freeze", "--out", str(tmp_path / "out"))
-    links_of(file, 1)
-    [token] = tokens(file)
-    at: list[tuple[str, int]] = []
-
-    def reached(step: int, run: str) -> Any:
-        def holds(hello: Message, picture: Message) -> bool:
-            if at and hello["run"] == at[-1][0]:
-                assert picture["step"] >= at[-1][1] - 1
-            is_there = bool(hello["run"].endswith(run) and picture["step"] >= step)
-            if is_there:
-                at.append((hello["run"], picture["step"]))
-            return is_there
-
-        return holds
-
-    with serving(file) as service:
-        one = person(service.open_link, token)
-        for step, run in ((chance.randrange(15, 50), "0-training"), (chance.randrange(15, 40), "1-A")):
-            assert one.go_through(reached(step, run)) is None
-            for process in hosted(tmp_path):
-                os.kill(process, signal.SIGKILL)
-        assert one.go_through(reached(chance.randrange(45, 80), "1-A")) is None
-        service.kill()
-    wait_until(lambda: not hosted(tmp_path), "the end of the session's process")
-    with serving(file) as service:
-        one.link = person(service.open_link, token).link
-        end = one.go_through()
-    assert end is not None
-    assert end["state"] == "complete"
-    given = [
-        row["input"]
-        for run in ("0-training", "1-A")
-        for row in rows(file, 1, run, "actions")
-        if row["kind"] == "command"
-    ]
-    assert given == one.orders
-    verified = told("verify", str(tmp_path / "out"), "--against", frozen.stdout.split()[0])
-    assert (verified.returncode, "2 of 2 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
-
-
-def test_an_input_that_comes_while_the_process_starts_again_counts(tmp_path: Path) -> None:
-    """The page is there at once, and shows what it knows; the process is not yet."""
-    file = a_study(tmp_path, speed=20.0)
-    links_of(file, 1)
-    with serving(file) as service:
-        one = person(service.open_link, tokens(file)[0])
-        assert one.go_through(lambda hello, picture: picture["step"] >= 15) is None
-        for process in hosted(tmp_path):
-            os.kill(process, signal.SIGKILL)
-        wait_until(lambda: states(file) == ["waiting"], "the end of the process")
-        one.at_door("running")
-        with socket_at(one.link, "run/live") as page:
-            heard(page, lambda message: message["type"] == "picture")
-            one.orders.append(
-                one.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 4})
-            )
-        assert (one.go_through() or {})["state"] == "complete"
-    acts = [row for run in ("0-training", "1-A") for row in rows(file, 1, run, "actions")]
-    assert [row["input"] for row in acts if row["kind"] == "command"] == one.orders
-
-
-def hosted(folder: Path) -> list[int]:
-    """Processes of sessions below a folder."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            words = entry.read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if b"deltaswarm_serving.hosted" in words and os.fsencode(folder / "out") in words:
-            found.append(int(entry.parent.name))
-    return found
 
 
 def test_a_person_waits_in_line_until_there_is_a_place(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ REPLAYING = 4
 def session(folder: Path, ending: signal.Signals) -> Iterator[subprocess.Popen[str]]:
     """A session that gets a signal at the end of the block, and of which nothing may be left then."""
     command = [*COMMAND, "session", str(folder / "study.toml"), "--quiet", "--participant", "1"]
-    with marked_command(*command, "--out", str(folder / "sessions" / "study"), DISPLAY="") as (process, mark):
+    command += ["--agents", "processes", "--out", str(folder / "sessions" / "study")]
+    with marked_command(*command, DISPLAY="") as (process, mark):
         yield process
         assert process.poll() is None
         process.send_signal(ending)

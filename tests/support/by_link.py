@@ -1,6 +1,8 @@
 """A study by link and scripted participants of it, who speak as the pages do."""
 
+import csv
 import json
+import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from tests.support.persons import headless
-from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S
+from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told
 
 Message = dict[str, Any]
 
@@ -45,10 +47,32 @@ return_url = "https://example.org/done?cc={{code}}"
 
 
 def a_study(folder: Path, *, speed: float = 50.0, training_s: int = 60, condition_s: int = 100, more: str = "") -> Path:
+    folder.mkdir(exist_ok=True)
     file = folder / "study.toml"
     file.write_text(FILE.format(speed=speed, training_s=training_s, condition_s=condition_s) + more)
     (folder / "consent.txt").write_text("You may stop at any time.\n")
     return file
+
+
+def links_of(file: Path, count: int) -> None:
+    """Make links of their own."""
+    made = told("serve", str(file), "--out", str(file.parent / "out"), "--links", str(count))
+    assert made.returncode == 0, made.stderr
+
+
+def tokens(file: Path) -> list[str]:
+    content = json.loads((file.parent / "out" / "links.json").read_text())
+    return [link["token"] for link in content["links"]]
+
+
+def states(file: Path) -> list[str]:
+    content = json.loads((file.parent / "out" / "links.json").read_text())
+    return [link["state"] for link in content["links"]]
+
+
+def rows(file: Path, number: int, run: str, table: str) -> list[dict[str, str]]:
+    with (file.parent / "out" / f"participant-{number:03}" / run / f"{table}.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
 
 
 @dataclass
@@ -77,6 +101,19 @@ def serving(file: Path, *options: str) -> Iterator[Service]:
                 process.wait(BOUND_S)
             finally:
                 process.kill()
+
+
+def hosted(folder: Path) -> list[int]:
+    """Processes of sessions below a folder."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = entry.read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"deltaswarm_serving.hosted" in words and os.fsencode(folder / "out") in words:
+            found.append(int(entry.parent.name))
+    return found
 
 
 def socket_at(page: str, name: str, ssl: SSLContext | None = None) -> ClientConnection:
@@ -108,7 +145,7 @@ class Participant:
     pictures: int = 0
     seen_s: float = 0.0
     _beat_due: float = 0.0
-    _done: set[str] = field(default_factory=set)
+    done: set[str] = field(default_factory=set)
     """What was answered, by run."""
     _code: int = 0
 
@@ -158,19 +195,19 @@ class Participant:
         if time.monotonic() >= self._beat_due or is_done:
             self._beat_due = time.monotonic() + 1.0
             page.send(json.dumps({"type": "beat", "rtt_s": 0.0, "done": is_done}))
-        if kind == "sheet" and f"{run} sheet" not in self._done:
+        if kind == "sheet" and f"{run} sheet" not in self.done:
             sheet = {name: hello["session"]["sheet"][name] for name in ("participant", "condition")}
             self.put(page, "sheet", consent=True, **sheet)
-            self._done.add(f"{run} sheet")
-        if kind == "tlx" and f"{run} tlx" not in self._done:
+            self.done.add(f"{run} sheet")
+        if kind == "tlx" and f"{run} tlx" not in self.done:
             scales = dict.fromkeys(("mental", "physical", "temporal", "performance", "effort", "frustration"), 50)
             self.put(page, "tlx", scales=scales)
-            self._done.add(f"{run} tlx")
-        if not picture["over"] and picture["step"] > 10 and f"{run} order" not in self._done:
+            self.done.add(f"{run} tlx")
+        if not picture["over"] and picture["step"] > 10 and f"{run} order" not in self.done:
             self.orders.append(
                 self.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 2})
             )
-            self._done.add(f"{run} order")
+            self.done.add(f"{run} order")
 
     def put(self, page: ClientConnection, kind: str, **what: Any) -> str:
         """Put something in, and wait until it is noted; return its id."""
@@ -181,3 +218,7 @@ class Participant:
         heard(page, lambda message: message["type"] in ("noted", "refused") and message.get("id") == code)
         self.delays_s.append(time.monotonic() - began_s)
         return code
+
+
+def person(open_link: str, token: str) -> Participant:
+    return Participant(f"{open_link.partition('/j/')[0]}/p/{token}/")

@@ -44,8 +44,9 @@ def a_file(folder: Path, conditions: int = 3, more: str = "") -> Path:
 
 
 def a_command(folder: Path, conditions: int = 2, more: str = "") -> list[str]:
-    """The command for sessions below `out`."""
-    return ["session", str(a_file(folder, conditions, more)), "--out", str(folder / "out")]
+    """The command for sessions below `out`, which does the runs itself."""
+    file = str(a_file(folder, conditions, more))
+    return ["session", file, "--out", str(folder / "out"), "--agents", "processes"]
 
 
 FORMS = """

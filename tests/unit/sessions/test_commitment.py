@@ -51,7 +51,7 @@ def test_the_hash_commits_to_the_plan_and_shows_nothing(command: list[str], tmp_
     assert entry["plan"]["session"]["exclude"]["max_answers_missing"] == 3
     assert entry["plan"]["scenario"]["B"]["control.delta"] == 3
     assert main([*command, "--freeze"]) == 2
-    other = [*command[:-1], str(tmp_path / "other")]
+    other = [*command, "--out", str(tmp_path / "other")]
     assert frozen(other, capsys) != first
 
 
@@ -69,7 +69,7 @@ def test_sessions_of_another_plan_are_refused(command: list[str], tmp_path: Path
         assert named in capsys.readouterr().err
         file.write_text(before)
     assert main([*command, "--participant", "1", "--language", "de", "--dry-run"]) == 0
-    late = [*command[:-1], str(tmp_path / "late")]
+    late = [*command, "--out", str(tmp_path / "late")]
     assert main([*late, "--participant", "1"]) == 0
     assert main([*late, "--freeze"]) == 2
     assert "before the first session" in capsys.readouterr().err
@@ -117,7 +117,7 @@ def test_what_is_missing_or_older_than_the_freeze_is_not_verified(
 ) -> None:
     """Each is named, and the exit code is not 0; nor is it without any session."""
     early, out = tmp_path / "early", tmp_path / "out"
-    assert main([*command[:-1], str(early), "--participant", "1"]) == 0
+    assert main([*command, "--out", str(early), "--participant", "1"]) == 0
     capsys.readouterr()
     verify = ["verify", str(out), "--against", frozen(command, capsys)]
     assert main(verify) == 1

@@ -14,6 +14,7 @@ import { clock } from "./words.js";
  * @property {string} help
  * @property {number} away_s
  * @property {string} note
+ * @property {string} watch token of the page that shows what the participant sees
  */
 
 /** @type {WebSocket | null} */
@@ -43,7 +44,7 @@ function line(row) {
   });
   const isUnderWay = ["running", "waiting", "away"].includes(row.state) && row.number !== null;
   const page = make("a", { href: `${row.number}/`, target: "_blank", rel: "noreferrer" }, "page");
-  const watch = make("a", { href: `${row.number}/watch/`, target: "_blank", rel: "noreferrer" }, "watch");
+  const watch = make("a", { href: `../../w/${row.watch}/`, target: "_blank", rel: "noreferrer" }, "watch");
   const acts = isUnderWay ? [page, " ", watch, " ", end] : [];
   const made = make("tr", {}, ...cells(row), make("td", {}, row.number === null ? "" : note), make("td", {}, ...acts));
   if (row.help === "asked") made.classList.add("alarm");
