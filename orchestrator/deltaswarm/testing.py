@@ -1,4 +1,7 @@
-"""Test a controller of yours: its decisions on percepts of your choice, a small swarm in memory, equal digests."""
+"""Test a controller of yours: its decisions on percepts of your choice, a small swarm in memory, equal digests.
+
+For a study by link, `Recruiter` stands in for a service that recruits people.
+"""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -6,6 +9,7 @@ from typing import Any
 from deltaswarm.arguments import COUNTS, SEEDS, public
 from deltaswarm.errors import one_error
 from deltaswarm.keys import name_of, overrides
+from deltaswarm.recruiting import Recruiter as Recruiter
 from deltaswarm.runs import IN_PROCESS, PROCESSES, run
 from deltaswarm_agent.controller import Controller, Percept, make_controller
 from deltaswarm_orchestrator.run.engine import Wanted

@@ -46,7 +46,7 @@ def _serve(arguments: argparse.Namespace, ready: Ready) -> int:
         ready.out.resolve(),
         language_at(arguments.language or "", Path()),
         arguments.pilot,
-        (*options, *(["--markers", arguments.markers] if arguments.markers else [])),
+        options=(*options, *(["--markers", arguments.markers] if arguments.markers else [])),
         terminal=(2 if arguments.json else 1, 2),
     )
     always = ServeSettings(at_once=1, absent_after_s=inf)

@@ -56,11 +56,30 @@ def add_serve(command: argparse.ArgumentParser) -> None:
         help="with --pilot: N scripted participants come by the open link, for a rehearsal that ends with them",
     )
     command.add_argument(
+        "--share",
+        type=_share,
+        default=(1, 1),
+        metavar="K/N",
+        help="give numbers of share K of N, where several machines serve one study (default: 1/1)",
+    )
+    command.add_argument(
+        "--restart-runs",
+        action="store_true",
+        help="after a change of deltaswarm or a file: do runs again that were begun before it",
+    )
+    command.add_argument(
         "--language", default="", metavar="LANGUAGE", help=f"language of all pages: {', '.join(LANGUAGES)}, or a file"
     )
     add_dry_run(command, "what a session asks, and how many this machine carries")
     add_json(command)
     command.set_defaults(func=serve, makes_files=True, handles_signals=True)
+
+
+def _share(text: str) -> tuple[int, int]:
+    mine, _, of = text.partition("/")
+    if not (mine.isdecimal() and of.isdecimal() and 1 <= int(mine) <= int(of)):
+        raise argparse.ArgumentTypeError(f"must be K/N with K from 1 to N, such as 2/3 (got {text!r})")
+    return int(mine), int(of)
 
 
 def serve(arguments: argparse.Namespace) -> int:

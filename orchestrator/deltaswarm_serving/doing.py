@@ -27,12 +27,13 @@ from deltaswarm_serving.line import Line
 from deltaswarm_serving.routes import JOIN, OVERVIEW, Site
 from deltaswarm_serving.settings import load_serve
 from deltaswarm_serving.study import Study
+from deltaswarm_serving.unfinished import cannot_go_on
 from deltaswarm_sessions import commitment, roster
-from deltaswarm_sessions.links import COMPLETE, SCREENED_OUT, Links, table
+from deltaswarm_sessions.folder import RECORD, folder_name, read_record
+from deltaswarm_sessions.links import COMPLETE, OVER, SCREENED_OUT, Links, table
 from deltaswarm_sessions.plan import PlannedRun, outline, outline_text, plan
 from deltaswarm_sessions.settings import SessionSettings, load_session
 
-LINK_COLUMNS = ("number", "state", "address")
 ORIGIN = re.compile(r"https?://[^/\s;,']+")
 
 
@@ -63,12 +64,20 @@ def serve(arguments: argparse.Namespace) -> int:
         links = Links.read(out)
         if arguments.links is not None:
             return _make_links(arguments, settings, out, links, site)
+        if not arguments.restart_runs:
+            _check_unfinished(settings, beside, out, links)
         links.write(out)
         most = max(serving.per_address, arguments.robots or 0)  # they all come from this machine
         study = Study(
             settings,
             replace(serving, per_address=most),
-            Plan(arguments.session.resolve(), out.resolve(), language_at(arguments.language, Path()), arguments.pilot),
+            Plan(
+                arguments.session.resolve(),
+                out.resolve(),
+                language_at(arguments.language, Path()),
+                arguments.pilot,
+                arguments.share,
+            ),
             links,
             Line(serving.places(settings.speed)),
         )
@@ -91,10 +100,27 @@ def serve(arguments: argparse.Namespace) -> int:
         return serve_front(front, arguments.listen, tls, meanwhile, if_stopped=OK)
 
 
+def _check_unfinished(settings: SessionSettings, beside: Path, out: Path, links: Links) -> None:
+    """Refuse a service that cannot go on where its participants are."""
+    found = []
+    for number in sorted(link.number for link in links.links if link.number and link.state not in OVER):
+        folder = out / folder_name(number)
+        if not any(folder.glob("*.journal")):
+            continue
+        allocated = read_record(folder).get("allocated", number) if (folder / RECORD).exists() else number
+        runs = cannot_go_on(folder, plan(settings, allocated, beside), settings.speed)
+        found += [f"{folder.name}/{run}" for run in runs]
+    if found:
+        raise CommandError(
+            f"runs under way must be of the same code and files, but these were begun by others: {', '.join(found)}; "
+            "let their participants finish with the version that began them, or do the runs again by --restart-runs"
+        )
+
+
 def _make_links(arguments: argparse.Namespace, settings: SessionSettings, out: Path, links: Links, site: Site) -> int:
     for _ in range(arguments.links):
         with roster.held(out):
-            number: int = roster.next_number(settings, out, links.numbers)["next"]
+            number: int = roster.next_number(settings, out, links.numbers, arguments.share)["next"]
         links.add(number)
     links.write(out)
     base = site.public or f"http://{arguments.listen}"

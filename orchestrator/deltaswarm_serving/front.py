@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import os
 import ssl
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from deltaswarm_operator.station.visitors import CLOSE_WITHIN_S, Visitor, abort_
 from deltaswarm_serving.hosting import MOVED
 from deltaswarm_serving.line import Limiter
 from deltaswarm_serving.routes import DOOR, JOIN, LIVE, OVERVIEW, PERSON, RUN, WATCHER, Route, Site, outside_id
-from deltaswarm_serving.study import Study
+from deltaswarm_serving.study import EARLY, LATE, Study
 from deltaswarm_sessions.links import FAILED, RUNNING, Link
 
 log = logging.getLogger("deltaswarm.serve")
@@ -192,10 +193,11 @@ class Front:
         if known := self.study.links.of_outside(outside):
             await visitor.send(self._go(known))
             return
-        door = {"state": "new", "has_agreed": False, "place": 0, "is_open": self.study.line.is_open}
+        door = {"state": "new", "has_agreed": False, "place": 0}
+        door |= {"closed": self.study.why_closed(), "opens": self.study.settings.opens}
         await visitor.send(orjson.dumps({"type": "door", **door, **self.texts}).decode())
         async for message in self._messages(visitor):
-            if message.get("type") != "agree":
+            if message.get("type") != "agree" or self.study.why_closed() in (EARLY, LATE):
                 continue
             if (link := self.study.join(outside, address)) is None:
                 await visitor.send('{"type":"full"}')
@@ -219,7 +221,7 @@ class Front:
             async for message in self._messages(visitor, most=100_000):
                 kind, number = message.get("type"), message.get("number")
                 if kind == "admissions":
-                    study.line.is_open = bool(message.get("open"))
+                    study.admits = bool(message.get("open"))
                 elif kind == "end" and isinstance(number, int):
                     study.end(number)
                 elif kind == "note" and isinstance(number, int):
@@ -228,10 +230,12 @@ class Front:
             telling.cancel()
 
     async def _show(self, visitor: Visitor) -> None:
-        line = self.study.line
+        study, line = self.study, self.study.line
         while True:
-            told = {"rows": self.study.rows(), "places": line.at_once, "inside": len(line.inside)}
-            told |= {"waiting": len(line.waiting), "is_open": line.is_open}
+            told = {"rows": study.rows(), "places": line.at_once, "inside": len(line.inside)}
+            told |= {"waiting": len(line.waiting), "admits": study.admits, "closed": study.why_closed()}
+            told |= {"cells": study.cells(), "free_bytes": study.free_bytes}
+            told["load"] = os.getloadavg()[0] / (os.cpu_count() or 1)
             await visitor.send(orjson.dumps({"type": "overview", **told}).decode())
             await asyncio.sleep(1.0)
 

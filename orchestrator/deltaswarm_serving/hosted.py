@@ -12,21 +12,21 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from pathlib import Path
 
 from deltaswarm_cli.arguments import add_markers, add_quiet
 from deltaswarm_operator.io.asking import ask
 from deltaswarm_operator.io.console_server import Channel
-from deltaswarm_orchestrator.base.exits import FAILED, CommandError, show_notices
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError, notice, show_notices
 from deltaswarm_orchestrator.run.at_station import Arrivals, Seat
-from deltaswarm_orchestrator.run.journal import Header, Journal, Row
+from deltaswarm_orchestrator.run.journal import Header, Journal
 from deltaswarm_orchestrator.run.operating import briefing_of
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import language_at
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.techniques import ProbeSettings
+from deltaswarm_serving.unfinished import Left, identity_of, journal_of, left
 from deltaswarm_sessions import roster
 from deltaswarm_sessions.doing import Begun, begin, kept_of
 from deltaswarm_sessions.folder import folder_name, folders_of_later_answers
@@ -35,12 +35,9 @@ from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import SCORE, Ask, Session
 from deltaswarm_sessions.settings import END, NOT_REACHED, load_session
 from deltaswarm_wire.arguments import Parser, whole
-from deltaswarm_wire.checked import plain
 
 SCREENED = 3
 """Exit code: the session ended since the criterion of the training was not reached."""
-
-Left = tuple[Header, tuple[Row, ...]]
 
 
 @dataclass(kw_only=True)
@@ -82,10 +79,10 @@ class HostedRunner(Runner):
         return replace(super()._options(run), station=None, researcher=False, in_process=True)
 
     def _ready(self, run: PlannedRun) -> RunOptions:
-        options, left = self._options(run), self._left(run)
-        name = left[0].run if left else options.out.name
-        header, rows = left or (Header.now(name, self._identity(run)), ())
-        while left is None and not self._arrivals.empty():  # what belongs to the run before
+        options, found = self._options(run), self._left(run)
+        name = found[0].run if found else options.out.name
+        header, rows = found or (Header.now(name, self._identity(run)), ())
+        while found is None and not self._arrivals.empty():  # what belongs to the run before
             self._arrivals.get()
         seat = Seat(
             f"{self.folder.name}/{name}",
@@ -93,7 +90,7 @@ class HostedRunner(Runner):
             self._arrivals,
             self.speed,
             conductor=self._conductor,
-            journal=Journal(self._journal(run), header, rows),
+            journal=Journal(journal_of(self.folder, run), header, rows),
             markers=self.markers,
             sheet=_agreed(run.scenario.operator.probes) if self.has_agreed else None,
         )
@@ -101,7 +98,7 @@ class HostedRunner(Runner):
 
     def _do_run(self, run: PlannedRun) -> int:
         code = super()._do_run(run)
-        self._journal(run).unlink()
+        journal_of(self.folder, run).unlink()
         return code
 
     def _ask(self, step: Ask) -> None:
@@ -116,23 +113,17 @@ class HostedRunner(Runner):
         finally:
             self._is_asking = False
 
-    def _journal(self, run: PlannedRun) -> Path:
-        return self.folder / f"{run.folder}.journal"
-
     def _left(self, run: PlannedRun) -> Left | None:
-        """Return the journal of a run that was killed and can go on; remove one that cannot."""
-        if (found := Journal.read(self._journal(run))) is None:
-            return None
-        is_over = (self.folder / found[0].run).exists()
-        if is_over or found[0].identity != self._identity(run):
-            self._journal(run).unlink()
+        """Return what is left of a run that was cut off and can go on; remove what cannot."""
+        found = left(self.folder, run)
+        if found is not None and found[0].identity != self._identity(run):
+            notice(f"{found[0].run} was begun by other code or files, so it is done again")
+            journal_of(self.folder, run).unlink()
             return None
         return found
 
     def _identity(self, run: PlannedRun) -> str:
-        """Return a digest of what decides a run besides its inputs: scenario, code, files, pace."""
-        told = [plain(run.scenario), self._inputs[run.folder], self.speed]
-        return sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
+        return identity_of(run, self._inputs[run.folder], self.speed)
 
 
 def _agreed(probes: ProbeSettings) -> bytes | None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from deltaswarm_operator.station.room import Room
 from deltaswarm_scenario.page_messages import made
 from deltaswarm_sessions.links import Link
+from deltaswarm_sessions.roster import WHOLE
 
 MOVED = json.dumps(made("moved", address="../"))
 """What a page of a session is told that is not under way: the door says why."""
@@ -28,6 +29,8 @@ class Plan:
     out: Path
     language: str = ""
     is_pilot: bool = False
+    share: tuple[int, int] = WHOLE
+    """Which of how many shares of the numbers are given."""
     options: tuple[str, ...] = ()
     """More options of each session's process."""
     terminal: tuple[int, int] | None = None

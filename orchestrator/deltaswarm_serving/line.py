@@ -28,11 +28,15 @@ class Line:
         if token in self.waiting:
             self.waiting.remove(token)
 
-    def admit(self, there: Collection[str]) -> list[str]:
-        """Let in as many as there is room for, in order, of those who are there; return them."""
+    def admit(self, there: Collection[str], begun: Collection[str] = ()) -> list[str]:
+        """Let in as many as there is room for, in order, of those who are there; return them.
+
+        While the line is closed, only those whose session has `begun` before.
+        """
         admitted: list[str] = []
         for token in list(self.waiting):
-            if self.is_open and len(self.inside) < self.at_once and token in there:
+            may = token in there and (self.is_open or token in begun)
+            if may and len(self.inside) < self.at_once:
                 self.waiting.remove(token)
                 self.inside.add(token)
                 admitted.append(token)

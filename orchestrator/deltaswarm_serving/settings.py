@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from datetime import datetime
 
 from deltaswarm_orchestrator.scenarios.load import read_toml
 from deltaswarm_wire import checked
@@ -21,15 +22,21 @@ class ServeSettings:
     absent_after_s: float = key(
         600.0, "a place is free again once nobody was at its page for this long [wall s]", low=5.0, high=86_400.0
     )
+    opens: str = key("", "when people may begin, in ISO 8601 with the offset, such as 2026-12-01T08:00+01:00")
+    closes: str = key("", "when nobody new may begin any more, likewise; who has begun goes on")
     per_address: int = key(
         30, "new participants by the open link from one network address in an hour", low=1, high=100_000
     )
 
     def problems(self) -> list[Problem]:
-        """Check the address at the end."""
+        """Check the address at the end, and the times."""
+        found = []
         if self.return_url and not self.return_url.startswith(("https://", "http://")):
-            return [Problem("return_url", repr(self.return_url), "must begin with https:// or http://")]
-        return []
+            found.append(Problem("return_url", repr(self.return_url), "must begin with https:// or http://"))
+        for name, told in (("opens", self.opens), ("closes", self.closes)):
+            if told and not _is_moment(told):
+                found.append(Problem(name, repr(told), "must be a moment with an offset: 2026-12-01T08:00+01:00"))
+        return found
 
     def places(self, speed: float) -> int:
         """Return how many sessions may be under way; `speed` [simulated s / wall s], 0: as fast as possible."""
@@ -37,6 +44,13 @@ class ServeSettings:
             return self.at_once
         each = PER_CORE / (1.0 + speed) if speed else 1.0
         return max(1, int((os.cpu_count() or 1) * each))
+
+
+def _is_moment(text: str) -> bool:
+    try:
+        return datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        return False
 
 
 def load_serve(file: str) -> ServeSettings:

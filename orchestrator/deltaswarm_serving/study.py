@@ -2,9 +2,12 @@
 
 import asyncio
 import logging
+import shutil
 import time
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 from deltaswarm_orchestrator.base import provenance
@@ -29,6 +32,7 @@ from deltaswarm_sessions.links import (
     Link,
     Links,
 )
+from deltaswarm_sessions.plan import places_of
 from deltaswarm_sessions.settings import SessionSettings
 
 log = logging.getLogger("deltaswarm.serve")
@@ -38,6 +42,12 @@ RESTARTS, RESTARTS_WITHIN_S = 5, 600.0
 
 HOUR_S = 3600.0
 
+PAUSED, EARLY, LATE, NO_ROOM = "paused", "early", "late", "no room"
+"""Why nobody new may begin: the experimenter says so, it is too early or too late, the disk is almost full."""
+
+LEAST_FREE_BYTES = 1 << 30
+"""With less room on the disk nobody new is admitted; a session needs a few MB."""
+
 
 @dataclass(eq=False)
 class Study:
@@ -46,6 +56,8 @@ class Study:
     plan: Plan
     links: Links
     line: Line
+    admits: bool = True
+    """Whether the experimenter lets new people begin."""
     has_doors: bool = True
     """Whether people come by links that are kept; else the page of the only session is all there is."""
     hosted: dict[str, Hosted] = field(default_factory=dict)
@@ -83,6 +95,21 @@ class Study:
         self.line.ask(link.token)
         self.save()
 
+    def why_closed(self) -> str:
+        """Return why nobody new may begin, as `told` says it; empty: people may."""
+        if not self.admits:
+            return PAUSED
+        now = datetime.now(UTC)
+        if self.settings.opens and now < datetime.fromisoformat(self.settings.opens):
+            return EARLY
+        if self.settings.closes and now >= datetime.fromisoformat(self.settings.closes):
+            return LATE
+        return NO_ROOM if self.free_bytes < LEAST_FREE_BYTES else ""
+
+    @property
+    def free_bytes(self) -> int:
+        return shutil.disk_usage(self.plan.out).free
+
     def decline(self, link: Link) -> None:
         if link.state == NEW:
             link.state = DECLINED
@@ -97,7 +124,8 @@ class Study:
             if hosted.process is not None and hosted.absent_s(now_s) > self.settings.absent_after_s:
                 log.info("participant %s is away", hosted.link.number)
                 hosted.let_go()
-        for token in self.line.admit(there):
+        self.line.is_open = self.why_closed() == ""
+        for token in self.line.admit(there, {link.token for link in self.links.links if link.begun}):
             if link := self.links.by_token(token):
                 await self._start(link)
 
@@ -109,7 +137,7 @@ class Study:
             self.save()  # before the process: its number is used
             hosted.seen_s = time.monotonic()
             await hosted.start(self.plan, self._ended)
-            link.state = RUNNING
+            link.state, link.begun = RUNNING, link.begun or provenance.now()
         except (OSError, CommandError) as error:
             log.error("the session of participant %s cannot start: %s", link.number, error)
             link.state = FAILED
@@ -119,7 +147,7 @@ class Study:
     def _allocate(self) -> int:
         """Give the next number, which keeps orders balanced."""
         with roster.held(self.plan.out):
-            number: int = roster.next_number(self.session, self.plan.out, self.links.numbers)["next"]
+            number: int = roster.next_number(self.session, self.plan.out, self.links.numbers, self.plan.share)["next"]
             roster.note_begun(self.plan.out, number)
         return number
 
@@ -172,7 +200,8 @@ class Study:
             "state": link.state,
             "has_agreed": bool(link.agreed),
             "place": self.line.place(link.token, there),
-            "is_open": self.line.is_open,
+            "closed": "" if link.begun else self.why_closed(),
+            "opens": self.settings.opens,
             "code": code,
             "back": self.settings.return_url.replace(CODE, code) if code else "",
         }
@@ -189,7 +218,7 @@ class Study:
                 {
                     "number": link.number,
                     "state": link.state,
-                    "agreed": link.agreed,
+                    "begun": link.begun,
                     "run": shown.get("run", ""),
                     "time_s": shown.get("time_s", 0.0),
                     "duration_s": shown.get("duration_s", 0.0),
@@ -200,6 +229,11 @@ class Study:
                 }
             )
         return rows
+
+    def cells(self) -> dict[str, int]:
+        """Return how many sessions are complete or under way, by the order of their conditions."""
+        numbers = [link.number for link in self.links.links if link.number and link.state in (RUNNING, COMPLETE)]
+        return Counter(" > ".join(place.condition.label for place in places_of(self.session, n)) for n in numbers)
 
     def save(self) -> None:
         if self.has_doors:

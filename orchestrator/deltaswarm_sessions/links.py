@@ -36,6 +36,8 @@ class Link:
     """The id that another service knows the person by."""
     agreed: str = ""
     """When the person agreed to take part; empty: not yet."""
+    begun: str = ""
+    """When the session began."""
     note: str = ""
     """The experimenter's."""
 

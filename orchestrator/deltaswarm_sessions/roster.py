@@ -20,8 +20,8 @@ from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError, is_held
 from deltaswarm_sessions import MAX_PARTICIPANT
 from deltaswarm_sessions.folder import RECORD, folder_name, intact_record, locked, read_record
-from deltaswarm_sessions.plan import places_of
-from deltaswarm_sessions.settings import SessionSettings
+from deltaswarm_sessions.plan import group_of, places_of
+from deltaswarm_sessions.settings import CROSSED, SessionSettings
 
 ROSTER = "roster.json"
 """In the folder of all sessions."""
@@ -262,12 +262,20 @@ def allocated(record: dict[str, Any]) -> int:
     return int(record.get("allocated", record["participant"]))
 
 
-def next_number(settings: SessionSettings, sessions: Path, promised: Collection[int] = ()) -> dict[str, Any]:
+WHOLE = (1, 1)
+
+
+def next_number(
+    settings: SessionSettings, sessions: Path, promised: Collection[int] = (), share: tuple[int, int] = WHOLE
+) -> dict[str, Any]:
     """Return the free number whose order and streams were done least often, and the sessions that were counted.
 
     Sessions that are complete or under way count; one that was begun and left does not, until it is continued.
-    `promised` numbers belong to somebody whose session has not begun: they are not free, and count too.
+    `promised` numbers belong to somebody whose session has not begun: they are not free, and count too. `share`: K of N
+    folders that share the study; each has every Nth group of numbers, so that it is balanced by itself.
     """
+    group = group_of(len(settings.condition), is_crossed=settings.arrivals == CROSSED)
+    mine, of = share
 
     def balanced(number: int) -> tuple[object, ...]:
         return tuple((place.condition.label, place.stream) for place in places_of(settings, number))
@@ -283,7 +291,8 @@ def next_number(settings: SessionSettings, sessions: Path, promised: Collection[
         (counted if is_counted else left).append(record)
     done = Counter(balanced(allocated(record)) for record in counted)
     done.update(balanced(number) for number in promised if number not in used)
-    free = (number for number in range(1, MAX_PARTICIPANT + 1) if number not in used and number not in promised)
+    numbers = (number for number in range(1, MAX_PARTICIPANT + 1) if (number - 1) // group % of == mine - 1)
+    free = (number for number in numbers if number not in used and number not in promised)
     number = min(free, key=lambda number: (done[balanced(number)], number))
     return {
         "next": number,

@@ -2,48 +2,33 @@
 
 import csv
 import json
-import threading
 import time
 import urllib.error
 import urllib.request
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from deltaswarm.testing import Recruiter
 from tests.support import pages
 from tests.support.by_link import (
-    Message,
     Participant,
     a_study,
     heard,
+    kill,
     links_of,
     person,
     rows,
     serving,
     socket_at,
     states,
+    together,
     tokens,
 )
 from tests.support.sessions import FORMS
-from tests.support.swarms import BOUND_S, told
+from tests.support.swarms import told
 
 pytestmark = pytest.mark.processes
-
-
-def together(people: list[Participant]) -> list[Message | None]:
-    """Let all go through their sessions at once; what the door says to each at the end."""
-    ends: list[Any] = [None] * len(people)
-
-    def go(index: int) -> None:
-        ends[index] = people[index].go_through()
-
-    threads = [threading.Thread(target=go, args=(index,)) for index in range(len(people))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(BOUND_S)
-    return ends
 
 
 def test_three_people_take_part_at_once_and_hand_in_codes(tmp_path: Path) -> None:
@@ -101,6 +86,35 @@ def test_a_person_waits_in_line_until_there_is_a_place(tmp_path: Path) -> None:
     assert [(link["number"], link["outside"]) for link in links] == [(1, "ann"), (2, "bob")]
     told("session", str(file), "--out", str(tmp_path / "out"), "--table", str(tmp_path / "tables"))
     assert not [path for path in (tmp_path / "tables").rglob("*") if path.is_file() and b"bob" in path.read_bytes()]
+
+
+def test_a_recruiting_service_sends_people_and_gets_them_back_with_their_codes(tmp_path: Path) -> None:
+    """Two complete, one gives the place back and is not taken again; each code is of its own person's data."""
+    file = a_study(tmp_path, training_s=30, condition_s=30)
+    with Recruiter("PID") as recruiter:
+        file.write_text(file.read_text().replace("https://example.org/done?cc={code}", recruiter.return_url))
+        with serving(file) as service:
+            recruiter.publish(service.open_link)
+            people = []
+            for _ in range(3):
+                browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+                with browser.open(recruiter.invite()) as page:
+                    people.append((browser, joined(page.url)))
+            gone = list(recruiter.submissions)[2]
+            recruiter.give_back(gone)
+            ends = together([one for _, one in people])
+            for (browser, _), end in zip(people, ends, strict=True):
+                browser.open((end or {})["back"]).close()
+        submissions = list(recruiter.submissions.values())
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(recruiter.return_url)  # a stranger
+    assert [one.state for one in submissions] == ["awaiting review", "awaiting review", "returned"]
+    assert submissions[2].code == ""
+    links = json.loads((tmp_path / "out" / "links.json").read_text())["links"]
+    assert [link["outside"] for link in links] == [one.person for one in submissions]
+    for number, one in enumerate(submissions[:2], 1):
+        proved = told("verify", str(tmp_path / "out"), "--code", one.code)
+        assert (proved.returncode, f"participant {number}: complete" in proved.stdout) == (0, True), proved.stdout
 
 
 def joined(open_link: str) -> Participant:
@@ -181,8 +195,10 @@ def test_the_experimenter_sees_ends_and_stops_admissions(tmp_path: Path) -> None
         assert (seen["rows"][0]["number"], seen["inside"]) == (1, 1)
         overview.send('{"type":"admissions","open":false}')
         overview.send('{"type":"note","number":1,"text":"late"}')
-        heard(overview, lambda message: not message["is_open"])
-        assert not other.at_door("waiting")["is_open"]
+        heard(overview, lambda message: message["closed"] == "paused")
+        assert other.at_door("waiting")["closed"] == "paused"
+        kill(tmp_path)  # who has begun goes on
+        assert one.go_through(lambda hello, picture: picture["step"] > 15) is None
         overview.send('{"type":"end","number":1}')
         assert one.at_door("ended")["code"]
         last = heard(overview, lambda message: message["rows"][0]["state"] == "ended")

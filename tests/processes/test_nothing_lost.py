@@ -1,32 +1,37 @@
 """Kills of whatever takes part in a session: the person goes on at the same step, and every input counts once."""
 
 import json
-import os
 import random
 import shutil
 import signal
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import ConnectionClosed
 
 from tests.support.by_link import (
+    BEARS,
     Message,
     Participant,
     a_study,
     heard,
     hosted,
+    kill,
     links_of,
     person,
     rows,
     serving,
     socket_at,
     states,
+    together,
     tokens,
 )
+from tests.support.cable import cable
 from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told, wait_until
 from tests.support.sweeping import marked, marked_command
 
@@ -63,11 +68,6 @@ def check(file: Path, plan: str, orders: list[str]) -> None:
     assert [row["input"] for row in acts if row["kind"] == "command"] == orders
     verified = told("verify", str(file.parent / "out"), "--against", plan)
     assert (verified.returncode, "2 of 2 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
-
-
-def kill(folder: Path) -> None:
-    for process in hosted(folder):
-        os.kill(process, signal.SIGKILL)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -172,10 +172,65 @@ def test_an_input_that_comes_while_the_process_starts_again_counts(tmp_path: Pat
         wait_until(lambda: states(file) == ["waiting"], "the end of the process")
         one.at_door("running")
         with socket_at(one.link, "run/live") as page:
-            heard(page, lambda message: message["type"] == "picture")
-            one.orders.append(
-                one.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 4})
-            )
+            run = heard(page, lambda message: message["type"] == "hello")["run"]
+            one.put(page, run, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 4})
         assert (one.go_through() or {})["state"] == "complete"
     acts = [row for run in ("0-training", "1-A") for row in rows(file, 1, run, "actions")]
     assert [row["input"] for row in acts if row["kind"] == "command"] == one.orders
+
+
+def test_a_new_version_does_not_break_off_what_an_old_one_began(tmp_path: Path) -> None:
+    """Another speed stands for other code: both are part of what a run must have in common with its beginning."""
+    file = a_study(tmp_path, speed=20.0)
+    links_of(file, 1)
+    [token] = tokens(file)
+    with serving(file) as service:
+        one = person(service.open_link, token)
+        assert one.go_through(Steps().reached(15)) is None
+        service.kill()
+    wait_until(lambda: not hosted(tmp_path), "the end of the session's process")
+    file.write_text(file.read_text().replace("speed = 20.0", "speed = 21.0"))
+    refused = told("serve", str(file), "--out", str(tmp_path / "out"))
+    assert (refused.returncode, "participant-001/0-training" in refused.stderr) == (2, True), refused.stderr
+    with serving(file, "--restart-runs") as service:
+        one.link = person(service.open_link, token).link
+        assert (one.go_through() or {})["state"] == "complete"
+    record = json.loads((tmp_path / "out" / "participant-001" / "session.json").read_text())
+    assert [len(run["attempts"]) for run in record["runs"]] == [2, 1]
+
+
+@pytest.mark.slow
+def test_links_that_die_stall_and_are_slow_lose_nothing(tmp_path: Path) -> None:
+    """Twelve people at once, each over a link of their own, to which something happens every few seconds."""
+    file = a_study(tmp_path, speed=10.0, training_s=100, condition_s=200, more="at_once = 12\n")
+    links_of(file, 12)
+    with serving(file) as service, ExitStack() as stack:
+        port = urlsplit(service.open_link).port
+        assert port is not None
+        wires = [stack.enter_context(cable(port)) for _ in range(12)]
+        people = []
+        for index, (wire, token) in enumerate(zip(wires, tokens(file), strict=True)):
+            wire.delay_s = (0.0, 0.05, 0.2)[index % 3]
+            link = f"http://127.0.0.1:{wire.port}/p/{token}/"
+            people.append(Participant(link, patience_s=5.0, bears=(*BEARS, OSError)))
+        over = threading.Event()
+
+        def disturb() -> None:
+            chance = random.Random(1)
+            while not over.wait(0.3):
+                wire = chance.choice(wires)
+                chance.choice([wire.cut, wire.hold, wire.die, wire.mend])()
+                over.wait(0.3)
+                chance.choice(wires).mend()
+
+        disturbing = threading.Thread(target=disturb)
+        disturbing.start()
+        try:
+            ends = together(people, 300.0)
+        finally:
+            over.set()
+            disturbing.join()
+    assert [end and end["state"] for end in ends] == ["complete"] * 12
+    for number, one in enumerate(people, 1):
+        acts = [row for run in RUNS for row in rows(file, number, run, "actions")]
+        assert [row["input"] for row in acts if row["kind"] == "command"] == one.orders

@@ -3,7 +3,9 @@
 import csv
 import json
 import os
+import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,7 +15,7 @@ from ssl import SSLContext
 from typing import Any
 from urllib.parse import urljoin, urlsplit
 
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
@@ -21,6 +23,9 @@ from tests.support.persons import headless
 from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told
 
 Message = dict[str, Any]
+
+BEARS = (ConnectionClosed, InvalidHandshake, TimeoutError)
+"""After these a participant connects anew."""
 
 FILE = """
 schema = 1
@@ -116,6 +121,12 @@ def hosted(folder: Path) -> list[int]:
     return found
 
 
+def kill(folder: Path) -> None:
+    """End the processes of sessions below a folder at once."""
+    for process in hosted(folder):
+        os.kill(process, signal.SIGKILL)
+
+
 def socket_at(page: str, name: str, ssl: SSLContext | None = None) -> ClientConnection:
     """Open a page's WebSocket."""
     address = urlsplit(urljoin(page, name))
@@ -126,8 +137,8 @@ def socket_at(page: str, name: str, ssl: SSLContext | None = None) -> ClientConn
 
 def heard(socket: ClientConnection, is_it: Callable[[Message], bool], within_s: float = BOUND_S) -> Message:
     deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline:
-        message: Message = json.loads(socket.recv(PATIENCE_S))
+    while (left_s := deadline - time.monotonic()) > 0.0:
+        message: Message = json.loads(socket.recv(min(left_s, PATIENCE_S)))
         if is_it(message):
             return message
     raise TimeoutError
@@ -138,6 +149,8 @@ class Participant:
     """One person with a link."""
 
     link: str
+    patience_s: float = PATIENCE_S
+    """After this long without a message it connects anew."""
     orders: list[str] = field(default_factory=list)
     """Ids of the inputs that were noted."""
     delays_s: list[float] = field(default_factory=list)
@@ -147,7 +160,11 @@ class Participant:
     _beat_due: float = 0.0
     done: set[str] = field(default_factory=set)
     """What was answered, by run."""
+    bears: tuple[type[Exception], ...] = BEARS
+    """After these it connects anew."""
     _code: int = 0
+    _pending: tuple[str, Message] | None = None
+    """What was sent and is not noted yet, and its run."""
 
     def at_door(self, *states: str) -> Message:
         """Agree if that is asked, and wait at the door until it shows one of these states."""
@@ -162,10 +179,10 @@ class Participant:
     def go_through(self, until: Callable[[Message, Message], bool] = lambda hello, picture: False) -> Message | None:
         """Do all runs with an order in each; return what the door says then, or None once `until` holds."""
         while True:
-            told = self.at_door("running", "complete", "screened out", "ended", "failed", "declined")
-            if told["state"] != "running":
-                return told
-            with suppress(ConnectionClosed, TimeoutError, OSError):
+            with suppress(*self.bears):
+                told = self.at_door("running", "complete", "screened out", "ended", "failed", "declined")
+                if told["state"] != "running":
+                    return told
                 if self._at_page(until):
                     return None
 
@@ -175,11 +192,12 @@ class Participant:
             hello: Message = {}
             began_s = time.monotonic()
             while True:
-                message = json.loads(page.recv(PATIENCE_S))
+                message = json.loads(page.recv(self.patience_s))
                 if message["type"] == "moved":
                     return False
                 if message["type"] == "hello":
                     hello = message
+                    self.settle(page, hello["run"])
                 elif message["type"] == "picture" and hello:
                     self.pictures += 1
                     self.seen_s += time.monotonic() - began_s
@@ -197,28 +215,56 @@ class Participant:
             page.send(json.dumps({"type": "beat", "rtt_s": 0.0, "done": is_done}))
         if kind == "sheet" and f"{run} sheet" not in self.done:
             sheet = {name: hello["session"]["sheet"][name] for name in ("participant", "condition")}
-            self.put(page, "sheet", consent=True, **sheet)
             self.done.add(f"{run} sheet")
+            self.put(page, run, "sheet", consent=True, **sheet)
         if kind == "tlx" and f"{run} tlx" not in self.done:
             scales = dict.fromkeys(("mental", "physical", "temporal", "performance", "effort", "frustration"), 50)
-            self.put(page, "tlx", scales=scales)
             self.done.add(f"{run} tlx")
+            self.put(page, run, "tlx", scales=scales)
         if not picture["over"] and picture["step"] > 10 and f"{run} order" not in self.done:
-            self.orders.append(
-                self.put(page, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 2})
-            )
             self.done.add(f"{run} order")
+            self.put(page, run, "command", name="set delta", target={"kind": "all"}, arguments={"delta": 2})
 
-    def put(self, page: ClientConnection, kind: str, **what: Any) -> str:
-        """Put something in, and wait until it is noted; return its id."""
+    def put(self, page: ClientConnection, run: str, kind: str, **what: Any) -> None:
+        """Put something in, and wait until it is noted; what a dead link swallowed is sent again by `settle`."""
         self._code += 1
-        code = f"{kind}-{self._code}"
-        began_s = time.monotonic()
-        page.send(json.dumps({"type": kind, "id": code, **what}))
-        heard(page, lambda message: message["type"] in ("noted", "refused") and message.get("id") == code)
+        self._pending = (run, {"type": kind, "id": f"{kind}-{self._code}", **what})
+        self.settle(page, run)
+
+    def settle(self, page: ClientConnection, run: str) -> None:
+        """Send what is not noted yet, if it is of this run, as the page does; again if the page is told so."""
+        if self._pending is None or self._pending[0] != run:
+            self._pending = None
+            return
+        what, began_s = self._pending[1], time.monotonic()
+
+        def is_answer(message: Message) -> bool:
+            return message["type"] in ("noted", "refused") and message.get("id") == what["id"]
+
+        answer: Message = {"again": True}
+        while answer.get("again"):
+            page.send(json.dumps(what))
+            answer = heard(page, is_answer, self.patience_s)
         self.delays_s.append(time.monotonic() - began_s)
-        return code
+        self._pending = None
+        if what["type"] == "command" and answer["type"] == "noted":
+            self.orders.append(what["id"])
 
 
 def person(open_link: str, token: str) -> Participant:
     return Participant(f"{open_link.partition('/j/')[0]}/p/{token}/")
+
+
+def together(people: list[Participant], within_s: float = BOUND_S) -> list[Message | None]:
+    """Let all go through their sessions at once; what the door says to each at the end."""
+    ends: list[Any] = [None] * len(people)
+
+    def go(index: int) -> None:
+        ends[index] = people[index].go_through()
+
+    threads = [threading.Thread(target=go, args=(index,)) for index in range(len(people))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(within_s)
+    return ends

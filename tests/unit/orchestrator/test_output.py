@@ -105,7 +105,7 @@ def test_a_dry_run_starts_and_writes_nothing(
     [
         "run smoke --in-process --set run.duration_s=20 --out {new}",
         "sweep smoke --repeats 1 --prove 0 --out {new}",
-        "session {file} --participant 3 --out {new}",
+        "session {file} --participant 3 --agents processes --out {new}",
     ],
 )
 def test_a_quiet_command_says_nothing_beside_its_result(

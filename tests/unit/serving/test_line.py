@@ -25,10 +25,13 @@ def test_who_is_not_there_is_passed_over_and_keeps_the_place() -> None:
     assert line.admit({"a", "c"}) == ["a"]
 
 
-def test_nobody_is_admitted_while_the_door_is_closed() -> None:
+def test_only_who_has_begun_is_admitted_while_the_door_is_closed() -> None:
     line = Line(1, is_open=False)
     line.ask("a")
     assert line.admit({"a"}) == []
+    line.ask("b")
+    assert line.admit({"a", "b"}, begun={"b"}) == ["b"]
+    line.leave("b")
     line.is_open = True
     assert line.admit({"a"}) == ["a"]
 

@@ -16,7 +16,7 @@ from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.roster import next_number, renumber, withdraw
 from deltaswarm_sessions.settings import load_session
 from tests.support.complaints import Printed
-from tests.support.sessions import Pretended, a_command, rows_of
+from tests.support.sessions import Pretended, a_command, a_file, rows_of
 
 
 @pytest.fixture
@@ -177,3 +177,17 @@ def test_the_next_number_keeps_the_balance_after_drop_outs(command: list[str], t
     found = next_number(settings, out)
     assert set(found["not_complete"]) == drops
     assert len(found["counted"]) == 8
+
+
+def test_machines_that_share_a_study_give_other_numbers_in_whole_groups(tmp_path: Path) -> None:
+    """Two conditions with crossed streams make groups of four."""
+    settings, _ = load_session(str(a_file(tmp_path, 2)))
+    given: dict[int, list[int]] = {1: [], 2: [], 3: []}
+    for mine, numbers in given.items():
+        for _ in range(8):
+            numbers.append(next_number(settings, tmp_path, numbers, (mine, 3))["next"])
+    assert {mine: sorted(numbers) for mine, numbers in given.items()} == {
+        1: [1, 2, 3, 4, 13, 14, 15, 16],
+        2: [5, 6, 7, 8, 17, 18, 19, 20],
+        3: [9, 10, 11, 12, 21, 22, 23, 24],
+    }

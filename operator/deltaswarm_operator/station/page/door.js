@@ -13,7 +13,8 @@ const OWN = "deltaswarm-own-link";
  * @property {"new" | "waiting" | "running" | "away" | "complete" | "screened out" | "declined" | "ended" | "failed"} state
  * @property {boolean} has_agreed
  * @property {number} place in line
- * @property {boolean} is_open whether people are admitted
+ * @property {"" | "paused" | "early" | "late" | "no room"} closed why the person may not begin
+ * @property {string} opens when people may begin
  * @property {string} [code]
  * @property {string} [back] where to go at the end
  * @property {string} [embed] origin of the page around this one
@@ -47,7 +48,9 @@ function words(door) {
   if (door.state === "ended") return t("The study was ended. Thank you for taking part.");
   if (door.state === "failed") return t("Something went wrong here. Nothing that you did is lost.");
   if (door.state === "running") return t("It begins.");
-  if (!door.is_open) return t("Please wait: nobody is admitted at the moment.");
+  if (door.closed === "early") return t("The study begins on {when}.", { when: new Date(door.opens).toLocaleString() });
+  if (door.closed === "late") return t("The study is closed: nobody new can begin.");
+  if (door.closed) return t("Please wait: nobody is admitted at the moment.");
   if (door.state === "waiting" && door.place > 0)
     return t("All places are taken. You are number {place} in line; keep this page open.", { place: door.place });
   if (door.state === "waiting") return t("Please wait.");
@@ -64,7 +67,8 @@ function show(door) {
   setText(element("door-consent"), isNew ? t(door.consent) : "");
   const lacks = lacking();
   setText(element("door-said"), lacks.length ? t("This browser lacks: {what}.", { what: lacks.join(", ") }) : words(door));
-  const mayBegin = !lacks.length && (isNew || door.state === "failed");
+  const isClosed = ["early", "late"].includes(door.closed);
+  const mayBegin = !lacks.length && !isClosed && (isNew || door.state === "failed");
   button("door-agree").hidden = !mayBegin;
   button("door-decline").hidden = !(isNew && door.consent) || isJoining;
   setText(button("door-agree"), door.state === "failed" ? t("Try again") : door.consent ? t("I agree, begin") : t("Begin"));

@@ -7,7 +7,7 @@ import { clock } from "./words.js";
  * @typedef {object} Row
  * @property {number | null} number
  * @property {string} state
- * @property {string} agreed
+ * @property {string} begun
  * @property {string} run
  * @property {number} time_s
  * @property {number} duration_s
@@ -31,7 +31,7 @@ function cells(row) {
   const time = row.state === "running" && row.duration_s ? `${clock(row.time_s)} of ${clock(row.duration_s)}` : "";
   const away = row.away_s > 3 ? `${Math.round(row.away_s)} s` : "";
   const help = row.help === "asked" ? "calls" : row.help === "seen" ? "seen" : "";
-  return [row.number ?? "", row.state, row.agreed, row.run, time, away, help].map((text) => make("td", {}, String(text)));
+  return [row.number ?? "", row.state, row.begun, row.run, time, away, help].map((text) => make("td", {}, String(text)));
 }
 
 /** @param {Row} row */
@@ -51,14 +51,34 @@ function line(row) {
   return made;
 }
 
-/** @param {{rows: Row[], places: number, inside: number, waiting: number, is_open: boolean}} told */
+/**
+ * @typedef {object} Overview
+ * @property {Row[]} rows
+ * @property {number} places
+ * @property {number} inside
+ * @property {number} waiting
+ * @property {boolean} admits
+ * @property {string} closed why nobody new may begin
+ * @property {Record<string, number>} cells sessions that are complete or under way, by order of conditions
+ * @property {number} free_bytes
+ * @property {number} load of each core
+ */
+
+/** @param {Overview} told */
 function show(told) {
-  isOpen = told.is_open;
+  isOpen = told.admits;
   /** @type {Map<string, number>} */
   const counts = new Map();
   for (const row of told.rows) counts.set(row.state, (counts.get(row.state) ?? 0) + 1);
   const states = [...counts].map(([state, count]) => `${state}: ${count}`).join(", ");
-  setText(element("sums"), `${told.inside} of ${told.places} places taken, ${told.waiting} waiting. ${states}`);
+  const cells_of = Object.entries(told.cells).map(([order, count]) => `${order}: ${count}`).join(", ");
+  const lines = [
+    `${told.inside} of ${told.places} places taken, ${told.waiting} waiting. ${states}`,
+    cells_of && `Complete or under way, by order: ${cells_of}.`,
+    `${(told.free_bytes / 1e9).toFixed(1)} GB free on the disk; load ${Math.round(100 * told.load)} % of the cores.`,
+    told.closed && `Nobody new may begin: ${told.closed}.`,
+  ];
+  setText(element("sums"), lines.filter(Boolean).join("\n"));
   button("admissions").setAttribute("aria-pressed", String(!isOpen));
   const key = JSON.stringify(told.rows.map((row) => [row.number, row.state, row.note, row.help === "asked"]));
   const isWriting = document.activeElement instanceof HTMLInputElement;
