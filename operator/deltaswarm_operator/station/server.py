@@ -12,7 +12,7 @@ from websockets.http11 import Request, Response
 from deltaswarm_operator.station import rules
 from deltaswarm_operator.station.bundle import bundle
 from deltaswarm_operator.station.room import Room
-from deltaswarm_operator.station.visitors import CLOSE_WITHIN_S, Visitor, abort_all, listening, response
+from deltaswarm_operator.station.visitors import CLOSE_WITHIN_S, Visitor, abort_all, host_in_url, listening, response
 from deltaswarm_wire.child import say_ready
 
 log = logging.getLogger("deltaswarm.station")
@@ -58,7 +58,7 @@ class Station:
 
     def _urls(self, server: Server) -> list[str]:
         host, port = next(iter(server.sockets)).getsockname()[:2]
-        return [f"http://{f'[{host}]' if ':' in host else host}:{port}/{token}/" for token in self._tokens.values()]
+        return [f"http://{host_in_url(host)}:{port}/{token}/" for token in self._tokens.values()]
 
     def _end(self) -> None:
         self.room.end()

@@ -102,6 +102,19 @@ def listening(
     )
 
 
+def host_in_url(host: str) -> str:
+    """Return a host as it stands in addresses; for all interfaces, the one by which other machines reach this one."""
+    if host not in ("0.0.0.0", "::"):
+        return f"[{host}]" if ":" in host else host
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # nothing is sent
+            found: str = probe.getsockname()[0]
+        except OSError:  # no network
+            return "127.0.0.1"
+    return found
+
+
 def abort_all() -> None:
     """Disconnect every browser, also one that takes nothing, for which the library waits longer."""
     for visitor in [*Visitor.all]:

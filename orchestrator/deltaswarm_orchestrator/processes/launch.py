@@ -144,7 +144,7 @@ class Swarm:
             STATION, number, options, password=station.token, channels={"--channel-fd": station.stations_end}
         )
         url, station.watch_url = urls.split() if number == 0 else (urls, "")
-        station.listen = urlsplit(url).netloc  # a restarted station keeps its address
+        station.listen = f"{station.listen.rpartition(':')[0]}:{urlsplit(url).port}"  # a restarted one keeps it
         return url
 
     def give_up_station(self) -> None:

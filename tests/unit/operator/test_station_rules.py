@@ -6,7 +6,16 @@ import socket
 import pytest
 
 from deltaswarm_operator.station import rules
+from deltaswarm_operator.station.visitors import host_in_url
 from deltaswarm_scenario.page_messages import MAX_BYTES, RefusedError
+
+
+def test_an_address_for_all_interfaces_is_one_by_which_the_machine_is_reached() -> None:
+    with socket.create_server(("0.0.0.0", 0)) as server:
+        host = host_in_url("0.0.0.0")
+        socket.create_connection((host, server.getsockname()[1]), 5).close()
+    assert host != "0.0.0.0"
+    assert (host_in_url("::1"), host_in_url("lab.example.org")) == ("[::1]", "lab.example.org")
 
 
 def test_hosts_that_are_ours() -> None:
