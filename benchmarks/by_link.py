@@ -13,9 +13,10 @@ import statistics
 import tempfile
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
-from tests.support.by_link import Message, Participant, a_study, serving
+from tests.support.by_link import Message, Participant, a_study, bad_links, serving
 from tests.support.swarms import told
 
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -52,6 +53,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--people", type=int, default=40)
     parser.add_argument("--speed", type=float, default=5.0)
+    parser.add_argument("--bad-links", action="store_true", help="links that are slow, cut, stall, die and come back")
     parser.add_argument("--duration-s", type=int, default=600, help="of each of the two runs [simulated s]")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -61,9 +63,11 @@ def main() -> None:
         file.write_text(file.read_text().replace('"smoke"', '"paper-25"'))
         told("serve", str(file), "--out", str(folder / "out"), "--links", str(given.people))
         links = json.loads((folder / "out" / "links.json").read_text())["links"]
-        with serving(file) as service:
+        with serving(file) as service, ExitStack() as stack:
             base = service.open_link.partition("/j/")[0]
             people = [Participant(f"{base}/p/{link['token']}/") for link in links]
+            if given.bad_links:
+                people = stack.enter_context(bad_links(service, [link["token"] for link in links]))
             ends: list[Message | None] = [None] * len(people)
 
             def go(index: int) -> None:

@@ -5,20 +5,18 @@ import random
 import shutil
 import signal
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import ConnectionClosed
 
 from tests.support.by_link import (
-    BEARS,
     Message,
     Participant,
     a_study,
+    bad_links,
     heard,
     hosted,
     kill,
@@ -31,7 +29,6 @@ from tests.support.by_link import (
     together,
     tokens,
 )
-from tests.support.cable import cable
 from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told, wait_until
 from tests.support.sweeping import marked, marked_command
 
@@ -201,35 +198,10 @@ def test_a_new_version_does_not_break_off_what_an_old_one_began(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_links_that_die_stall_and_are_slow_lose_nothing(tmp_path: Path) -> None:
-    """Twelve people at once, each over a link of their own, to which something happens every few seconds."""
     file = a_study(tmp_path, speed=10.0, training_s=100, condition_s=200, more="at_once = 12\n")
     links_of(file, 12)
-    with serving(file) as service, ExitStack() as stack:
-        port = urlsplit(service.open_link).port
-        assert port is not None
-        wires = [stack.enter_context(cable(port)) for _ in range(12)]
-        people = []
-        for index, (wire, token) in enumerate(zip(wires, tokens(file), strict=True)):
-            wire.delay_s = (0.0, 0.05, 0.2)[index % 3]
-            link = f"http://127.0.0.1:{wire.port}/p/{token}/"
-            people.append(Participant(link, patience_s=5.0, bears=(*BEARS, OSError)))
-        over = threading.Event()
-
-        def disturb() -> None:
-            chance = random.Random(1)
-            while not over.wait(0.3):
-                wire = chance.choice(wires)
-                chance.choice([wire.cut, wire.hold, wire.die, wire.mend])()
-                over.wait(0.3)
-                chance.choice(wires).mend()
-
-        disturbing = threading.Thread(target=disturb)
-        disturbing.start()
-        try:
-            ends = together(people, 300.0)
-        finally:
-            over.set()
-            disturbing.join()
+    with serving(file) as service, bad_links(service, tokens(file)) as people:
+        ends = together(people, 300.0)
     assert [end and end["state"] for end in ends] == ["complete"] * 12
     for number, one in enumerate(people, 1):
         acts = [row for run in RUNS for row in rows(file, number, run, "actions")]

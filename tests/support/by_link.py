@@ -3,12 +3,13 @@
 import csv
 import json
 import os
+import random
 import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from ssl import SSLContext
@@ -19,6 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
+from tests.support.cable import cable
 from tests.support.persons import headless
 from tests.support.swarms import BOUND_S, COMMAND, PATIENCE_S, told
 
@@ -268,3 +270,31 @@ def together(people: list[Participant], within_s: float = BOUND_S) -> list[Messa
     for thread in threads:
         thread.join(within_s)
     return ends
+
+
+@contextmanager
+def bad_links(service: Service, tokens: Sequence[str], seed: int = 1) -> Iterator[list[Participant]]:
+    """People each of whom has a link that is slow, or is cut, stalls or dies every few seconds, and comes back."""
+    chance, over = random.Random(seed), threading.Event()
+    port = urlsplit(service.open_link).port or 0
+
+    with ExitStack() as stack:
+        wires = [stack.enter_context(cable(port)) for _ in tokens]
+        for index, wire in enumerate(wires):
+            wire.delay_s = (0.0, 0.05, 0.2)[index % 3]
+
+        def disturb() -> None:
+            while not over.wait(3.6 / len(wires)):
+                wire = chance.choice(wires)
+                chance.choice([wire.cut, wire.hold, wire.die, wire.mend])()
+                over.wait(3.6 / len(wires))
+                chance.choice(wires).mend()
+
+        disturbing = threading.Thread(target=disturb)
+        disturbing.start()
+        links = [f"http://127.0.0.1:{wire.port}/p/{token}/" for wire, token in zip(wires, tokens, strict=True)]
+        try:
+            yield [Participant(link, patience_s=5.0, bears=(*BEARS, OSError)) for link in links]
+        finally:
+            over.set()
+            disturbing.join()
