@@ -9,12 +9,14 @@ A part begins with a comment and ends with `<!-- end -->`; what stands between t
   and variant), `[columns]` (metric and title), and, if you like, `[says.METRIC]` (what is put beside a row's number).
 - `<!-- best: TABLE -->` puts each rule beside the best of the `fixed` variants whose median `rate` is within a bound:
   `study`, `cells`, `[rules]` (name and bound), `fixed`, `rate`, `by`, `columns` (metric and title).
+- `<!-- changed: all -->` tables the claims whose verdict is another one since their study was done anew.
 - `<!-- shares: STUDY -->` tables where the claims of a sensitivity study hold, and the keys that turn them.
 """
 
 import re
 import tomllib
 from collections.abc import Iterator
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +25,20 @@ import pandas as pd
 from deltaswarm_studies.verdicts import tests_of_pages
 
 DOCS = Path(__file__).parents[1]
-PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md", DOCS / "READINGS.md")
+PAGES = (DOCS.parent / "README.md", DOCS / "beyond-the-paper.md", DOCS / "READINGS.md", DOCS / "CHANGED.md")
 STUDIES = DOCS / "studies"
 TABLES = DOCS / "tables"
 
 OURS = "Our readings"
 """The source of claims that are about our readings of a paper."""
 
+UNJUDGED = "cannot be judged"
+"""The verdict on a claim about what is no longer run."""
+
 PLACE = "docs/studies"
 
 PART = re.compile(
-    r"(<!-- (findings|medians|verdicts|tests|best|shares): ([\w-]+) -->\n)(.*?)(<!-- end -->\n)", re.DOTALL
+    r"(<!-- (findings|medians|verdicts|tests|best|shares|changed): ([\w-]+) -->\n)(.*?)(<!-- end -->\n)", re.DOTALL
 )
 
 
@@ -119,6 +124,26 @@ def best(name: str) -> Iterator[str]:
     yield ""
 
 
+def changed(studies: str) -> Iterator[str]:
+    """Table the claims that came to another verdict by the criterion that they had before."""
+    for page in sorted(STUDIES.glob("*/page.md")):
+        told = page.read_text(encoding="utf-8").partition("\n## What this study replaces\n")[2].partition("\n## ")[0]
+        for before, part in pairwise(told.split("\n**Verdicts then and now**\n")):
+            frozen = re.findall(r"^\*\*.*(frozen on \S+)\*\*$", before, re.MULTILINE)[-1]
+            lines = takewhile(lambda line: line.startswith("|"), part.strip().splitlines())
+            head, _, *claims = [[cell.strip() for cell in line[1:-1].split("|")] for line in lines]
+            then, now = head.index("Verdict then"), head.index("By the same criterion now")
+            if others := [row for row in claims if row[now] not in (row[then].removesuffix(" anyway"), UNJUDGED)]:
+                yield from ("", f"**[{page.parent.name}](studies/{page.parent.name}/page.md), {frozen}**", "")
+                yield from (
+                    "| claim | verdict then | found then | now | found now |",
+                    "| --- | --- | --- | --- | --- |",
+                )
+                places = (0, then, then + 1, now, now + 1)
+                yield from (f"| {' | '.join(row[place] for place in places)} |" for row in others)
+    yield ""
+
+
 def shares(study: str) -> Iterator[str]:
     """Make a table of the claims of a sensitivity study: the share of its points, and what turns them."""
     folder = STUDIES / study
@@ -146,6 +171,7 @@ MAKERS = {
     "tests": tests,
     "best": best,
     "shares": shares,
+    "changed": changed,
 }
 
 
