@@ -97,6 +97,8 @@ class Study:
 
     def why_closed(self) -> str:
         """Return why nobody new may begin, as `told` says it; empty: people may."""
+        if not self.has_doors:
+            return ""
         if not self.admits:
             return PAUSED
         now = datetime.now(UTC)

@@ -28,6 +28,8 @@ def test_people_begin_between_two_moments(tmp_path: Path, opens: str, closes: st
     assert study.why_closed() == why
     study.admits = False
     assert study.why_closed() == "paused"
+    study.has_doors = False  # as in the lab, whatever the disk and the clock say
+    assert study.why_closed() == ""
 
 
 @pytest.mark.parametrize("told", ["tomorrow", "2026-12-01T08:00", "08:00+01:00"])
