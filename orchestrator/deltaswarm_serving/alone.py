@@ -19,7 +19,7 @@ from deltaswarm_serving.line import Line
 from deltaswarm_serving.routes import OVERVIEW, PERSON, RUN, WATCHER, Site
 from deltaswarm_serving.settings import ServeSettings
 from deltaswarm_serving.study import Study
-from deltaswarm_sessions import doing, links
+from deltaswarm_sessions import PROCESSES, doing, links
 from deltaswarm_sessions.doing import Ready
 from deltaswarm_sessions.folder import locked
 
@@ -28,7 +28,7 @@ LOOK_EVERY_S = 0.1
 
 def session(arguments: argparse.Namespace) -> int:
     """Do what `deltaswarm session` does, its runs in one process unless the agents are to be processes."""
-    is_by_processes = arguments.researcher or arguments.agents == "processes"
+    is_by_processes = arguments.researcher or arguments.agents == PROCESSES
     return doing.session(arguments, doing.run_here if is_by_processes else _serve)
 
 

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from deltaswarm_cli.arguments import add_dry_run, add_json, host_and_port
+from deltaswarm_sessions import AGENTS, IN_PROCESS
 from deltaswarm_wire.arguments import whole
 
 LISTEN = "127.0.0.1:8420"
@@ -54,6 +55,13 @@ def add_serve(command: argparse.ArgumentParser) -> None:
         type=whole(1, 1000),
         metavar="N",
         help="with --pilot: N scripted participants come by the open link, for a rehearsal that ends with them",
+    )
+    command.add_argument(
+        "--agents",
+        choices=AGENTS,
+        default=IN_PROCESS,
+        help="where agents run, as in `deltaswarm session`; with processes a machine carries few sessions, and a run "
+        "that is killed is done again",
     )
     command.add_argument(
         "--share",

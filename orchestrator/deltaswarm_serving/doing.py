@@ -29,7 +29,7 @@ from deltaswarm_serving.routes import JOIN, OVERVIEW, Site
 from deltaswarm_serving.settings import load_serve
 from deltaswarm_serving.study import Study
 from deltaswarm_serving.unfinished import cannot_go_on
-from deltaswarm_sessions import commitment, roster
+from deltaswarm_sessions import PROCESSES, commitment, roster
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.links import COMPLETE, OVER, SCREENED_OUT, Links, table
 from deltaswarm_sessions.plan import PlannedRun, outline, outline_text, plan
@@ -55,8 +55,8 @@ def serve(arguments: argparse.Namespace) -> int:
     [first, *_] = runs = plan(settings, 1, beside)
     for warning in warnings:
         notice(warning)
+    places = serving.places(settings.speed, by_processes=arguments.agents == PROCESSES)
     if arguments.dry_run:
-        places = serving.places(settings.speed)
         outlined = outline(settings, runs, is_concealed=True) | {"at_once": places}
         show(arguments, outlined, f"{outline_text(outlined)}\nSessions at once: {places}.")
         return OK
@@ -78,9 +78,10 @@ def serve(arguments: argparse.Namespace) -> int:
                 language_at(arguments.language, Path()),
                 arguments.pilot,
                 arguments.share,
+                ("--agents", arguments.agents),
             ),
             links,
-            Line(serving.places(settings.speed)),
+            Line(places),
         )
         tls = _tls(arguments.certificate, arguments.key)
         front = Front(study, site, texts_of(first))

@@ -38,11 +38,11 @@ class ServeSettings:
                 found.append(Problem(name, repr(told), "must be a moment with an offset: 2026-12-01T08:00+01:00"))
         return found
 
-    def places(self, speed: float) -> int:
+    def places(self, speed: float, *, by_processes: bool = False) -> int:
         """Return how many sessions may be under way; `speed` [simulated s / wall s], 0: as fast as possible."""
         if self.at_once:
             return self.at_once
-        each = PER_CORE / (1.0 + speed) if speed else 1.0
+        each = PER_CORE / (1.0 + speed) if speed and not by_processes else 1.0
         return max(1, int((os.cpu_count() or 1) * each))
 
 

@@ -11,7 +11,7 @@ from deltaswarm_cli.arguments import (
     add_quiet,
     host_and_port,
 )
-from deltaswarm_sessions import DATASETS, MAX_PARTICIPANT
+from deltaswarm_sessions import AGENTS, DATASETS, IN_PROCESS, MAX_PARTICIPANT
 from deltaswarm_wire.arguments import number, whole
 
 
@@ -91,8 +91,8 @@ def add_session(command: argparse.ArgumentParser) -> None:
     add_markers(command)
     command.add_argument(
         "--agents",
-        choices=("in-process", "processes"),
-        default="in-process",
+        choices=AGENTS,
+        default=IN_PROCESS,
         help="where agents run: in-process (default): in one process with all else, so that a killed session goes on "
         "at its step; processes: in one each, which needs more of the machine. Digests are equal",
     )

@@ -117,6 +117,23 @@ def test_a_recruiting_service_sends_people_and_gets_them_back_with_their_codes(t
         assert (proved.returncode, f"participant {number}: complete" in proved.stdout) == (0, True), proved.stdout
 
 
+def test_agents_may_be_processes(tmp_path: Path) -> None:
+    """The same session, the same answers, and no process is left."""
+    file = a_study(tmp_path, training_s=30, condition_s=30)
+    plan = told("session", str(file), "--freeze", "--out", str(tmp_path / "out")).stdout.split()[0]
+    links_of(file, 1)
+    with serving(file, "--agents", "processes") as service:
+        one = person(service.open_link, tokens(file)[0])
+        assert (one.go_through() or {})["state"] == "complete"
+    acts = [row for run in ("0-training", "1-A") for row in rows(file, 1, run, "actions")]
+    assert [row["input"] for row in acts if row["kind"] == "command"] == one.orders
+    assert any("consent_sha256=" in row["text"] for row in acts)
+    pids = json.loads((tmp_path / "out" / "participant-001" / "1-A" / "logs" / "pids.json").read_text())
+    assert len([role for role in pids if role.startswith("agent")]) == 6
+    verified = told("verify", str(tmp_path / "out"), "--against", plan)
+    assert (verified.returncode, "2 of 2 planned runs are complete" in verified.stdout) == (0, True), verified.stdout
+
+
 def joined(open_link: str) -> Participant:
     """Come by the open link."""
     with socket_at(open_link, "door") as door:

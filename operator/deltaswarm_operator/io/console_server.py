@@ -5,6 +5,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,12 +48,13 @@ class Channel:
 
     def send(self, message: Message) -> None:
         """Send one message; drop it if the station is behind or gone."""
-        if self.is_muted:
-            return
-        try:
-            self._end.send(json.dumps(message, separators=(",", ":"), allow_nan=False).encode(), socket.MSG_DONTWAIT)
-        except OSError:
-            return
+        if not self.is_muted:
+            self.pass_on(json.dumps(message, separators=(",", ":"), allow_nan=False).encode())
+
+    def pass_on(self, datagram: bytes) -> None:
+        """The same with a message as it came from another channel."""
+        with suppress(OSError):
+            self._end.send(datagram, socket.MSG_DONTWAIT)
 
     def _receive(self) -> None:
         while True:

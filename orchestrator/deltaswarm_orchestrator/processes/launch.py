@@ -147,6 +147,11 @@ class Swarm:
         station.listen = f"{station.listen.rpartition(':')[0]}:{urlsplit(url).port}"  # a restarted one keeps it
         return url
 
+    def follow(self, station: StationChannel, conductor: StationChannel | None) -> None:
+        """Take channels to pages that are served elsewhere."""
+        self.conductor = conductor
+        self._pages |= {station} | ({conductor} if conductor else set())
+
     def give_up_station(self) -> None:
         """Close the station's end of the channel, so that the operator notices and no pause lasts forever."""
         if self.station is not None:

@@ -38,6 +38,8 @@ class StationChannel:
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """The secret part of the page's URL."""
     markers: str = ""
+    is_elsewhere: bool = False
+    """Whether the page is served by whoever has the station's end, and not by a process of the run."""
     opens_browser: bool = True
     """Whether to open the page in a browser, if there is a display."""
     watch_url: str = field(default="", init=False)

@@ -82,6 +82,9 @@ def _start_pages(context: RunContext, swarm: Swarm, *, has_truth: bool) -> None:
     """Start the pages of the person and of the researcher, if the run has them, and say where they are."""
     options, say = context.options, context.reporter.say
     station, urls = options.station, {}
+    if station and station.is_elsewhere:
+        swarm.follow(station, options.conductor)
+        return
     if station:
         urls = {"url": swarm.start_station(), "watch_url": station.watch_url}
         say(f"station: {urls['url']}")

@@ -49,6 +49,8 @@ class RunOptions:
     """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
     station: StationChannel | None = None
     """The page of the person who watches and commands; None: no station."""
+    conductor: StationChannel | None = None
+    """The conductor's page, if the station's is served elsewhere, too."""
     seat: "Seat | None" = None
     """The same for a run in one process."""
     researcher: bool = False

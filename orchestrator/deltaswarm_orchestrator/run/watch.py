@@ -97,9 +97,10 @@ class Watch:
     def _let_person_answer(self) -> None:
         """Wait for the operator, which may still ask its person questions after the last step, to end by itself."""
         operator, deadline = self._swarm.part(OPERATOR), time.monotonic() + ANSWER_WITHIN_S
+        station = self._swarm.station
         while wait_for([operator], POLL_S) and not self._stop.by and time.monotonic() < deadline:
             self._look_after_parts(is_stopping=False)
-            if self._swarm.part(STATION).exit_code is not None:
+            if station and not station.is_elsewhere and self._swarm.part(STATION).exit_code is not None:
                 break  # it ended as asked, or cannot be started again
 
     def _show(self) -> None:
