@@ -17,12 +17,11 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from deltaswarm_cli.arguments import show
-from deltaswarm_operator.station.visitors import host_in_url
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, notice
 from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.scenarios.load import language_at
-from deltaswarm_serving.front import Front
+from deltaswarm_serving.front import Front, address_of
 from deltaswarm_serving.hosting import Plan
 from deltaswarm_serving.line import Line
 from deltaswarm_serving.routes import JOIN, OVERVIEW, Site
@@ -125,7 +124,7 @@ def _make_links(arguments: argparse.Namespace, settings: SessionSettings, out: P
             number: int = roster.next_number(settings, out, links.numbers, arguments.share)["next"]
         links.add(number)
     links.write(out)
-    base = site.public or _address(arguments.listen, arguments.certificate)
+    base = site.public or address_of(arguments.listen, arguments.certificate)
     rows = table(links.links, f"{base}/")
     show(
         arguments,
@@ -133,11 +132,6 @@ def _make_links(arguments: argparse.Namespace, settings: SessionSettings, out: P
         "\n".join(["number,state,address", *(f"{r['number']},{r['state']},{r['address']}" for r in rows)]),
     )
     return OK
-
-
-def _address(listen: str, tls: object) -> str:
-    host, _, port = listen.rpartition(":")
-    return f"http{'s' if tls else ''}://{host_in_url(host.strip('[]'))}:{port}"
 
 
 def texts_of(first: PlannedRun) -> dict[str, Any]:
@@ -207,7 +201,7 @@ def serve_front(
     tasks: list[asyncio.Task[int]] = []
 
     def ready(port: int) -> None:
-        here = _address(f"{host}:{port}", tls)
+        here = address_of(f"{host}:{port}", tls)
         tasks.append(asyncio.get_running_loop().create_task(meanwhile(here)))
         tasks[0].add_done_callback(lambda task: None if task.cancelled() or not task.exception() else front.stop())
 

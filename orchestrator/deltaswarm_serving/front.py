@@ -17,7 +17,7 @@ from websockets.http11 import Request, Response
 from deltaswarm_operator.station import rules
 from deltaswarm_operator.station.room import Room
 from deltaswarm_operator.station.server import page_files
-from deltaswarm_operator.station.visitors import CLOSE_WITHIN_S, Visitor, abort_all, listening, response
+from deltaswarm_operator.station.visitors import CLOSE_WITHIN_S, Visitor, abort_all, host_in_url, listening, response
 from deltaswarm_serving.hosting import MOVED
 from deltaswarm_serving.line import Limiter
 from deltaswarm_serving.routes import DOOR, JOIN, LIVE, OVERVIEW, PERSON, RUN, WATCHER, Route, Site, outside_id
@@ -34,6 +34,12 @@ STRANGERS_PER_MINUTE = 60
 
 MAX_DOOR_MESSAGES = 100
 """What one page at a door may send."""
+
+
+def address_of(listen: str, tls: object) -> str:
+    """Return the address of a service that listens at HOST:PORT."""
+    host, _, port = listen.rpartition(":")
+    return f"http{'s' if tls else ''}://{host_in_url(host.strip('[]'))}:{port}"
 
 
 @dataclass(eq=False)
