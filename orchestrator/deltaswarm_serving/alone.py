@@ -7,10 +7,12 @@ import argparse
 import asyncio
 from math import inf
 from pathlib import Path
+from shutil import rmtree
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, complain, notice
 from deltaswarm_orchestrator.processes.station import ADDRESS, LOOPBACK, announce
+from deltaswarm_orchestrator.results.folder_lock import LOCK_FILES
 from deltaswarm_orchestrator.scenarios.load import language_at
 from deltaswarm_serving.doing import serve_front, texts_of
 from deltaswarm_serving.front import Front
@@ -19,7 +21,7 @@ from deltaswarm_serving.line import Line
 from deltaswarm_serving.routes import OVERVIEW, PERSON, RUN, WATCHER, Site
 from deltaswarm_serving.settings import ServeSettings
 from deltaswarm_serving.study import Study
-from deltaswarm_sessions import PROCESSES, doing, links
+from deltaswarm_sessions import doing, links
 from deltaswarm_sessions.doing import Ready
 from deltaswarm_sessions.folder import locked
 
@@ -27,12 +29,11 @@ LOOK_EVERY_S = 0.1
 
 
 def session(arguments: argparse.Namespace) -> int:
-    """Do what `deltaswarm session` does, its runs in one process unless the agents are to be processes."""
-    is_by_processes = arguments.researcher or arguments.agents == PROCESSES
-    return doing.session(arguments, doing.run_here if is_by_processes else _serve)
+    """Do what `deltaswarm session` does."""
+    return doing.session(arguments, serve)
 
 
-def _serve(arguments: argparse.Namespace, ready: Ready) -> int:
+def serve(arguments: argparse.Namespace, ready: Ready) -> int:
     """Do the session that was checked; return the exit code."""
     runner, folder = ready.runner, ready.runner.folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -40,12 +41,14 @@ def _serve(arguments: argparse.Namespace, ready: Ready) -> int:
     kept = links.Links()
     link = kept.add(runner.session.participant)
     link.agreed = provenance.now()  # the sheet of the first run asks
-    options = ["--sheet", "--go-on", runner.command, *["--quiet"] * arguments.quiet]
+    options = ["--sheet", "--go-on", runner.command]
+    options += ["--quiet"] * arguments.quiet + ["--researcher"] * arguments.researcher
     plan = Plan(
         Path(arguments.session).resolve(),
         ready.out.resolve(),
         language_at(arguments.language or "", Path()),
         arguments.pilot,
+        is_by_processes=not runner.in_process,
         options=(*options, *(["--markers", arguments.markers] if arguments.markers else [])),
         terminal=(2 if arguments.json else 1, 2),
     )
@@ -58,9 +61,11 @@ def _serve(arguments: argparse.Namespace, ready: Ready) -> int:
         urls = {
             "url": f"{base}/{PERSON}/{link.token}/{RUN}/",
             "watch_url": f"{base}/{WATCHER}/{kept.watchers(link)}/",
-            "conductor_url": f"{base}/{OVERVIEW}/{kept.overview}/{link.number}/",
         }
-        notice("the page: {url}\nonly to watch it: {watch_url}\nthe conductor's page: {conductor_url}".format(**urls))
+        notice("the page: {url}\nonly to watch it: {watch_url}".format(**urls))
+        if not arguments.researcher:  # else it is another one, which shows the truth
+            urls["conductor_url"] = f"{base}/{OVERVIEW}/{kept.overview}/{link.number}/"
+            notice(f"the conductor's page: {urls['conductor_url']}")
         announce(folder, urls, opens_browser=True)
         study.agree(link)
         while link.state not in (*links.OVER, links.FAILED):
@@ -74,6 +79,8 @@ def _serve(arguments: argparse.Namespace, ready: Ready) -> int:
         code = serve_front(front, listen, None, to_the_end)
     finally:
         (folder / ADDRESS).unlink(missing_ok=True)
+        if {path.name for path in folder.iterdir()} <= LOCK_FILES:  # it has not begun
+            rmtree(folder)
     if code == INTERRUPTED:
         complain(f"the session stops here; to go on: {runner.command}")
     return code

@@ -77,7 +77,7 @@ def serve(arguments: argparse.Namespace) -> int:
                 language_at(arguments.language, Path()),
                 arguments.pilot,
                 arguments.share,
-                ("--agents", arguments.agents),
+                is_by_processes=arguments.agents == PROCESSES,
             ),
             links,
             Line(places),
@@ -215,7 +215,7 @@ def serve_front(
     try:
         return asyncio.run(run())
     except OSError as error:
-        raise CommandError(f"--listen {listen}: {error}", FAILED) from None
+        raise CommandError(f"cannot listen at {listen}: {error}", FAILED) from None
 
 
 async def _rehearse(front: Front, open_link: str, count: int) -> int:

@@ -5,6 +5,7 @@ import logging
 import os
 import ssl
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Any
@@ -28,6 +29,8 @@ log = logging.getLogger("deltaswarm.serve")
 
 TEXT = "text/plain; charset=utf-8"
 TICK_S = 0.5
+END_WITHIN_S = 20.0
+"""What sessions have to end a run in, when the service stops."""
 MAX_CONNECTIONS = 4000
 STRANGERS_PER_MINUTE = 60
 """Requests from one address with tokens that nobody has."""
@@ -79,6 +82,9 @@ class Front:
             for hosted in self.study.hosted.values():
                 hosted.let_go()
             asyncio.get_running_loop().call_later(CLOSE_WITHIN_S, abort_all)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(END_WITHIN_S):
+                await asyncio.gather(*(hosted.gone() for hosted in self.study.hosted.values()))
         self.study.save()
 
     def stop(self) -> None:

@@ -5,6 +5,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from deltaswarm_cli.arguments import add_markers, add_quiet
@@ -34,6 +35,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--agents", choices=AGENTS, default=AGENTS[0], help="where agents run")
     made.add_argument("--sheet", action="store_true", help="nobody agreed at a door; the sheet asks")
     made.add_argument("--go-on", default="open the link again", metavar="TEXT", help="how an ended session goes on")
+    made.add_argument("--researcher", action="store_true", help="also serve a page that shows the truth")
     add_markers(made)
     add_quiet(made)
     for name, whose in (("--channel-fd", "participant's"), ("--conductor-fd", "conductor's")):
@@ -51,11 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.language:
         settings = replace(settings, language=language_at(arguments.language, Path()))
     runs = plan(settings, begun.kept.get("allocated", participant), beside)
-    kind = RelayedRunner if arguments.agents == PROCESSES else HostedRunner
+    is_by_processes = arguments.agents == PROCESSES
+    kind = partial(RelayedRunner, researcher=arguments.researcher) if is_by_processes else HostedRunner
     runner = kind(
         session=Session(participant, runs, shows_score=settings.score, kept=begun.kept),
         folder=out / folder_name(participant),
         speed=settings.speed,
+        in_process=not is_by_processes,
         markers=arguments.markers or "",
         quiet=arguments.quiet,
         command=arguments.go_on,

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from deltaswarm_operator.station.room import Room
 from deltaswarm_scenario.page_messages import made
+from deltaswarm_sessions import PROCESSES
 from deltaswarm_sessions.links import Link
 from deltaswarm_sessions.roster import WHOLE
 
@@ -31,6 +32,8 @@ class Plan:
     is_pilot: bool = False
     share: tuple[int, int] = WHOLE
     """Which of how many shares of the numbers are given."""
+    is_by_processes: bool = False
+    """Whether each agent is a process."""
     options: tuple[str, ...] = ()
     """More options of each session's process."""
     terminal: tuple[int, int] | None = None
@@ -57,6 +60,8 @@ class Hosted:
     code: int | None = None
     """How the newest process that has ended did so."""
     _ends: list[socket.socket] = field(default_factory=list)
+    _ends_runs: bool = False
+    """Whether its process ends a run in order, as nothing can go on within one."""
 
     async def start(self, plan: Plan, on_end: Callable[["Hosted", int], None]) -> None:
         """Start the process; `on_end` gets its exit code, below 0 if a signal ended it. Raises OSError."""
@@ -72,6 +77,7 @@ class Hosted:
         }
         words = [str(word) for option in options.items() for word in option] + ["--pilot"] * plan.is_pilot
         words += ["--quiet"] if plan.terminal is None else []
+        words += ["--agents", PROCESSES] if plan.is_by_processes else []
         log = None if plan.terminal else self._log(plan)
         out, error = plan.terminal or (log, log)
         try:
@@ -88,7 +94,7 @@ class Hosted:
                 os.close(log)
             for end in theirs:
                 end.close()
-        self._ends, self.is_let_go = [pair[0] for pair in pairs], False
+        self._ends, self.is_let_go, self._ends_runs = [pair[0] for pair in pairs], False, plan.is_by_processes
         for room, end in zip((self.pages, self.desk), self._ends, strict=True):
             room.follow(end)
         asyncio.get_running_loop().create_task(self._watch(self.process, on_end))
@@ -108,11 +114,16 @@ class Hosted:
         on_end(self, code)
 
     def let_go(self) -> None:
-        """End the process at once; another one can go on where it was."""
+        """End the process; another one goes on where it was, or with the next run if agents are processes."""
         self.is_let_go = True
         if self.process is not None:
             with suppress(ProcessLookupError):
-                self.process.send_signal(signal.SIGKILL)
+                self.process.send_signal(signal.SIGTERM if self._ends_runs else signal.SIGKILL)
+
+    async def gone(self) -> None:
+        """Wait until the process has ended, which takes a while if it ends a run."""
+        if (process := self.process) is not None:
+            await process.wait()
 
     def absent_s(self, now_s: float) -> float:
         """Return for how long nobody has been at the page [s]."""

@@ -1,14 +1,15 @@
 """A session whose agents are processes: what its operator's process shows and takes is passed on to the pages."""
 
+import secrets
 import socket
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from deltaswarm_operator.io.console_server import Channel
-from deltaswarm_orchestrator.processes.station import StationChannel
+from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, free_address
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES
+from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_serving.runner import HostedRunner, agreed
 from deltaswarm_sessions.plan import PlannedRun
@@ -19,8 +20,16 @@ from deltaswarm_sessions.runner import Runner
 class RelayedRunner(HostedRunner):
     """Does each run by processes; one that is killed is an attempt, and is done again."""
 
+    researcher: bool = False
+    """Whether the conductor's page is one that shows the truth, at an address of its own."""
+    _researcher_at: tuple[str, str] = field(init=False)
+    """Its HOST:PORT and token, which stay through the session."""
     _stations: dict[str, StationChannel] = field(default_factory=dict, init=False)
     """Of the run under way, by whose page it is."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._researcher_at = free_address(LOOPBACK), secrets.token_urlsafe(24)
 
     def _take(self, by: str, data: bytes | None) -> None:
         station = self._stations.get(by)
@@ -37,7 +46,12 @@ class RelayedRunner(HostedRunner):
             self._stations[by] = station = StationChannel(self.speed, markers=self.markers, is_elsewhere=True)
             threading.Thread(target=_pass_on, args=(station.stations_end, channel, first), daemon=True).start()
         station, conductor = self._stations[PERSON], self._stations[CONDUCTOR]
-        return replace(self._options(run), in_process=False, station=station, conductor=conductor)
+        options = replace(self._options(run), station=station, conductor=conductor)
+        if self.researcher:
+            listen, token = self._researcher_at
+            page = StationChannel(listen=listen, token=token)
+            options = replace(options, researcher=True, researcher_page=page)
+        return options
 
     def _do_run(self, run: PlannedRun) -> int:
         try:
@@ -47,15 +61,11 @@ class RelayedRunner(HostedRunner):
 
 
 def _pass_on(end: socket.socket, channel: Channel, first: bytes | None) -> None:
-    """Pass on what an operator shows until it has gone, and tell it `first` once it shows something."""
-    while True:
-        try:
-            data = end.recv(MAX_DATAGRAM_BYTES)
-            if data and first is not None:
+    """Pass on what an operator shows until its run is over, and tell it `first` once it shows something."""
+    with suppress(OSError):
+        while data := end.recv(MAX_DATAGRAM_BYTES):
+            if first is not None:
                 end.send(first)
                 first = None
-        except OSError:
-            return
-        if not data:
-            return
-        channel.pass_on(data)
+            channel.pass_on(data)
+    channel.send(made("ended"))

@@ -35,6 +35,8 @@ class HostedRunner(Runner):
     """Of the channels to the participant's and the conductor's page."""
     has_agreed: bool = True
     """Whether the person agreed at a door; else the page of the first run asks."""
+    markers: str = ""
+    """Where the person's acts are told: HOST:PORT or "lsl"; empty: nowhere."""
     _arrivals: Arrivals = field(default_factory=queue.SimpleQueue, init=False)
     _asked: "queue.SimpleQueue[bytes | None]" = field(default_factory=queue.SimpleQueue, init=False)
     """Inputs while questions are asked after a run."""
@@ -61,9 +63,6 @@ class HostedRunner(Runner):
             self._asked.put(data)
         else:
             self._arrivals.put((by, data))
-
-    def _options(self, run: PlannedRun) -> RunOptions:
-        return replace(super()._options(run), station=None, researcher=False, in_process=True)
 
     def _ready(self, run: PlannedRun) -> RunOptions:
         options, found = self._options(run), self._left(run)

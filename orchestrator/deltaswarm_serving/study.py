@@ -158,10 +158,12 @@ class Study:
         self.line.leave(link.token)
         if link.state == ENDED:  # by the experimenter
             pass
-        elif code in (0, SCREENED, INTERRUPTED):
-            link.state = {0: COMPLETE, SCREENED: SCREENED_OUT, INTERRUPTED: ENDED}[code]
+        elif code in (0, SCREENED):
+            link.state = COMPLETE if code == 0 else SCREENED_OUT
         elif hosted.is_let_go:
             link.state = AWAY
+        elif code == INTERRUPTED:
+            link.state = ENDED
         elif code < 0 and self._restarts.allows(link.token, time.monotonic()):  # killed: it can go on
             log.warning("the session of participant %s was killed (%d); it goes on", link.number, code)
             link.state = WAITING
@@ -171,6 +173,8 @@ class Study:
             link.state = FAILED
         if self.has_doors:
             hosted.pages.tell(MOVED)
+        elif link.state in OVER:
+            hosted.pages.end()
         self.save()
 
     def end(self, number: int) -> None:

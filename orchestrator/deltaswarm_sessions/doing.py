@@ -1,9 +1,7 @@
 """What `deltaswarm session` does: the runs of a participant, and the work on the folder of all participants."""
 
 import argparse
-import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,12 +10,10 @@ from deltaswarm_cli.arguments import show
 from deltaswarm_orchestrator.base import provenance, seal
 from deltaswarm_orchestrator.base.advice import as_given
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, notice
-from deltaswarm_orchestrator.base.output import results_on
-from deltaswarm_orchestrator.base.paths import check_files, check_out
-from deltaswarm_orchestrator.processes.station import LOOPBACK
+from deltaswarm_orchestrator.base.paths import check_files, check_out, check_ports
 from deltaswarm_orchestrator.recording import PART
 from deltaswarm_orchestrator.scenarios.load import language_at
-from deltaswarm_sessions import commitment, roster
+from deltaswarm_sessions import IN_PROCESS, commitment, roster
 from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.plan import outline, outline_text, plan
@@ -145,12 +141,12 @@ def _do(
         session=Session(participant, runs, shows_score=settings.score, kept=begun.kept),
         folder=out / folder_name(participant),
         speed=settings.speed,
-        listen=arguments.station_listen or LOOPBACK,
-        markers=arguments.markers or "",
-        researcher=arguments.researcher,
+        in_process=arguments.agents == IN_PROCESS and not arguments.researcher,
         quiet=arguments.quiet,
         command=as_given(arguments),
     )
+    pages = {"--station-listen": arguments.station_listen, "--markers": arguments.markers}
+    check_ports({option: f"tcp/{address}" for option, address in pages.items() if address and ":" in address})
     for warning in [*begun.warnings, *runner.check()]:
         notice(warning)
     if arguments.dry_run:
@@ -164,13 +160,6 @@ def _do(
         record = {name: value for name, value in read_record(runner.folder).items() if name != seal.SEAL}
         show(arguments, {"folder": str(runner.folder), **record}, str(runner.folder))
     return code
-
-
-def run_here(arguments: argparse.Namespace, ready: Ready) -> int:
-    """Do a session's runs by this process, each with processes for its agents and its page."""
-    begin(ready.runner, ready.out, ready.begun)
-    with results_on(sys.stderr) if arguments.json else nullcontext():
-        return ready.runner.run()
 
 
 def kept_of(settings: SessionSettings, beside: Path, out: Path, participant: int, *, is_pilot: bool) -> Begun:

@@ -1,19 +1,15 @@
-"""Carry out the steps of a session: do runs, each with a station at the same address, and ask for missing answers."""
+"""Carry out the steps of a session: do runs, and ask for missing answers. Where its pages are, subclasses know."""
 
-import secrets
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from deltaswarm.runs import check as check_run
 from deltaswarm_cli import report
 from deltaswarm_orchestrator.base import seal
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.exits import FAILED, OK, complain, notice
 from deltaswarm_orchestrator.base.inputs import Inputs, identify
 from deltaswarm_orchestrator.base.paths import free_folder
 from deltaswarm_orchestrator.base.signals import heed_signals_again
-from deltaswarm_orchestrator.processes.pages import serve_page
-from deltaswarm_orchestrator.processes.starter import QUESTIONS, LaunchError
-from deltaswarm_orchestrator.processes.station import LOOPBACK, StationChannel, announce, free_address, write_briefing
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.operating import question_warning
 from deltaswarm_orchestrator.run.options import RunOptions
@@ -21,13 +17,12 @@ from deltaswarm_sessions.folder import (
     RECORD,
     attempts_at,
     check_design,
-    folders_of_later_answers,
     locked,
     scenario_of,
     write_record,
 )
-from deltaswarm_sessions.plan import PlannedRun, after_score, order_warning
-from deltaswarm_sessions.session import SCORE, Ask, DoRun, Session
+from deltaswarm_sessions.plan import PlannedRun, order_warning
+from deltaswarm_sessions.session import Ask, DoRun, Session
 
 
 @dataclass(kw_only=True)
@@ -38,25 +33,17 @@ class Runner:
     folder: Path
     speed: float
     """Simulated per wall second to begin with; 0: as fast as possible."""
-    listen: str = LOOPBACK
-    """HOST:PORT of the page; a free port is chosen once, for all runs."""
-    markers: str = ""
-    researcher: bool = False
+    in_process: bool = True
+    """Whether the agents are in one process with all else."""
     quiet: bool = False
     command: str = ""
     """The command that continues the session, for the experimenter."""
-    _token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
-    _researcher_token: str = field(default_factory=lambda: secrets.token_urlsafe(24), init=False)
-    _researcher_listen: str = field(default_factory=lambda: free_address(LOOPBACK), init=False)
-    _opens_browser: bool = field(default=True, init=False)
-
     _lock: FolderLock = field(init=False)
     """Held while the session is done, and by the process that asks."""
     _inputs: dict[str, Inputs] = field(init=False)
     """The files that decide each run, as they were when the session was planned."""
 
     def __post_init__(self) -> None:
-        self.listen = free_address(self.listen)
         self._inputs = {run.folder: identify(run.scenario) for run in self.session.runs}
 
     def check(self) -> list[str]:
@@ -113,11 +100,8 @@ class Runner:
             self.session.attempts[run.folder] = attempts_at(self.folder, run)
 
     def _options(self, run: PlannedRun) -> RunOptions:
-        station = StationChannel(self.speed, self.listen, self._token, self.markers, self._opens_browser)
-        page = StationChannel(listen=self._researcher_listen, token=self._researcher_token) if self.researcher else None
         out = free_folder(self.folder / run.folder)
-        kept = self._inputs[run.folder]
-        return RunOptions(out=out, station=station, researcher=self.researcher, researcher_page=page, inputs=kept)
+        return RunOptions(out=out, in_process=self.in_process, inputs=self._inputs[run.folder])
 
     def _ready(self, run: PlannedRun) -> RunOptions:
         """Return how to do a run that begins now."""
@@ -125,7 +109,6 @@ class Runner:
 
     def _do_run(self, run: PlannedRun) -> int:
         options = self._ready(run)
-        self._opens_browser = False
         scenario = scenario_of(run, options.out.name, self.session.attempts[run.folder])
         code = report.run_and_report(scenario, options, quiet=self.quiet)
         self._note()
@@ -133,20 +116,5 @@ class Runner:
         return code
 
     def _ask(self, step: Ask) -> None:
-        """Ask on the station's page, until all is answered, the time is over or a signal ends it."""
-        folder, scenario = self.folder / step.attempt.folder, step.attempt.scenario
-        name = f"again-{len(folders_of_later_answers(folder)) + 1}" if step.text else SCORE
-        out = folder.with_name(f"{folder.name}.{name}")
-        out.mkdir()
-        asked = after_score(replace(scenario, operator=replace(scenario.operator, probes=step.probes)))
-        briefing = write_briefing(out, asked, None)
-
-        def say_url(url: str) -> None:
-            notice(f"the page: {url}")
-            announce(out, {"url": url}, opens_browser=False)
-
-        page = StationChannel(self.speed, self.listen, self._token)
-        try:
-            serve_page(QUESTIONS, {"--briefing": briefing, "--out": out}, out / "logs", page, say_url, lock=self._lock)
-        except LaunchError as error:
-            raise CommandError(str(error), FAILED) from None
+        """Ask until all is answered, or the time is over."""
+        raise NotImplementedError

@@ -41,34 +41,53 @@ question = [
     {{ name = "why", text = "Why?", kind = "text", required = false }},
 ]
 """
+PROCESSES = ("--agents", "processes")
+"""Then a run ends with the command, and what was not answered is asked later; else both would go on where they were."""
+
 SCALES = {"mental": 60, "physical": 0, "temporal": 60, "performance": 0, "effort": 60, "frustration": 0}
 
 
 class Browser:
-    """Answers what one page asks, until the page's process has gone."""
+    """Answers what a session's page asks in the run after that of `after`, until this run has ended."""
 
-    def __init__(self, address: Path, tlx: bool, condition: str = "", *, judges: bool = False) -> None:
+    def __init__(
+        self, folder: Path, tlx: bool, condition: str = "", *, judges: bool = False, after: "Browser | None" = None
+    ) -> None:
+        address = folder / "station.json"
         wait_until(lambda: address.exists() and address.read_text().endswith("\n"), str(address))
         self.url = json.loads(address.read_text())["url"]
+        self.asked: list[str] = []
+        self.run = after.run if after else ""
+        while not self.is_over(tlx, condition, judges):
+            pass
+
+    def is_over(self, tlx: bool, condition: str, judges: bool) -> bool:
+        """Answer until the run has ended, or the page has moved since the session has not begun."""
+        before = self.run
         live = f"{self.url.replace('http', 'ws', 1)}live"
         origin: Any = self.url[: self.url.index("/", 8)]
-        self.asked: list[str] = []
         with connect(live, origin=origin, max_size=1 << 22, ping_interval=None, open_timeout=PATIENCE_S) as socket:
             answered, is_judged = None, not judges
             while True:
                 message = json.loads(socket.recv(PATIENCE_S))
+                if message["type"] == "moved":
+                    return False
+                if message["type"] == "hello":
+                    self.run = message["run"]
+                if self.run == before:
+                    continue
                 if not is_judged and message.get("events"):
                     socket.send(json.dumps({"type": "judge", "event": message["events"][0][0], "answer": "target"}))
                     is_judged = True
                 if message["type"] == "ended":
-                    return
+                    return True
                 if message["type"] == "picture":  # ten times a second
                     socket.send(json.dumps({"type": "beat"}))
                 probe = message.get("probe")
                 if probe is None or probe == answered:
                     continue
                 if probe["kind"] == "tlx" and not tlx:
-                    return
+                    return True
                 answered = probe
                 self.asked.append(probe["kind"])
                 self.probe = probe
@@ -85,9 +104,9 @@ class Browser:
 
 
 @contextmanager
-def a_session(folder: Path) -> Iterator[subprocess.Popen[str]]:
+def a_session(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """The session of participant 1 of the folder's `study.toml`, under way."""
-    command = [*COMMAND, "session", "study.toml", "--agents", "processes", "--quiet", "--participant", "1"]
+    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1", *options]
     with subprocess.Popen(command, cwd=folder, env=headless(), stderr=subprocess.PIPE, text=True) as session:
         try:
             yield session
@@ -103,16 +122,16 @@ def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
     """The person leaves before NASA-TLX; the run is kept, and the next start of the session asks what is missing."""
     (tmp_path / "study.toml").write_text(FILE)
     folder = tmp_path / "sessions" / "study" / "participant-001"
-    with a_session(tmp_path) as session:
-        first = Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
-        second = Browser(folder / "1-A.part" / "station.json", tlx=False, condition="1 A")
+    with a_session(tmp_path, *PROCESSES) as session:
+        first = Browser(folder, tlx=True, condition="0 training")
+        second = Browser(folder, tlx=False, condition="1 A", after=first)
         session.terminate()  # so does the experimenter
         assert session.wait(PATIENCE_S) == 130
     assert (first.asked, second.asked) == (["sheet"], ["sheet"])
     assert json.loads((folder / "1-A" / "summary.json").read_text())["complete"]
     assert table(tmp_path, "runs")[1]["answers_missing"] == "2"
     with a_session(tmp_path) as session:
-        third = Browser(folder / "1-A.again-1" / "station.json", tlx=True)
+        third = Browser(folder, tlx=True)
         end_well(session)
     assert third.asked == ["tlx", "form"]
     [_, run] = table(tmp_path, "runs")
@@ -139,9 +158,9 @@ def test_a_session_shows_the_score_of_the_task(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(TASK)
     folder = tmp_path / "sessions" / "study" / "participant-001"
     with a_session(tmp_path) as session:
-        Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
-        first = Browser(folder / "1-A.part" / "station.json", tlx=True, condition="1 A", judges=True)
-        second = Browser(folder / "1-A.score" / "station.json", tlx=True)
+        training = Browser(folder, tlx=True, condition="0 training")
+        first = Browser(folder, tlx=True, condition="1 A", judges=True, after=training)
+        second = Browser(folder, tlx=True, after=first)
         end_well(session)
     assert (first.asked, second.asked) == (["sheet"], ["form"])
     task = json.loads((folder / "1-A" / "summary.json").read_text())["task"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes.test_asking_again import FILE, Browser, a_session, end_well, table
+from tests.processes.test_asking_again import FILE, PROCESSES, Browser, a_session, end_well, table
 from tests.support.swarms import BOUND_S, COMMAND, told, wait_until
 from tests.support.sweeping import marked, marked_command, sweeping, written
 
@@ -23,7 +23,10 @@ REPLAYING = 4
 def session(folder: Path, ending: signal.Signals) -> Iterator[subprocess.Popen[str]]:
     """A session that gets a signal at the end of the block, and of which nothing may be left then."""
     command = [*COMMAND, "session", str(folder / "study.toml"), "--quiet", "--participant", "1"]
-    command += ["--agents", "processes", "--out", str(folder / "sessions" / "study")]
+    command += [*PROCESSES, "--out", str(folder / "sessions" / "study")]
+    (folder / "sessions" / "study" / "participant-001" / "station.json").unlink(
+        missing_ok=True
+    )  # of one that was killed
     with marked_command(*command, DISPLAY="") as (process, mark):
         yield process
         assert process.poll() is None
@@ -39,16 +42,17 @@ def test_a_killed_session_leaves_no_process(tmp_path: Path) -> None:
     with session(tmp_path, signal.SIGKILL):
         wait_until((out / "0-training.part" / "logs" / "pids.json").exists, "the first processes")
     with session(tmp_path, signal.SIGKILL):
-        wait_until((out / "0-training-2.part" / "station.json").exists, "the page")
+        wait_until((out / "0-training-2.part" / "operator.toml").exists, "what the operator is told")
     with session(tmp_path, signal.SIGTERM):
-        Browser(out / "0-training-3.part" / "station.json", tlx=True, condition="0 training")
-        Browser(out / "1-A.part" / "station.json", tlx=False, condition="1 A")
+        training = Browser(out, tlx=True, condition="0 training")
+        Browser(out, tlx=False, condition="1 A", after=training)
     with session(tmp_path, signal.SIGKILL):
-        wait_until((out / "1-A.again-1" / "station.json").exists, "the page that asks again")
+        wait_until((out / "1-A.again-1").exists, "the page that asks again")
         second = told("session", str(tmp_path / "study.toml"), "--participant", "1", "--out", str(out.parent))
         assert (second.returncode, "under way" in second.stderr) == (2, True)
+    (out / "station.json").unlink(missing_ok=True)
     with a_session(tmp_path) as last:
-        asked = Browser(out / "1-A.again-2" / "station.json", tlx=True).asked
+        asked = Browser(out, tlx=True).asked
         end_well(last)
     assert asked == ["tlx", "form"]
     [run] = [row for row in table(tmp_path, "runs") if row["run"] == "1-A"]

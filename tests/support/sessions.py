@@ -1,19 +1,25 @@
 """Files of sessions, and sessions whose runs are pretended."""
 
+import argparse
 import csv
 import json
+import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from deltaswarm_cli import report
+from deltaswarm_orchestrator.base.output import results_on
 from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_serving import alone
+from deltaswarm_sessions import doing
 from deltaswarm_sessions.folder import RECORD
 from deltaswarm_sessions.plan import PlannedRun, plan
 from deltaswarm_sessions.session import Attempt, Session
@@ -44,9 +50,8 @@ def a_file(folder: Path, conditions: int = 3, more: str = "") -> Path:
 
 
 def a_command(folder: Path, conditions: int = 2, more: str = "") -> list[str]:
-    """The command for sessions below `out`, which does the runs itself."""
-    file = str(a_file(folder, conditions, more))
-    return ["session", file, "--out", str(folder / "out"), "--agents", "processes"]
+    """The command for sessions below `out`."""
+    return ["session", str(a_file(folder, conditions, more)), "--out", str(folder / "out")]
 
 
 FORMS = """
@@ -89,6 +94,13 @@ def do(session: Session, run: PlannedRun, *, answered: tuple[str, ...] = (), **s
     return attempt
 
 
+def run_here(arguments: argparse.Namespace, ready: doing.Ready) -> int:
+    """Do a session's runs without pages and processes."""
+    doing.begin(ready.runner, ready.out, ready.begun)
+    with results_on(sys.stderr) if arguments.json else nullcontext():
+        return ready.runner.run()
+
+
 class Pretended:
     """Stands for the command for runs: writes a summary of each, complete unless told otherwise."""
 
@@ -97,6 +109,7 @@ class Pretended:
         self.scenarios: list[Scenario] = []
         self.options: list[RunOptions] = []
         monkeypatch.setattr(report, "run_and_report", self)
+        monkeypatch.setattr(alone, "serve", run_here)
 
     @property
     def done(self) -> list[str]:

@@ -7,7 +7,6 @@ from pathlib import Path
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.processes.starter import LaunchError, Options, Starter
 from deltaswarm_orchestrator.processes.station import STATION, StationChannel
-from deltaswarm_orchestrator.results.folder_lock import FolderLock
 
 START_WITHIN_S = 60.0
 LOOK_EVERY_S = 0.2
@@ -20,13 +19,12 @@ def serve_page(
     station: StationChannel,
     say_url: Callable[[str], None],
     *,
-    lock: FolderLock | None = None,
     was_stopped: Callable[[], object] = lambda: None,
 ) -> None:
     """Serve the page of a feed until the feed ends, or `was_stopped` returns something true.
 
     The feed has the role `feed` and these options. The folder `logs` is created; the station's two ends are closed.
-    `say_url` gets the page's URL once browsers can connect. `lock` is a folder that the feed holds, too, until it ends.
+    `say_url` gets the page's URL once browsers can connect.
 
     Raises:
         LaunchError: a process did not start, or the feed failed; the text has its last log lines.
@@ -41,7 +39,7 @@ def serve_page(
                 STATION, 0, {"--listen": station.listen}, password=station.token, channels=to_station
             )
         )
-        part = starter.start(feed, 0, options, channels={"--channel-fd": station.operators_end}, lock=lock)
+        part = starter.start(feed, 0, options, channels={"--channel-fd": station.operators_end})
         station.close()  # each process notices the end of the other one
         while wait_for([part], LOOK_EVERY_S):
             if was_stopped():

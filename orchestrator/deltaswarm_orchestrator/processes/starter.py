@@ -37,9 +37,9 @@ from deltaswarm_wire.plugins import CONTROLLERS
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
-QUESTIONS, REPLAY = "questions", "replay"
-"""The roles of those who feed a page without a run in progress: with missing answers, or with what was recorded."""
-MODULES |= {QUESTIONS: "deltaswarm_operator.io.asking", REPLAY: "deltaswarm_operator.io.replaying"}
+REPLAY = "replay"
+"""The role of who feeds a page with what was recorded."""
+MODULES[REPLAY] = "deltaswarm_operator.io.replaying"
 """The main module of each role. Parts are referred to by module name and not imported here."""
 
 PRELOADED = [

@@ -84,8 +84,7 @@ def _start_pages(context: RunContext, swarm: Swarm, *, has_truth: bool) -> None:
     station, urls = options.station, {}
     if station and station.is_elsewhere:
         swarm.follow(station, options.conductor)
-        return
-    if station:
+    elif station:
         urls = {"url": swarm.start_station(), "watch_url": station.watch_url}
         say(f"station: {urls['url']}")
         say(f"only to watch it: {station.watch_url}")
@@ -96,7 +95,7 @@ def _start_pages(context: RunContext, swarm: Swarm, *, has_truth: bool) -> None:
         urls["researcher_url"] = swarm.start_station(page, 1)
         swarm.conductor = page if station else None
         say(f"conductor's page, which shows the truth: {urls['researcher_url']}")
-    if station:
+    if station and not station.is_elsewhere:
         announce(context.folder.path, urls, opens_browser=station.opens_browser)
 
 

@@ -13,7 +13,7 @@ from deltaswarm_cli.main import all_commands, main, parser
 from deltaswarm_orchestrator.base.exits import aligned, shown
 from deltaswarm_studies.load import COLLECTIONS
 from tests.support.complaints import Printed
-from tests.support.sessions import a_file
+from tests.support.sessions import a_file, run_here
 from tests.support.swarms import COMMAND
 from tests.support.tiers import in_one_test
 
@@ -105,7 +105,7 @@ def test_a_dry_run_starts_and_writes_nothing(
     [
         "run smoke --in-process --set run.duration_s=20 --out {new}",
         "sweep smoke --repeats 1 --prove 0 --out {new}",
-        "session {file} --participant 3 --agents processes --out {new}",
+        "session {file} --participant 3 --out {new}",
     ],
 )
 def test_a_quiet_command_says_nothing_beside_its_result(
@@ -115,6 +115,7 @@ def test_a_quiet_command_says_nothing_beside_its_result(
     words = command.format(new=tmp_path / "new", file=a_file(tmp_path)).split()
     if words[0] == "session":
         monkeypatch.setattr("deltaswarm_cli.report.run_and_report", lambda *_, quiet: 0 if quiet else 1)
+        monkeypatch.setattr("deltaswarm_serving.alone.serve", run_here)
     assert main([*words, "--quiet"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
