@@ -185,7 +185,7 @@ def _times(study: Study) -> Iterator[Problem]:
     end_s = min(scenario.run.duration_s for scenario in scenarios)
     windowed = [f"figure[{i}]" for i, figure in enumerate(file.figure) if figure.kind == "time"]
     windowed += [f"recovery[{i}]" for i in range(len(file.recovery))]
-    needy = [*windowed, *(name for name in used_metrics(study) if study.metrics[name].kind != COLUMN)]
+    needy = [*windowed, *(name for name in used_metrics(study) if study.metrics[name].needs_series)]
     if needy and not every_s:
         yield Problem("sweep.series_every_s", "0", f"must be above 0 for {needy[0]}")
         return
@@ -205,7 +205,7 @@ def _times(study: Study) -> Iterator[Problem]:
     horizon_s = max(scenario.metrics.horizon_s for scenario in scenarios)
     for name in used_metrics(study):
         metric = study.metrics[name]
-        if metric.kind == COLUMN and (settings.from_s or settings.until_s is not None):
+        if not metric.needs_series and (settings.from_s or settings.until_s is not None):
             allowed = f"cannot be applied to {name!r}, which has no time series"
             yield Problem("study.from_s", f"{settings.from_s:.15g}", allowed)
         if source_of(metric) and metric.from_s + horizon_s >= end_s:
@@ -244,7 +244,7 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
         if claim.kind in ("predicts", "trend"):
             allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
             yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
-    windowed = [name for name in used_metrics(study) if study.metrics[name].kind != COLUMN]
+    windowed = [name for name in used_metrics(study) if study.metrics[name].needs_series]
     windowed += [f"figure {figure.name!r}" for figure in file.figure if KINDS[figure.kind].is_over_time]
     windowed += ["recovery"] if file.recovery else []
     for i, one in enumerate(study.ranges):

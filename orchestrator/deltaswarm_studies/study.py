@@ -17,6 +17,9 @@ from deltaswarm_wire import checked
 
 INTERACTION = " against "
 
+LATER = {"metric": ("price_s", "after_change")}
+"""Keys that tables of study files got after studies had been published."""
+
 
 class Comparison(NamedTuple):
     """One row of a contrast: two levels within a cell of the other factors."""
@@ -91,7 +94,9 @@ class Study:
         """Digests of what the study file runs, and of what it asks."""
         sweep, asked = checked.plain(self.sweep.file), checked.plain(self.file)
         sweep["base"] = Path(sweep["base"]).name
-        for table, key in ((sweep["sweep"], "repeats_of"), (asked["study"], "replaces")):
+        later = [(sweep["sweep"], "repeats_of"), (asked["study"], "replaces")]
+        later += [(row, key) for name, keys in LATER.items() for row in asked[name] for key in keys]
+        for table, key in later:
             if not table[key]:  # so that files without it keep their digest
                 del table[key]
         if self.ranges and self.sweep.runs_per_point == 1:

@@ -88,7 +88,7 @@ def metrics_by_run(study: Study) -> list[str]:
 
 
 def _values(metric: StudyMetric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
-    if metric.kind == metrics.COLUMN:
+    if not metric.needs_series:
         if metric.column not in table:
             raise ValueError(f"the sweep's table has no column {metric.column!r}")
         return pd.to_numeric(table[metric.column])
