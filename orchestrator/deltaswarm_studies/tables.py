@@ -190,6 +190,13 @@ def samples_of(runs: pd.DataFrame, metric: str) -> Samples:
     return lambda variant: wide[variant] if variant in wide else pd.Series(math.nan, index=wide.index)
 
 
+def means_of(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> tuple[pd.Series, pd.Series]:
+    """Return the means of each pair's sides over the replicates that both have."""
+    means = [pd.concat(pair, axis=1, keys=("a", "b")).dropna().mean() for pair in pairs]
+    rows = pd.DataFrame(means, columns=["a", "b"]).reset_index(drop=True)
+    return rows["a"], rows["b"]
+
+
 def missing_runs(study: Study, runs: pd.DataFrame, invalid: pd.DataFrame) -> list[str]:
     """Say which runs of the study are not there and not known to be invalid; empty if there is no such run."""
     finished = {run for rows in (runs, invalid) for run in zip(rows["variant"], rows["replicate"], strict=True)}
