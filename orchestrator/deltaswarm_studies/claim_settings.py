@@ -53,9 +53,8 @@ class ClaimSettings:
     )
     over: str = key(
         "",
-        "of an order: a factor over whose levels the logarithms of ratios are averaged, each of the replicates' means "
-        "(differences, if values are 0 or below), with an interval for other levels of the same kind; variants are "
-        "then named without its level",
+        "of an order: average over the levels of this factor, each of which counts once; variants are then named "
+        "without its level",
     )
     cells: tuple[str, ...] = key((), "over: only these of its levels (default: all)")
     at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
