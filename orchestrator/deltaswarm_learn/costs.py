@@ -35,7 +35,13 @@ class Cost(NamedTuple):
 
 
 def costs_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> list[Cost]:
-    """Do a run of the base scenario with other keys under each control.
+    """Do a run of the base scenario with other keys under each control (`scenarios_of`)."""
+    compile_once("dense engine", lambda: run_dense(Scenario()))
+    return [_cost_of(scenario) for scenario in scenarios_of(keys, overrides, controls)]
+
+
+def scenarios_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> list[Scenario]:
+    """Return the base scenario with other keys under each control.
 
     Args:
         keys: keys of the scenario by dotted names.
@@ -45,14 +51,13 @@ def costs_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> 
     Raises:
         SettingsError: keys are wrong.
     """
-    compile_once("dense engine", lambda: run_dense(Scenario()))
     table = read_table(BASE)
     problems = [problem for name, value in keys.items() for problem in put(table, name, value)]
     problems += [problem for override in overrides for problem in apply(table, override)]
     scenario, more = check_table(table)
     if scenario is None or problems + more:
         raise SettingsError(problems + more)
-    return [_cost_of(_controlled(scenario, table["control"] | dict(control))) for control in controls]
+    return [_controlled(scenario, table["control"] | dict(control)) for control in controls]
 
 
 def _controlled(scenario: Scenario, control: dict[str, Any]) -> Scenario:
