@@ -66,11 +66,8 @@ def _family(
 ) -> Iterator[Row]:
     """Yield the rows of a family; `twins` are the same outcome by another count, whose order must not be opposite."""
     scale = _scale_of(comparisons, samples)
-    pairs = [
-        means_of([(samples(a), samples(b)) for a, b in row.sides]) if settings.over else _paired(row, samples, scale)
-        for row in comparisons
-    ]
     margin, by_mean = settings.margin, bool(settings.over)
+    pairs = [_paired(row, samples, scale, by_mean=by_mean) for row in comparisons]
     contrasts = [contrast(a, b, scale, by_mean=by_mean) for a, b in pairs]
     tests = holm([tested.p() for tested in contrasts])
     for row, (a, b), tested, (p_holm, alpha) in zip(comparisons, pairs, contrasts, tests, strict=True):
@@ -113,9 +110,11 @@ def _scale_of(comparisons: Sequence[Comparison], samples: Samples) -> Scale:
     return scale_of(*(samples(variant) for row in comparisons for side in row.sides for variant in side))
 
 
-def _paired(row: Comparison, samples: Samples, scale: Scale) -> tuple[pd.Series, pd.Series]:
-    """Return the paired samples of a comparison; for an interaction, samples of changes on the same scale."""
+def _paired(row: Comparison, samples: Samples, scale: Scale, *, by_mean: bool = False) -> tuple[pd.Series, pd.Series]:
+    """Return the paired samples of a comparison; of an interaction those of changes, on the same scale."""
     sides = [(samples(a), samples(b)) for a, b in row.sides]
+    if by_mean:
+        return means_of(sides)
     if len(sides) == 1:
         return sides[0]
     change, reference = (a / b if scale == RATIO else a - b for a, b in sides)

@@ -90,12 +90,11 @@ def _estimands(study: Study) -> Iterator[str]:
     for contrast in study.file.contrast:
         text = contrast.text or contrast.id
         yield f"{text}: shifts of {_joined(_labels(study, study.metrics_of(contrast)))}."
-    asked = (*study.file.contrast, *study.file.claim)
-    for over, cells in dict.fromkeys(
-        (one.over, one.cells or tuple(study.factors[one.over])) for one in asked if one.over
-    ):
-        left_out = _joined(level for level in study.factors[over] if level not in cells)
-        yield f"Means over {study.factor_title(over)}: {_joined(cells)}{f'; without {left_out}' if left_out else ''}."
+    means = [(one.over, one.cells) for one in study.file.contrast] + [(one.over, one.cells) for one in study.file.claim]
+    for over, cells in dict.fromkeys(mean for mean in means if mean[0]):
+        left_out = _joined(level for level in study.factors[over] if cells and level not in cells)
+        named = _joined(cells or study.factors[over])
+        yield f"Means over {study.factor_title(over)}: {named}{f'; without {left_out}' if left_out else ''}."
 
 
 def _methods(study: Study) -> Iterator[str]:

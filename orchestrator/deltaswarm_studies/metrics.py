@@ -90,6 +90,9 @@ class MetricSettings:
         """List what the metric's kind needs and does not have."""
         if not self.name:
             yield Problem("name", "missing", "a metric needs a name")
+        elif self.kind != COST and (self.price_s or self.after_change):
+            name = "price_s" if self.price_s else "after_change"
+            yield Problem(name, f"kind {self.kind!r}", "must be left out: only kind 'cost' has it")
         elif self.kind == COLUMN and not self.column:
             yield Problem("column", "missing", "a metric of kind 'column' needs it")
         elif self.kind == COST:
@@ -109,7 +112,8 @@ class MetricSettings:
     def metric(self) -> StudyMetric:
         """Return the metric that the table describes."""
         if self.kind == COST:
-            title = self.title or f"Mean delay of an event{f', plus {self.price_s:g} s a message' * (self.price_s > 0)}"
+            more = f", plus {self.price_s:g} s a message" if self.price_s else " after a change" * self.after_change
+            title = self.title or f"Mean delay of an event{more}"
             own = {name: getattr(self, name) for name in ("kind", "from_s", "price_s", "after_change")}
             return StudyMetric(title, self.unit or "s", self.name, until_s=self._until_s, **own)
         source = named(self.of)

@@ -122,10 +122,7 @@ def _claims(source: str) -> str:
 
 
 def _family(study: Study, name: str, tested: Sequence[Iterable[str]], halves: int = 1) -> dict[str, Any]:
-    """Describe a family of tests, each of these variants, with the replicates of the one that has fewest.
-
-    Of two halves only one is compared.
-    """
+    """Describe a family of tests, each of these variants, with the fewest replicates; of two halves one is compared."""
     tests = len(tested)
     repeats = min(map(study.repeats_of, tested)) // halves
     least = min(1.0, smallest_p(repeats) * tests)

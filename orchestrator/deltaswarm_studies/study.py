@@ -18,11 +18,7 @@ from deltaswarm_wire import checked
 
 INTERACTION = " against "
 
-LATER = {
-    "metric": ("price_s", "after_change"),
-    "claim": OF_ORDER,
-    "contrast": ("over", "cells"),
-}
+LATER = {"metric": ("price_s", "after_change"), "claim": OF_ORDER, "contrast": ("over", "cells")}
 """Keys that tables of study files got after studies had been published."""
 
 

@@ -43,7 +43,7 @@ def cost(events: str = "", result: dict[str, Any] = RUN, **keys: Any) -> float:
     given = {"schema": 1, "run": {"duration_s": 200.0}, "events": tomllib.loads(events)}
     scenario, problems = check_table(given)
     assert isinstance(scenario, Scenario), problems
-    metric = checked.load(MetricSettings, {"name": "cost", "kind": "cost", **keys}).metric()
+    metric = checked.load(MetricSettings, {"name": "cost", "kind": "cost"} | keys).metric()
     return cost_s(metric, scenario, result)
 
 
@@ -72,9 +72,14 @@ def test_a_place_that_moves_slowly_changes_nothing_at_once() -> None:
 
 @pytest.mark.parametrize(
     ("keys", "where"),
-    [({"price_s": 1.0, "until_s": 9.0}, "price_s"), ({"from_s": 9.0, "until_s": 9.0}, "until_s")],
+    [
+        ({"price_s": 1.0, "until_s": 9.0}, "price_s"),
+        ({"from_s": 9.0, "until_s": 9.0}, "until_s"),
+        ({"kind": "column", "column": "completed", "price_s": 1.0}, "price_s"),
+        ({"kind": "column", "column": "completed", "after_change": True}, "after_change"),
+    ],
 )
-def test_impossible_costs_are_refused(keys: dict[str, float], where: str) -> None:
+def test_impossible_costs_are_refused(keys: dict[str, Any], where: str) -> None:
     with pytest.raises(SettingsError, match=where):
         cost(**keys)
 
