@@ -99,7 +99,7 @@ def _of_claims(study: Study, rows: Sequence[Row]) -> Iterator[Result]:
     for row in rows:
         claim = asked[row["claim"]]
         rival = row["about"].partition(" over ")[0]
-        named = [claim.less, rival] if claim.every else [claim.less] if claim.best_of else claim.along or claim.variants
+        named = [claim.less, rival] if claim.every else claim.along or claim.variants
         sides = [] if claim.over else [study.levels[name] for name in named]
         common = [name for name in study.factors if sides and all(side[name] == sides[0][name] for side in sides)]
         cell = [study.words(sides[0][name]) for name in common]

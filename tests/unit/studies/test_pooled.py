@@ -185,7 +185,12 @@ def test_a_page_tells_what_was_averaged_and_chosen() -> None:
     study = made(OWN + CONTRAST + FINDING, SWEEP)
     evidence = Evidence(study, runs(study), pd.DataFrame(), pd.DataFrame())
     markdown = pages(study, evidence, pd.DataFrame({"what": [], "value": []}))[1]
-    for text in ("on average over task", "with the best of 2", "each of 2, mean over task", "a, b, c; without d, e, f"):
+    for text in (
+        "on average over task",
+        "with the best of 2 as with new, with f (",
+        "each of 2, mean over task",
+        "a, b, c; without d, e, f",
+    ):
         assert text in markdown, text
 
 
