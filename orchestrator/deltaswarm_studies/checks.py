@@ -251,9 +251,12 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
     if study.ranges and not file.claim:
         yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
     for i, claim in enumerate(file.claim if study.ranges else ()):
-        if claim.kind in ("predicts", "trend") or any(getattr(claim, name) for name in OF_ORDER):
-            allowed = "must compare two variants in a sensitivity study, which runs each variant once at a point"
+        if claim.kind in ("predicts", "trend"):
+            allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
             yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
+        for name in OF_ORDER:
+            if given := getattr(claim, name):
+                yield Problem(f"claim[{i}].{name}", repr(given)[:60], "must be left out of a sensitivity study")
     windowed = [name for name in used_metrics(study) if study.metrics[name].needs_series]
     windowed += [f"figure {figure.name!r}" for figure in file.figure if KINDS[figure.kind].is_over_time]
     windowed += ["recovery"] if file.recovery else []
