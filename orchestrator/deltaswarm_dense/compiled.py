@@ -54,6 +54,7 @@ def compile_once(what: str, run: Callable[[], object]) -> None:
     done = folder / f"{what}-{'-'.join(versions)}-{platform.node()}"
     if done.exists():
         return
+    folder.mkdir(parents=True, exist_ok=True)  # runs of other versions may have removed it since
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not done.exists():

@@ -19,6 +19,7 @@ EXAMPLES = """\
 examples:
   deltaswarm learn delta --seed 1 --generations 200 --out policy.json --workers 2
   deltaswarm learn delta --seed 1 --generations 300 --out policy.json       go on for 100 generations
+  deltaswarm learn inputs --policy policy.json --validation-tasks 4 --out inputs.md
   deltaswarm run paper-25 --set control.delta_rule=learned --set control.policy="$(jq -c .weights policy.json)"
 """
 
@@ -32,11 +33,15 @@ def add_learn(command: argparse.ArgumentParser) -> None:
     command.description = (
         "Train the rule by which agents choose delta (control.delta_rule = learned) on tasks of many kinds. The policy "
         "that is best on the validation tasks is written with where it comes from. The result is the same for any "
-        "number of workers; an interrupted training goes on from its log, OUT.log."
+        "number of workers; an interrupted training goes on from its log, OUT.log. Or say which inputs of a policy "
+        "decide, by runs of validation tasks: what it chooses if one is permuted, or low or high everywhere."
     )
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
-    command.add_argument("rule", choices=("delta",), help="what is trained")
-    command.add_argument("--out", type=Path, required=True, metavar="FILE", help="the policy's file")
+    command.add_argument("what", choices=("delta", "inputs"), help="train the rule, or tell what its inputs do")
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help="the policy's file, or that of a table"
+    )
+    command.add_argument("--policy", type=Path, metavar="FILE", help="of inputs: the policy (default: the shipped one)")
     command.add_argument("--seed", type=whole(0, 10_000), default=1, metavar="S", help="default: 1")
     command.add_argument("--generations", type=whole(1), default=200, metavar="G", help="default: 200")
     command.add_argument("--population", type=whole(4), default=16, metavar="N", help="candidates (default: 16)")
@@ -61,9 +66,11 @@ def add_learn(command: argparse.ArgumentParser) -> None:
 
 
 def learn(arguments: argparse.Namespace) -> int:
-    """Train a policy; write the best one after each validation."""
+    """Train a policy, and write the best one after each validation; or tell what its inputs do."""
     if needs := missing(*NEEDS, extra="learn"):
         raise CommandError(f"deltaswarm learn {needs}")
+    if arguments.what == "inputs":
+        return _inputs(arguments)
     if arguments.generations < arguments.validate_every:
         must = f"at least --validate-every, {arguments.validate_every}: a policy is written once it was validated"
         raise CommandError(f"--generations must be {must} (got {arguments.generations})")
@@ -89,6 +96,22 @@ def learn(arguments: argparse.Namespace) -> int:
     cost = training.best[0]
     text = f"{arguments.out}: cost {cost:.3f} of that of hybrid control with delta 3"
     show(arguments, {"file": str(arguments.out), "cost": cost, "generations": training.generation}, text)
+    return OK
+
+
+def _inputs(arguments: argparse.Namespace) -> int:
+    from deltaswarm_learn import inputs
+    from deltaswarm_learn.training import learned, policy_in
+
+    try:
+        weights = policy_in(arguments.policy)
+    except (OSError, ValueError) as error:
+        raise CommandError(f"--policy {arguments.policy} {error}") from None
+    noted = inputs.noted(range(arguments.validation_tasks), arguments.set, learned(weights))
+    found = list(inputs.influences(weights, noted))
+    text = f"{inputs.table_of(found)}\n"
+    write_whole(arguments.out, text.encode("ascii"))
+    show(arguments, {"decisions": len(noted), "inputs": [one._asdict() for one in found]}, text)
     return OK
 
 

@@ -1,8 +1,6 @@
 """What a run costs at a price of messages, by the dense engine.
 
-An event's delay is the mean of the times from its arrival until the operator is told of it and until it is complete;
-what has not come by the end of the run counts until then. A run costs the mean delay of its events plus the price times
-the messages per event.
+A run costs the mean delay of its events plus the price times the messages per event.
 """
 
 import math
@@ -13,14 +11,12 @@ from typing import Any, NamedTuple
 from deltaswarm_dense.compiled import compile_once
 from deltaswarm_dense.engine import run_dense
 from deltaswarm_learn.tasks import BASE
+from deltaswarm_orchestrator.results.outcome import delay_s
 from deltaswarm_orchestrator.scenarios.load import apply, check_table, put, read_table
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, plain
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import ControlSettings
-
-TOLD_WEIGHT = 0.5
-"""The weight of the time until an event is told in its delay; the rest is that of the time until it is complete."""
 
 Keys = Mapping[str, Any]
 
@@ -39,7 +35,13 @@ class Cost(NamedTuple):
 
 
 def costs_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> list[Cost]:
-    """Do a run of the base scenario with other keys under each control.
+    """Do a run of the base scenario with other keys under each control (`scenarios_of`)."""
+    compile_once("dense engine", lambda: run_dense(Scenario()))
+    return [_cost_of(scenario) for scenario in scenarios_of(keys, overrides, controls)]
+
+
+def scenarios_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> list[Scenario]:
+    """Return the base scenario with other keys under each control.
 
     Args:
         keys: keys of the scenario by dotted names.
@@ -49,14 +51,13 @@ def costs_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> 
     Raises:
         SettingsError: keys are wrong.
     """
-    compile_once("dense engine", lambda: run_dense(Scenario()))
     table = read_table(BASE)
     problems = [problem for name, value in keys.items() for problem in put(table, name, value)]
     problems += [problem for override in overrides for problem in apply(table, override)]
     scenario, more = check_table(table)
     if scenario is None or problems + more:
         raise SettingsError(problems + more)
-    return [_cost_of(_controlled(scenario, table["control"] | dict(control))) for control in controls]
+    return [_controlled(scenario, table["control"] | dict(control)) for control in controls]
 
 
 def _controlled(scenario: Scenario, control: dict[str, Any]) -> Scenario:
@@ -67,11 +68,8 @@ def _controlled(scenario: Scenario, control: dict[str, Any]) -> Scenario:
 
 def _cost_of(scenario: Scenario) -> Cost:
     outcome, end_s = run_dense(scenario), scenario.run.steps * scenario.run.step_s
-    told_s, delays_s = outcome.told_s or {}, []
-    for event in outcome.events:
-        completed_s = end_s if event.completed_s is None else event.completed_s
-        until_s = TOLD_WEIGHT * told_s.get(event.event, end_s) + (1.0 - TOLD_WEIGHT) * completed_s
-        delays_s.append(until_s - event.arrived_s)
+    told_s = outcome.told_s or {}
+    delays_s = [delay_s(event.arrived_s, told_s.get(event.event), event.completed_s, end_s) for event in outcome.events]
     messages = sum(workload.messages for workload in outcome.workloads)
     count = max(1, len(delays_s))
     return Cost(math.fsum(delays_s) / count, messages / count)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from cmaes import CMA
 
-from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, OUTPUTS, WEIGHTS
+from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, OUTPUTS, WEIGHTS, policy_of, shipped
 from deltaswarm_learn.costs import Cost, Keys, costs_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION, task
 from deltaswarm_orchestrator.base import provenance
@@ -48,6 +48,11 @@ DIRECT = [HIDDEN * PER_UNIT + output * PER_OUTPUT + k for output in range(len(OU
 def learned(weights: Sequence[float]) -> Keys:
     """Return the control by a policy."""
     return {"delta_rule": "learned", "policy": list(weights)}
+
+
+def policy_in(file: Path | None) -> tuple[float, ...]:
+    """Return the numbers of a policy's file, by default of the shipped one; raises OSError and ValueError."""
+    return policy_of(json.loads(file.read_text(encoding="utf-8"))) if file else shipped()
 
 
 @dataclass(frozen=True)

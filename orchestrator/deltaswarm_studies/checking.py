@@ -18,6 +18,7 @@ from deltaswarm_orchestrator.sweeps.job import RunError, Task
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.table import read_table, row_of, series_of
 from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_studies.costs import with_costs
 from deltaswarm_studies.metrics import ID
 from deltaswarm_studies.origin import ENGINES, facts_of, sealed_tables
 from deltaswarm_studies.protocol import seeded
@@ -73,7 +74,8 @@ def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> 
         if done.result is None:
             raise RunError(f"{job.name}: {done.reason}")
         engines[done.result["engine"]["by"]] += 1
-        now = runs_of(study, row_of(job, done.result), series_of([(job, done.result)])).iloc[0]
+        run = [(job, done.result)]
+        now = runs_of(study, with_costs(study, row_of(*run[0]), run), series_of(run)).iloc[0]
         differing += _differing(job, published.iloc[places[job.name]], now)
     equal = len(chosen) - len({row["run"] for row in differing})
     counts = {"rows": len(rows), "repeated": len(chosen), "equal": equal, "seed": seed}

@@ -11,6 +11,7 @@ from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.ceilings import ceiling_problems
+from deltaswarm_studies.claim_settings import OF_ORDER
 from deltaswarm_studies.event_checks import MOMENTS, asked, event_problems
 from deltaswarm_studies.figure_checks import figure_problems
 from deltaswarm_studies.kinds import KINDS
@@ -100,12 +101,21 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         yield f"{where}.factor", [contrast.factor], factors
         yield f"{where}.reference", [contrast.reference] if contrast.reference else [], levels
         yield f"{where}.pairs", [*itertools.chain(*contrast.pairs)], levels
+        yield (
+            f"{where}.over",
+            [contrast.over] if contrast.over else [],
+            [one for one in factors if one != contrast.factor],
+        )
+        yield f"{where}.cells", contrast.cells, factors.get(contrast.over, ())
         if contrast.across:
             yield f"{where}.across", [contrast.across], [name for name in factors if name != contrast.factor]
             yield f"{where}.across_pairs", [*itertools.chain(*contrast.across_pairs)], factors.get(contrast.across, ())
     for i, claim in enumerate(file.claim):
         yield f"claim[{i}].metric", [claim.metric, *claim.predictors], metrics
-        yield f"claim[{i}] ({claim.id})", [*claim.variants, *filter(None, [claim.reference])], variants
+        along = study.along(claim.over, claim.cells) if claim.over else {}
+        yield f"claim[{i}].over", [claim.over] if claim.over else [], factors
+        yield f"claim[{i}].cells", claim.cells, factors.get(claim.over, ())
+        yield f"claim[{i}] ({claim.id})", [*claim.named, *filter(None, [claim.reference])], along or variants
     for i, recovery in enumerate(file.recovery):
         yield f"recovery[{i}].metric", [recovery.metric], study.over_time
         yield f"recovery[{i}].factor", [recovery.factor], factors
@@ -185,7 +195,7 @@ def _times(study: Study) -> Iterator[Problem]:
     end_s = min(scenario.run.duration_s for scenario in scenarios)
     windowed = [f"figure[{i}]" for i, figure in enumerate(file.figure) if figure.kind == "time"]
     windowed += [f"recovery[{i}]" for i in range(len(file.recovery))]
-    needy = [*windowed, *(name for name in used_metrics(study) if study.metrics[name].kind != COLUMN)]
+    needy = [*windowed, *(name for name in used_metrics(study) if study.metrics[name].needs_series)]
     if needy and not every_s:
         yield Problem("sweep.series_every_s", "0", f"must be above 0 for {needy[0]}")
         return
@@ -205,7 +215,7 @@ def _times(study: Study) -> Iterator[Problem]:
     horizon_s = max(scenario.metrics.horizon_s for scenario in scenarios)
     for name in used_metrics(study):
         metric = study.metrics[name]
-        if metric.kind == COLUMN and (settings.from_s or settings.until_s is not None):
+        if not metric.needs_series and (settings.from_s or settings.until_s is not None):
             allowed = f"cannot be applied to {name!r}, which has no time series"
             yield Problem("study.from_s", f"{settings.from_s:.15g}", allowed)
         if source_of(metric) and metric.from_s + horizon_s >= end_s:
@@ -244,7 +254,10 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
         if claim.kind in ("predicts", "trend"):
             allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
             yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
-    windowed = [name for name in used_metrics(study) if study.metrics[name].kind != COLUMN]
+        for name in OF_ORDER:
+            if given := getattr(claim, name):
+                yield Problem(f"claim[{i}].{name}", repr(given)[:60], "must be left out of a sensitivity study")
+    windowed = [name for name in used_metrics(study) if study.metrics[name].needs_series]
     windowed += [f"figure {figure.name!r}" for figure in file.figure if KINDS[figure.kind].is_over_time]
     windowed += ["recovery"] if file.recovery else []
     for i, one in enumerate(study.ranges):

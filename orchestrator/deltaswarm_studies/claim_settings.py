@@ -20,6 +20,10 @@ DEPENDS: Literal["depends on the metric"] = "depends on the metric"
 """Two outcomes of one question contradict each other."""
 
 
+OF_ORDER = ("every", "best_of", "over", "cells")
+"""Keys that only an order has."""
+
+
 @dataclass(frozen=True)
 class ClaimSettings:
     """A table `[[claim]]`: a statement about the runs that the study tests."""
@@ -38,6 +42,21 @@ class ClaimSettings:
     metric: str = key("waiting", "the metric's name; of predicts: what is predicted")
     less: str = key("", "of an order: the variant that has less; of predicts: the metric that predicts worse")
     more: str = key("", "of an order: the variant that has more; of predicts: the metric that predicts better")
+    every: tuple[str, ...] = key(
+        (),
+        "of an order, instead of more: variants of which each has more; all must be shown to, each at the full level",
+    )
+    best_of: tuple[str, ...] = key(
+        (),
+        "of an order, instead of more: the variant with the lowest mean in the odd replicates; the sides are compared "
+        "in the even ones",
+    )
+    over: str = key(
+        "",
+        "of an order: average over the levels of this factor, each of which counts once; variants are then named "
+        "without its level",
+    )
+    cells: tuple[str, ...] = key((), "over: only these of its levels (default: all)")
     at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
     of: str = key("", "of a value or published: the variant")
     within: tuple[float, ...] = key(
@@ -70,7 +89,11 @@ class ClaimSettings:
         """List what the claim's kind needs and does not have."""
         has_tolerance = len(self.within) == 2 and self.within[0] < self.within[1]
         needed: dict[str, dict[str, Any]] = {
-            "order": {"less": self.less, "more": self.more},
+            "order": {
+                "less": self.less,
+                "more": sum(map(bool, (self.more, self.every, self.best_of))) == 1,
+                "over": self.over or not self.cells,
+            },
             "value": {"of": self.of, "within": has_tolerance != (self.above is not None)},
             "published": {"of": self.of, "published": self.published is not None},
             "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
@@ -84,12 +107,14 @@ class ClaimSettings:
             yield Problem(
                 "ratio", f"{self.ratio:.15g}", f"must not be given for a claim of kind {self.kind!r}: only for 'alike'"
             )
+        if self.kind != "order" and (given := [name for name in OF_ORDER if getattr(self, name)]):
+            yield Problem(given[0], repr(getattr(self, given[0]))[:60], "must be left out: only an order has it")
         if self.reference and not self.of:
             yield Problem(
                 "reference", repr(self.reference), "must be left out: only a value or a published number has it"
             )
         yield from self._spread_problems()
-        names = [*(self.variants or self.predictors), *([self.reference] if self.reference else [])]
+        names = [*(self.named or self.predictors), *([self.reference] if self.reference else [])]
         if len(set(names)) < len(names):
             name = {"alike": "b", "trend": "along"}.get(self.kind, "reference" if self.reference else "more")
             yield Problem(name, names[0], "must be another one")
@@ -118,11 +143,17 @@ class ClaimSettings:
         return (MEDIAN_ERROR * self.iqr or self.sd) / math.sqrt(self.n) if self.n and not self.se else self.se
 
     @property
-    def variants(self) -> list[str]:
-        """The variants that the claim is about; those of `predicts` are all of the study."""
+    def named(self) -> list[str]:
+        """The variants that the claim names; those over the levels of a factor lack its level."""
         if self.kind == "predicts":
             return []
-        return [name for name in (self.less, self.more, self.of, self.a, self.b, *self.along) if name]
+        names = self.less, self.more, *self.every, *self.best_of, self.of, self.a, self.b, *self.along
+        return [name for name in names if name]
+
+    @property
+    def variants(self) -> list[str]:
+        """The variants that the claim is about; empty: all of the study, or many."""
+        return [] if self.over else self.named
 
     @property
     def predictors(self) -> list[str]:

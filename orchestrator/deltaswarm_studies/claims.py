@@ -6,7 +6,7 @@ signed-rank test against 0 is exact but for ties, and then conservative.
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from deltaswarm_studies.claim_settings import ANYWAY, DEPENDS, ClaimSettings, Cl
 from deltaswarm_studies.metrics import WAITING, WAITING_ALL
 from deltaswarm_studies.stats import DIFFERENCE, RATIO, Contrast, Interval
 from deltaswarm_studies.study import Study
-from deltaswarm_studies.tables import Row, Samples, column, end, samples_of
+from deltaswarm_studies.tables import Row, Samples, column, end, means_of, samples_of
 from deltaswarm_studies.welch import Spread, Welch
 
 TWINS = {WAITING: WAITING_ALL, WAITING_ALL: WAITING}
@@ -36,11 +36,14 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
     procedure tests the claim; p is the two-sided p-value that agrees with it. Claims about all variants have no data
     unless the runs are whole.
 
+    A claim about several rivals holds if it holds against each at the full level, and is refuted if one of them
+    refutes it, corrected for their number. Its numbers are those of the rival that is closest to refuting it.
+
     What the median of its reference meets, too, holds anyway. What holds by one outcome and is refuted by another of
     the same question depends on the metric.
     """
     claims = [
-        _TestedClaim(settings, runs if is_whole or settings.kind != "predicts" else runs.iloc[:0])
+        _TestedClaim(study, settings, runs if is_whole or settings.kind != "predicts" else runs.iloc[:0])
         for settings in study.file.claim
     ]
     rows: dict[str, Row] = {}
@@ -62,8 +65,8 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
 class _TestedClaim:
     """A claim with the quantity that it is about: a value, a contrast, or the difference from a published number."""
 
-    def __init__(self, settings: ClaimSettings, runs: pd.DataFrame) -> None:
-        self.settings, self._runs = settings, runs
+    def __init__(self, study: Study, settings: ClaimSettings, runs: pd.DataFrame) -> None:
+        self.study, self.settings, self._runs = study, settings, runs
         predicts = settings.kind == "predicts"
         samples = _correlations(runs, settings.metric) if predicts else samples_of(runs, settings.metric)
         self._contrast: Contrast | None = None
@@ -71,6 +74,7 @@ class _TestedClaim:
         self._welch: Welch | None = None
         self._least = settings.at_least
         self._p_within = 1.0
+        self._rival = settings.more
         if settings.of:
             self._values = samples(settings.of).dropna().to_numpy(float)
             self._mcse = montecarlo.of_median(samples(settings.of))
@@ -86,22 +90,37 @@ class _TestedClaim:
             correlations = _along(samples, settings.along)
             self._least = 0.0
             self._contrast = stats.contrast(correlations, 0 * correlations, DIFFERENCE)
-            self.n, self.p = self._contrast.n, self._contrast.p(self._least)
+            self._tails = self._contrast.p_above(0.0), self._contrast.p_below(0.0)
+            self.n, self.p = self._contrast.n, self._contrast.p(0.0)
             self._mcse = montecarlo.of_shift(correlations, 0 * correlations, DIFFERENCE)
             return
-        is_alike = settings.kind == "alike"
-        a, b = map(samples, (settings.a, settings.b) if is_alike else (settings.more, settings.less))
-        scale = stats.scale_of(a, b)
-        if scale != RATIO and not is_alike:  # a - r b above 0 says the same as a / b above r
-            b, self._least = settings.at_least * b, 0.0
-        expected = settings.ratio * b
+        if settings.kind == "alike":
+            self._test_alike(samples(settings.a), samples(settings.b))
+        elif predicts:
+            self._test_order([(settings.more, (samples(settings.more), samples(settings.less)))])
+        else:
+            self._test_order(list(_rivals(study, settings, samples)))
+
+    def _test_alike(self, a: pd.Series, b: pd.Series) -> None:
+        scale, expected = stats.scale_of(a, b), self.settings.ratio * b
         self._contrast = contrast = stats.contrast(a, b if scale == RATIO else expected, scale)
         self.n, self._mcse = contrast.n, montecarlo.of_shift(a, b, scale)
-        if not is_alike:
-            self.p = contrast.p(self._least)
-        else:
-            self._p_within, p_beyond = stats.p_of_margin(a, expected, settings.margin)
-            self.p = min(self._p_within, p_beyond)
+        self._p_within, p_beyond = stats.p_of_margin(a, expected, self.settings.margin)
+        self.p = min(self._p_within, p_beyond)
+
+    def _test_order(self, rivals: "Sequence[tuple[str, Pair]]") -> None:
+        by_mean = bool(self.settings.over)
+        scale = stats.scale_of(*(side for _, pair in rivals for side in pair))
+        pairs = [pair for _, pair in rivals]
+        if scale != RATIO:  # a - r b above 0 says the same as a / b above r
+            pairs, self._least = [(a, self.settings.at_least * b) for a, b in pairs], 0.0
+        tested = [stats.contrast(a, b, scale, by_mean=by_mean) for a, b in pairs]
+        above, below = zip(*((one.p_above(self._least), one.p_below(self._least)) for one in tested), strict=True)
+        closest = above.index(max(above))
+        self._rival, self._contrast = rivals[closest][0], tested[closest]
+        self._tails = above[closest], min(1.0, len(below) * min(below))
+        self.n, self.p = tested[closest].n, min(1.0, 2 * min(self._tails))
+        self._mcse = montecarlo.of_shift(*pairs[closest], scale, by_mean=by_mean)
 
     def _compared(self) -> Welch:
         """Compare like with like: our median with a published one, or our mean."""
@@ -137,7 +156,7 @@ class _TestedClaim:
             return "undecided"
         if self.settings.kind == "alike":
             return "holds" if self._p_within <= alpha else "refuted"
-        return "holds" if contrast.p_above(self._least) < contrast.p_below(self._least) else "refuted"
+        return "holds" if self._tails[0] < self._tails[1] else "refuted"
 
     def _in_context(self, alpha: float) -> ClaimVerdict:
         """Return the verdict beside that of the reference, and of the other way to count the outcome."""
@@ -148,7 +167,7 @@ class _TestedClaim:
             return ANYWAY if least <= without <= most else verdict
         twin = TWINS.get(settings.metric)
         if twin in self._runs and verdict in OPPOSITE and settings.kind != "predicts":
-            other = _TestedClaim(replace(settings, metric=str(twin)), self._runs)
+            other = _TestedClaim(self.study, replace(settings, metric=str(twin)), self._runs)
             return DEPENDS if other._verdict(alpha) == OPPOSITE[verdict] else verdict
         return verdict
 
@@ -162,8 +181,9 @@ class _TestedClaim:
             why = ("too few runs" if settings.within else "no margin") if needed else "cannot be closed"
             of_both = welch.replicates(*self._tolerance, alpha, of_both=True)
             return {"open": why, "needed": needed, "needed_of_both": of_both}
+        few = "too few cells" if settings.over else "too few halves" if settings.best_of else "too few runs"
         if not all(map(math.isfinite, interval)):
-            return {"open": "too few runs", "needed": stats.pairs_needed(family), "needed_of_both": None}
+            return {"open": few, "needed": stats.pairs_needed(family), "needed_of_both": None}
         least, most = settings.region
         found = float(np.median(self._values)) if contrast is None else contrast.estimate or 0.0
         if contrast is not None and contrast.scale == RATIO:
@@ -173,7 +193,7 @@ class _TestedClaim:
             least, most = (math.nan if settings.kind == "alike" else self._least), math.nan
         edges = deciding.from_edges(found, [end for end in (least, most) if math.isfinite(end)])
         return {
-            "open": "too few runs",
+            "open": few,
             "needed": deciding.runs_needed(interval, self.n, alpha, edges),
             "needed_of_both": None,
         }
@@ -218,7 +238,7 @@ class _TestedClaim:
             return f"{claim.of} less the published" if claim.kind == "published" else claim.of
         if claim.along:
             return " to ".join(claim.along)
-        return f"{claim.a or claim.more} over {claim.b or claim.less}"
+        return f"{claim.a or self._rival} over {claim.b or claim.less}"
 
     def _criterion(self) -> str:
         claim, (low, high) = self.settings, self.settings.region
@@ -227,13 +247,46 @@ class _TestedClaim:
         if claim.kind == "trend":
             return "rising"
         if claim.kind in ("order", "predicts"):
-            return f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"
+            among = [f"each of {len(claim.every)}"] if claim.every else []
+            among += [f"mean over {self.study.factor_title(claim.over)}"] if claim.over else []
+            return ", ".join([f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more", *among])
         if claim.kind == "published" and not claim.within:
             return "the same, without a margin"
         if math.isinf(high):
             return f"above {low:g}"
         exact = " (no spread published)" if claim.says and not claim.n else ""
         return f"{low:g} to {high:g}{exact}"
+
+
+Pair = tuple[pd.Series, pd.Series]
+"""Samples of the side that has more, and of the one that has less."""
+
+
+def _rivals(study: Study, claim: ClaimSettings, samples: Samples) -> Iterator[tuple[str, Pair]]:
+    """Yield each rival that an order names, with the samples of both sides; over a factor, means by level."""
+    along = study.along(claim.over, claim.cells) if claim.over else {name: [name] for name in claim.variants}
+
+    def paired(more: Sequence[str]) -> Pair:
+        """Compare with these variants by level, or with the best of them."""
+        rivals = zip(*(along.get(name, ()) for name in more), strict=False)
+        pairs = [_of_the_best(samples, own, less) for own, less in zip(rivals, along.get(claim.less, ()), strict=False)]
+        return means_of(pairs) if claim.over else pairs[0]
+
+    for name in claim.every or [claim.more] * (not claim.best_of):
+        yield name, paired([name])
+    if claim.best_of:
+        yield f"the best of {len(claim.best_of)}", paired(claim.best_of)
+
+
+def _of_the_best(samples: Samples, rivals: Sequence[str], less: str) -> Pair:
+    """Return the samples of the only rival, or in even replicates of the one with the lowest mean in odd ones."""
+    if len(rivals) == 1:
+        return samples(rivals[0]), samples(less)
+    known = pd.concat([samples(name) for name in rivals], axis=1, keys=rivals).dropna(axis=1, how="all").dropna()
+    odd = known.index % 2 == 1
+    best = str(known[odd].mean().idxmin()) if odd.any() else rivals[0]
+    even = samples(less).index % 2 == 0
+    return samples(best)[even], samples(less)[even]
 
 
 def _along(samples: Samples, variants: Sequence[str]) -> pd.Series:

@@ -20,6 +20,7 @@ from deltaswarm_orchestrator.base.paths import check_files, check_out
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.runner import SweepResult
 from deltaswarm_orchestrator.sweeps.table import invalid_line, read_table
+from deltaswarm_studies.costs import with_costs
 from deltaswarm_studies.events import events_of
 from deltaswarm_studies.evidence import Evidence
 from deltaswarm_studies.freezing import refuse_uncommitted
@@ -214,5 +215,6 @@ def _conducted(study: Study, folder: Path, conduct: Conduct) -> tuple[Evidence, 
         raise CommandError(
             f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page{because}", result.code
         )
-    evidence = Evidence.of_sweep(study, result.table, result.series, result.invalid, events_of(study, result.kept))
+    table = with_costs(study, result.table, result.kept)
+    evidence = Evidence.of_sweep(study, table, result.series, result.invalid, events_of(study, result.kept))
     return evidence, provenance_of(study, result.manifest, protocol_of(study, folder).changed_files())

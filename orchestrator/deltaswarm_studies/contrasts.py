@@ -13,7 +13,7 @@ from deltaswarm_studies import montecarlo
 from deltaswarm_studies.ceilings import at_ceiling
 from deltaswarm_studies.claim_settings import DEPENDS
 from deltaswarm_studies.claims import TWINS
-from deltaswarm_studies.deciding import open_contrast
+from deltaswarm_studies.deciding import Open, open_contrast
 from deltaswarm_studies.metrics import ID
 from deltaswarm_studies.settings import ContrastSettings, ContrastVerdict
 from deltaswarm_studies.stats import (
@@ -28,10 +28,12 @@ from deltaswarm_studies.stats import (
     smallest_effect,
 )
 from deltaswarm_studies.study import Comparison, Study
-from deltaswarm_studies.tables import Row, Samples, end, samples_of
+from deltaswarm_studies.tables import Row, Samples, end, means_of, samples_of
 
 SIDES = {"higher": "higher", "slightly higher": "higher", "lower": "lower", "slightly lower": "lower"}
 OPPOSITE = {"higher": "lower", "lower": "higher"}
+
+CELLS: Open = "too few cells"
 
 MIN_PILOT = 3
 """Fewest pairs of a pilot from which a spread is estimated."""
@@ -49,7 +51,8 @@ def contrasts_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     for settings in study.file.contrast:
         for metric in study.metrics_of(settings):
             twin = TWINS.get(metric)
-            twins = samples_of(runs, twin) if twin and twin in runs and not settings.across else None
+            is_plain = not (settings.across or settings.over)
+            twins = samples_of(runs, twin) if twin and twin in runs and is_plain else None
             rows += _family(settings, metric, list(study.comparisons(settings)), samples_of(runs, metric), twins)
     return pd.DataFrame(rows)
 
@@ -63,13 +66,13 @@ def _family(
 ) -> Iterator[Row]:
     """Yield the rows of a family; `twins` are the same outcome by another count, whose order must not be opposite."""
     scale = _scale_of(comparisons, samples)
-    pairs = [_paired(row, samples, scale) for row in comparisons]
-    contrasts = [contrast(a, b, scale) for a, b in pairs]
-    margin = settings.margin
+    margin, by_mean = settings.margin, bool(settings.over)
+    pairs = [_paired(row, samples, scale, by_mean=by_mean) for row in comparisons]
+    contrasts = [contrast(a, b, scale, by_mean=by_mean) for a, b in pairs]
     tests = holm([tested.p() for tested in contrasts])
     for row, (a, b), tested, (p_holm, alpha) in zip(comparisons, pairs, contrasts, tests, strict=True):
         has_margin = margin > 0 and (scale == RATIO or len(row.sides) == 1)  # changes by differences have no ratio
-        p_within = p_of_margin(a, b, margin)[0] if has_margin else 1.0
+        p_within = p_of_margin(a, b, margin, by_mean=by_mean)[0] if has_margin else 1.0
         low, high = tested.interval(alpha)
         verdict, why, needed = _verdict(tested, alpha, p_within), "", None
         if twins and verdict in SIDES:
@@ -78,7 +81,8 @@ def _family(
             verdict = DEPENDS if is_opposite else verdict
         if verdict == "unclear":
             of = (tested.estimate or 0.0, (low, high), tested.n, alpha, scale, margin * has_margin)
-            why, needed = open_contrast(*of, len(contrasts))
+            why, needed = open_contrast(*of, 1 if by_mean else len(contrasts))
+            why = CELLS if by_mean and needed else why
         yield {
             "contrast": settings.id,
             "metric": metric,
@@ -89,7 +93,7 @@ def _family(
             "estimate": tested.estimate,
             "low": end(low),
             "high": end(high),
-            "mcse": montecarlo.of_shift(a, b, scale),
+            "mcse": montecarlo.of_shift(a, b, scale, by_mean=by_mean),
             "confidence": 1 - alpha,
             "effect": tested.effect,
             "p": tested.p(),
@@ -106,9 +110,11 @@ def _scale_of(comparisons: Sequence[Comparison], samples: Samples) -> Scale:
     return scale_of(*(samples(variant) for row in comparisons for side in row.sides for variant in side))
 
 
-def _paired(row: Comparison, samples: Samples, scale: Scale) -> tuple[pd.Series, pd.Series]:
-    """Return the paired samples of a comparison; for an interaction, samples of changes on the same scale."""
+def _paired(row: Comparison, samples: Samples, scale: Scale, *, by_mean: bool = False) -> tuple[pd.Series, pd.Series]:
+    """Return the paired samples of a comparison; of an interaction those of changes, on the same scale."""
     sides = [(samples(a), samples(b)) for a, b in row.sides]
+    if by_mean:
+        return means_of(sides)
     if len(sides) == 1:
         return sides[0]
     change, reference = (a / b if scale == RATIO else a - b for a, b in sides)
@@ -139,6 +145,8 @@ def smallest_effects(study: Study, file: Path) -> dict[tuple[int, str], str | No
 def _smallest_effect(study: Study, settings: ContrastSettings, metric: str, runs: pd.DataFrame) -> str | None:
     """Say which effect the replicates would show with a probability of 80 %, for the median spread of the family."""
     comparisons = list(study.comparisons(settings))
+    if settings.over:
+        return None
     repeats = study.repeats_of(itertools.chain(*(side for row in comparisons for side in row.sides)))
     if runs.empty or metric not in runs or repeats < pairs_needed(len(comparisons)):
         return None

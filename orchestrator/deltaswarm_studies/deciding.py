@@ -15,10 +15,11 @@ from scipy.stats import norm
 from deltaswarm_studies.stats import RATIO, Interval, Scale, pairs_needed
 from deltaswarm_studies.welch import MAX_REPLICATES, POWER
 
-Open = Literal["too few runs", "no margin", "cannot be closed", ""]
+Open = Literal["too few runs", "too few cells", "too few halves", "no margin", "cannot be closed", ""]
 """Why something is not decided; empty if it is.
 
-No margin: runs can show a difference and never that there is none. Cannot be closed: nor is a difference in sight, the
+Too few cells: of a mean over the levels of a factor. Too few halves: of a comparison in half of the replicates. No
+margin: runs can show a difference and never that there is none. Cannot be closed: nor is a difference in sight, the
 published number is too uncertain, or values are at their ceiling.
 """
 UNDECIDED = ("unclear", "undecided")

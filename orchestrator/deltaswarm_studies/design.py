@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_studies.checks import used_metrics
+from deltaswarm_studies.metrics import COST
 from deltaswarm_studies.stats import ALPHA
 from deltaswarm_studies.study import Study
 from deltaswarm_wire import checked
@@ -80,9 +81,20 @@ def _replicates(study: Study) -> str:
 
 def _estimands(study: Study) -> Iterator[str]:
     yield f"Of each variant, the median over its replicates of: {_joined(_labels(study, used_metrics(study)))}."
+    if any(study.metrics[name].kind == COST for name in used_metrics(study)):
+        yield (
+            "An event's delay is the mean of the times from its arrival until the operator is told of it and until it "
+            "is complete. What has not come by the end of the run counts until then. A price is for the messages per "
+            "event."
+        )
     for contrast in study.file.contrast:
         text = contrast.text or contrast.id
         yield f"{text}: shifts of {_joined(_labels(study, study.metrics_of(contrast)))}."
+    means = [(one.over, one.cells) for one in study.file.contrast] + [(one.over, one.cells) for one in study.file.claim]
+    for over, cells in dict.fromkeys(mean for mean in means if mean[0]):
+        left_out = _joined(level for level in study.factors[over] if cells and level not in cells)
+        named = _joined(cells or study.factors[over])
+        yield f"Means over {study.factor_title(over)}: {named}{f'; without {left_out}' if left_out else ''}."
 
 
 def _methods(study: Study) -> Iterator[str]:

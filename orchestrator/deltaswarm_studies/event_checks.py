@@ -1,11 +1,12 @@
 """The questions of a study about single events, and checks that its runs can answer them."""
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from deltaswarm_orchestrator.results.outcome import COMPLETED, TOLD, Moment
 from deltaswarm_orchestrator.results.summary import EVERY_KEY
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.scenario import EventSettings, Scenario
 from deltaswarm_studies.event_settings import RingsSettings, SurvivalSettings
 from deltaswarm_studies.kinds import KINDS
 from deltaswarm_studies.settings import FigureSettings
@@ -97,6 +98,14 @@ def too_short(moment: Moment, study: Study, variants: Sequence[str], followed_s:
     return ""
 
 
+def first_change_s(events: EventSettings) -> float | None:
+    """Return when the rate of events first changes, or one of their places jumps [s]; None if neither does."""
+    paths = (zip(part.path_s, part.path_m, strict=True) for part in events.density.parts)
+    steps = itertools.chain.from_iterable(map(itertools.pairwise, paths))
+    jumps_s = [then_s for (before_s, here), (then_s, there) in steps if before_s == then_s and here != there]
+    return min([*events.rates_s, *jumps_s], default=None)
+
+
 def event_problems(study: Study) -> Iterator[Problem]:
     """Yield the reasons why the runs could not answer a question about single events."""
     file = study.file
@@ -106,6 +115,10 @@ def event_problems(study: Study) -> Iterator[Problem]:
             if own in called[:i]:
                 allowed = f"must differ from that of {table}[{called.index(own)}], which has the same metric"
                 yield Problem(f"{table}[{i}].text", repr(own[0]), allowed)
+    for i, metric in enumerate(file.metric):
+        if metric.after_change and not any(first_change_s(scenario.events) for scenario in study.sweep.scenarios):
+            allowed = "must be left out: in no variant anything changes at once (events.rates_s, events.density.path_s)"
+            yield Problem(f"metric[{i}].after_change", "true", allowed)
     for each in asked(study):
         yield from _horizon(study, each, [*each.variants(study), *each.references])
         yield from _densest(study, each)

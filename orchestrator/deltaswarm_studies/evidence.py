@@ -96,7 +96,7 @@ class Evidence:
         """Figures that could not be drawn, with the reason; known when the page is made."""
         self.doubts = [
             *too_few(study, self.contrasts),
-            *too_few_for(self.claims),
+            *too_few_for(study, self.claims),
             *vacuous_claims(study, judged),
             *at_ceiling,
             *tables.part_of_points(study),
@@ -194,6 +194,8 @@ def too_few(study: Study, contrasts: pd.DataFrame) -> list[str]:
     """List contrasts that could not have become significant, however large the effect."""
     if contrasts.empty:
         return []
+    over = [settings.id for settings in study.file.contrast if settings.over]
+    contrasts = contrasts[~contrasts["contrast"].isin(over)]
     tested = contrasts.groupby(["contrast", "family", "metric"], sort=False)["n"].max().reset_index()
     needed = tested["family"].map(pairs_needed)
     tested = tested.assign(needed=needed)[(tested["n"] > 0) & (tested["n"] < needed)]
@@ -206,11 +208,12 @@ def too_few(study: Study, contrasts: pd.DataFrame) -> list[str]:
     ]
 
 
-def too_few_for(claims: pd.DataFrame) -> list[str]:
+def too_few_for(study: Study, claims: pd.DataFrame) -> list[str]:
     """List sources whose claims could not have been decided, whatever the runs had shown."""
     if claims.empty:
         return []
-    tested = claims[(claims["n"] > 0) & claims["published"].isna()]
+    over = [claim.id for claim in study.file.claim if claim.over]
+    tested = claims[(claims["n"] > 0) & claims["published"].isna() & ~claims["claim"].isin(over)]
     most = tested.groupby(["source", "family"], sort=False)["n"].max().reset_index()
     few = most[most["n"] < most["family"].map(pairs_needed)]
     return [

@@ -1,4 +1,4 @@
-"""Metrics: one number per run, from a sweep's table or from its time series."""
+"""Metrics: one number per run, from a sweep's table, from its time series, or from its events and messages."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from deltaswarm_orchestrator.sweeps.plan import Sweep
 
-COLUMN, WINDOW, CONVERGENCE = "column", "window", "time_to_converge"
+COLUMN, WINDOW, CONVERGENCE, COST = "column", "window", "time_to_converge", "cost"
 OWN = "controller."
 """How the names of a controller's own metrics begin."""
 
@@ -42,6 +42,12 @@ class StudyMetric:
     until_s: float = math.inf
     share: float = 0.9
     smooth_s: float = 600.0
+    price_s: float = 0.0
+    after_change: bool = False
+
+    @property
+    def needs_series(self) -> bool:
+        return self.kind in (WINDOW, CONVERGENCE)
 
     def within(self, name: str, from_s: float, until_s: float | None) -> "StudyMetric":
         """Return the metric `name` taken over a stretch of time; unchanged if it has no series."""
@@ -62,34 +68,65 @@ class MetricSettings:
     name: str = key("", "by which the study refers to it")
     title: str = key("", "for people, without the unit")
     unit: str = key("", "its unit")
-    kind: str = key(COLUMN, "how it is found", choices=(COLUMN, WINDOW, CONVERGENCE))
+    kind: str = key(
+        COLUMN,
+        "how it is found; cost: the mean delay of a run's events, plus a price times the messages per event",
+        choices=(COLUMN, WINDOW, CONVERGENCE, COST),
+    )
     column: str = key("", "column: of the sweep's table")
     of: str = key("", "window, time_to_converge: the built-in metric that is followed over time")
-    from_s: float = key(0.0, "window: start [s]", low=0)
-    until_s: float | None = key(None, "window: end [s]; default: the end of the run", low=0)
+    from_s: float = key(0.0, "window: start [s]; cost: of the events that arrive from then on", low=0)
+    until_s: float | None = key(None, "window, cost: end [s]; default: the end of the run", low=0)
     share: float = key(0.9, "time_to_converge: reached at this share of the mean of the last third", above=0)
     smooth_s: float = key(600.0, "time_to_converge: length of the running mean [s]", above=0)
+    price_s: float = key(0.0, "cost: what one message to the operator is worth, as delay of an event [s]", low=0)
+    after_change: bool = key(
+        False,
+        "cost: from_s and until_s count from when the rate or a place of events first changes at once; a run without "
+        "such a change has no value",
+    )
 
     def problems(self) -> Iterator[Problem]:
         """List what the metric's kind needs and does not have."""
         if not self.name:
             yield Problem("name", "missing", "a metric needs a name")
+        elif self.kind != COST and (self.price_s or self.after_change):
+            name = "price_s" if self.price_s else "after_change"
+            yield Problem(name, f"kind {self.kind!r}", "must be left out: only kind 'cost' has it")
         elif self.kind == COLUMN and not self.column:
             yield Problem("column", "missing", "a metric of kind 'column' needs it")
+        elif self.kind == COST:
+            yield from self._cost_problems()
         elif self.kind != COLUMN and not ((source := named(self.of)) and source.series):
             over_time = ", ".join(name for name, metric in BUILT_IN.items() if metric.series)
             yield Problem("of", repr(self.of), f"must be one of {over_time}")
 
+    def _cost_problems(self) -> Iterator[Problem]:
+        has_window = self.from_s > 0 or self.until_s is not None or self.after_change
+        if self.price_s and has_window:
+            allowed = "must be 0 for some of the events: messages are counted over the whole run"
+            yield Problem("price_s", f"{self.price_s:.15g}", allowed)
+        if self.until_s is not None and self.until_s <= self.from_s:
+            yield Problem("until_s", f"{self.until_s:.15g}", f"must be after from_s, {self.from_s:.15g} s")
+
     def metric(self) -> StudyMetric:
         """Return the metric that the table describes."""
+        if self.kind == COST:
+            more = f", plus {self.price_s:g} s a message" if self.price_s else " after a change" * self.after_change
+            title = self.title or f"Mean delay of an event{more}"
+            own = {name: getattr(self, name) for name in ("kind", "from_s", "price_s", "after_change")}
+            return StudyMetric(title, self.unit or "s", self.name, until_s=self._until_s, **own)
         source = named(self.of)
         unit = self.unit or (source.unit if source and self.kind == WINDOW else "s" if source else "")
         title = self.title or (source.title if source else self.column)
-        until_s = math.inf if self.until_s is None else self.until_s
         return StudyMetric(
             *(title, unit, self.column, source.series if source else "", self.kind, self.of),
-            *(self.from_s, until_s, self.share, self.smooth_s),
+            *(self.from_s, self._until_s, self.share, self.smooth_s),
         )
+
+    @property
+    def _until_s(self) -> float:
+        return math.inf if self.until_s is None else self.until_s
 
 
 def named(name: str) -> "StudyMetric | None":

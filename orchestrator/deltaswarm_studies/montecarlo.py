@@ -25,12 +25,13 @@ def of_median(values: pd.Series) -> float | None:
     return _bootstrapped(values.to_numpy(float), lambda known, drawn: np.median(known[drawn], axis=-1))
 
 
-def of_shift(a: pd.Series, b: pd.Series, scale: Scale) -> float | None:
-    """Return the standard error of the estimate of `stats.contrast(a, b, scale)`, if whole pairs are drawn anew."""
+def of_shift(a: pd.Series, b: pd.Series, scale: Scale, *, by_mean: bool = False) -> float | None:
+    """Return the standard error of the estimate of `stats.contrast`, if whole pairs are drawn anew."""
     first, second = a.to_numpy(float), b.to_numpy(float)
+    shifts = _means if by_mean else _shifts
     if scale == RATIO:
-        return _bootstrapped(np.log(first) - np.log(second), lambda known, drawn: np.exp(_shifts(known, drawn)))
-    return _bootstrapped(first - second, _shifts)
+        return _bootstrapped(np.log(first) - np.log(second), lambda known, drawn: np.exp(shifts(known, drawn)))
+    return _bootstrapped(first - second, shifts)
 
 
 def of_resampled(estimates: Floats) -> float:
@@ -50,6 +51,10 @@ def _bootstrapped(values: Floats, estimate: Callable[[Floats, Indices], Any]) ->
 def _drawn(n: int) -> Indices:
     """Return the places of the values of each bootstrap sample, as `scipy.stats.bootstrap` draws them."""
     return np.random.RandomState(0).randint(0, n, (RESAMPLES, n))
+
+
+def _means(values: Floats, drawn: Indices) -> Floats:
+    return np.asarray(values[drawn].mean(axis=1))
 
 
 def _shifts(values: Floats, drawn: Indices) -> Floats:

@@ -102,13 +102,18 @@ def _engines_line(engines: dict[str, Any]) -> str:
 def _families(study: Study, effects: Mapping[tuple[int, str], str | None]) -> list[dict[str, Any]]:
     families = []
     for number, contrast in enumerate(study.file.contrast):
+        if contrast.over:  # a mean over levels has no smallest p
+            continue
         tested = [[*itertools.chain(*row.sides)] for row in study.comparisons(contrast)]
         for metric in study.metrics_of(contrast):
             family = _family(study, f"contrast {contrast.id!r}, {metric}", tested)
             families.append(family | {"shows": effects.get((number, metric))})
     for source in dict.fromkeys(claim.source for claim in study.file.claim):
-        tested = [claim.variants for claim in study.file.claim if claim.source == source]
-        families.append(_family(study, _claims(source), tested))
+        claims = [claim for claim in study.file.claim if claim.source == source]
+        if all(claim.over for claim in claims):
+            continue
+        halves = 2 if any(claim.best_of and not claim.over for claim in claims) else 1
+        families.append(_family(study, _claims(source), [claim.variants for claim in claims], halves))
     return families
 
 
@@ -116,16 +121,16 @@ def _claims(source: str) -> str:
     return f"claims of {source!r}" if source else "claims"
 
 
-def _family(study: Study, name: str, tested: Sequence[Iterable[str]]) -> dict[str, Any]:
-    """Describe a family of tests, each of these variants, with the replicates of the one that has fewest."""
+def _family(study: Study, name: str, tested: Sequence[Iterable[str]], halves: int = 1) -> dict[str, Any]:
+    """Describe a family of tests, each of these variants, with the fewest replicates; of two halves one is compared."""
     tests = len(tested)
-    repeats = min(map(study.repeats_of, tested))
+    repeats = min(map(study.repeats_of, tested)) // halves
     least = min(1.0, smallest_p(repeats) * tests)
-    needed = pairs_needed(tests)
+    needed = halves * pairs_needed(tests)
     return {
         "name": name,
         "tests": tests,
-        "repeats": repeats,
+        "repeats": halves * repeats,
         "smallest_p": least,
         "repeats_needed": needed,
         "shows": None,

@@ -61,7 +61,7 @@ def _reasons(study: Study, claim: ClaimSettings, alpha: float) -> Iterator[tuple
         return
     if claim.of:
         yield from _of_value(study, claim, alpha)
-    elif claim.kind != "trend":
+    elif claim.kind == "alike" or (claim.more and not claim.over):
         yield from _of_two(study, claim)
 
 

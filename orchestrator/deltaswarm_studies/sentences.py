@@ -23,6 +23,8 @@ from deltaswarm_studies.study import Study
 
 TEMPLATES = tomllib.loads((files("deltaswarm_studies") / "templates" / "sentences.toml").read_text(encoding="utf-8"))
 
+OVER = "on average over {}"
+
 Row = Mapping[Any, Any]
 
 
@@ -85,6 +87,7 @@ def _of_contrasts(study: Study, rows: Sequence[Row]) -> Iterator[Result]:
         places = {(one.level, one.reference, one.within): one for one in study.comparisons(asked[row["contrast"]])}
         one = places[row["level"], row["reference"], row["within"]]
         cell = [study.words(level) for level in one.cell]
+        cell += [OVER.format(study.factor_title(over))] if (over := asked[row["contrast"]].over) else []
         if one.between:
             cell.append(" as ".join(map(study.words, one.between)))
         named = (study.words(one.level), study.words(one.reference), *cell)
@@ -95,10 +98,16 @@ def _of_claims(study: Study, rows: Sequence[Row]) -> Iterator[Result]:
     asked = {claim.id: claim for claim in study.file.claim}
     for row in rows:
         claim = asked[row["claim"]]
-        sides = [study.levels[name] for name in (claim.along or claim.variants)]
+        rival = row["about"].partition(" over ")[0]
+        named = [claim.less, rival] if claim.every else claim.along or claim.variants
+        sides = [] if claim.over else [study.levels[name] for name in named]
         common = [name for name in study.factors if sides and all(side[name] == sides[0][name] for side in sides)]
         cell = [study.words(sides[0][name]) for name in common]
         own = [" ".join(study.words(side[name]) for name in study.factors if name not in common) for side in sides]
+        if claim.over:
+            own, cell = [study.words(claim.less), study.words(rival)], [OVER.format(study.factor_title(claim.over))]
+        if claim.best_of:
+            own = [*own[:1], f"with {rival}"]
         if claim.kind == "predicts":
             own = [_lower(study.metrics[name].title) for name in claim.predictors]
         a, b = {"trend": (_listed(own, "and"), ""), "value": ("", ""), "published": ("", "")}.get(

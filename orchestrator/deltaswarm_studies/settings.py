@@ -69,6 +69,8 @@ class ContrastSettings:
     factor: str = key("", "the factor whose levels are compared")
     reference: str = key("", "compare each other level with this one")
     pairs: Pairs = key((), "instead: pairs of levels to compare")
+    over: str = key("", "average the comparisons over the levels of another factor, as claims do (`claim.over`)")
+    cells: tuple[str, ...] = key((), "over: only these of its levels (default: all)")
     across: str = key("", "compare these contrasts between the levels of another factor (an interaction)")
     across_pairs: Pairs = key((), "across: pairs of its levels")
     metrics: tuple[str, ...] = key((), "names of metrics (default: all of the study)")
@@ -86,6 +88,10 @@ class ContrastSettings:
             yield Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0")
         if bool(self.reference) == bool(self.pairs):
             yield Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs")
+        if self.over and self.across:
+            yield Problem("over", repr(self.over), "must be left out of an interaction (across)")
+        if self.cells and not self.over:
+            yield Problem("over", "missing", "must name the factor of cells")
         if self.across and not self.across_pairs:
             yield Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`")
         if self.across_pairs and not self.across:

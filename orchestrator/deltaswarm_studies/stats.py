@@ -122,6 +122,35 @@ class Contrast:
         return math.exp(shift) if self.scale == RATIO else shift
 
 
+@dataclass(frozen=True)
+class MeanContrast(Contrast):
+    """The same on average: by the mean of the differences, or of the ratios' logarithms, with Student's t."""
+
+    error: float
+    """Standard error of the mean; NaN of a single pair."""
+
+    def interval(self, alpha: float) -> Interval:
+        from scipy import stats
+
+        if self.n < 2:
+            return NOWHERE
+        shift, half = self._shift(self.estimate), float(stats.t.isf(alpha / 2, self.n - 1)) * self.error
+        return self._back(shift - half), self._back(shift + half)
+
+    def p_above(self, null: float | None = None) -> float:
+        return self._beyond(self._shift(self.estimate) - self._shift(null))
+
+    def p_below(self, null: float | None = None) -> float:
+        return self._beyond(self._shift(null) - self._shift(self.estimate))
+
+    def _beyond(self, distance: float) -> float:
+        from scipy import stats
+
+        if self.n < 2:
+            return 1.0
+        return float(stats.t.sf(distance / self.error, self.n - 1)) if self.error else float(distance <= 0)
+
+
 def describe(values: Values) -> Description:
     """Describe a sample. Its interval uses order statistics, so it assumes nothing."""
     array = _array(values)
@@ -180,13 +209,14 @@ def scale_of(*samples: Values) -> Scale:
     return RATIO if all(np.all(array[~np.isnan(array)] > 0) for array in arrays) else DIFFERENCE
 
 
-def contrast(a: Values, b: Values, scale: Scale | None = None) -> Contrast:
+def contrast(a: Values, b: Values, scale: Scale | None = None, *, by_mean: bool = False) -> Contrast:
     """Compare paired samples.
 
     Args:
         a: One value per replicate; a pair in which either value is None or NaN is left out.
         b: The values to compare with, in the same order.
         scale: By default that of `scale_of`.
+        by_mean: Estimate the mean difference, not the shift by Hodges and Lehmann.
 
     Raises:
         ValueError: If the samples differ in length, a value is infinite, or a ratio of values that have none is asked.
@@ -208,22 +238,28 @@ def contrast(a: Values, b: Values, scale: Scale | None = None) -> Contrast:
     shift = float(np.median(walsh))
     rank_sum = float(np.sum(walsh > 0) + np.sum(walsh == 0) / 2)  # the signed-rank statistic
     effect = 2 * rank_sum / len(walsh) - 1
+    if by_mean:
+        shift, n = float(np.mean(differences)), len(differences)
+        error = float(np.std(differences, ddof=1)) / math.sqrt(n) if n > 1 else math.nan
+        return MeanContrast(scale, n, missing, math.exp(shift) if scale == RATIO else shift, effect, walsh, error)
     return Contrast(scale, len(first), missing, math.exp(shift) if scale == RATIO else shift, effect, walsh)
 
 
-def p_of_margin(a: Values, b: Values, margin: float) -> tuple[float, float]:
+def p_of_margin(a: Values, b: Values, margin: float, *, by_mean: bool = False) -> tuple[float, float]:
     """Return the two-sided p-values of "a and b are within a margin above 1" and of "they are beyond it".
 
     Where some values are 0 there is no ratio; that a is at most `margin` times b is then tested by differences. Both
     are 1 if a value is negative.
     """
     if scale_of(a, b) == RATIO:
-        tested = contrast(a, b, RATIO)
+        tested = contrast(a, b, RATIO, by_mean=by_mean)
         return tested.p_within(margin), tested.p_beyond(margin)
     first, second = _array(a), _array(b)
     if min(np.nanmin(first, initial=0.0), np.nanmin(second, initial=0.0)) < 0:
         return 1.0, 1.0
-    more, less = contrast(first, margin * second, DIFFERENCE), contrast(second, margin * first, DIFFERENCE)
+    more, less = (
+        contrast(one, margin * other, DIFFERENCE, by_mean=by_mean) for one, other in ((first, second), (second, first))
+    )
     within = 2 * max(more.p_below(), less.p_below())
     return min(1.0, within), min(1.0, 2 * min(more.p_above(), less.p_above()))
 

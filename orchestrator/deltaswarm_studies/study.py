@@ -11,11 +11,15 @@ from typing import NamedTuple
 
 from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep, flattened
 from deltaswarm_orchestrator.sweeps.sensitivity import RangeSettings
+from deltaswarm_studies.claim_settings import OF_ORDER
 from deltaswarm_studies.metrics import BUILT_IN, StudyMetric, Timing, controllers_own
 from deltaswarm_studies.settings import ContrastSettings, StudyFile
 from deltaswarm_wire import checked
 
 INTERACTION = " against "
+
+LATER = {"metric": ("price_s", "after_change"), "claim": OF_ORDER, "contrast": ("over", "cells")}
+"""Keys that tables of study files got after studies had been published."""
 
 
 class Comparison(NamedTuple):
@@ -26,7 +30,9 @@ class Comparison(NamedTuple):
     within: str
     """Name of the cell; of an interaction, also of the pair of levels that it is between."""
     sides: tuple[tuple[str, str], ...]
-    """The variants with `level` and with `reference`; of an interaction, those of both levels that it is between."""
+    """The variants with `level` and with `reference`; of an interaction, those of both levels that it is between; of a
+    mean over a factor, those of each of its levels.
+    """
     within_title: str
     """The cell's name for people."""
     cell: tuple[str, ...]
@@ -91,7 +97,9 @@ class Study:
         """Digests of what the study file runs, and of what it asks."""
         sweep, asked = checked.plain(self.sweep.file), checked.plain(self.file)
         sweep["base"] = Path(sweep["base"]).name
-        for table, key in ((sweep["sweep"], "repeats_of"), (asked["study"], "replaces")):
+        later = [(sweep["sweep"], "repeats_of"), (asked["study"], "replaces")]
+        later += [(row, key) for name, keys in LATER.items() for row in asked[name] for key in keys]
+        for table, key in later:
             if not table[key]:  # so that files without it keep their digest
                 del table[key]
         if self.ranges and self.sweep.runs_per_point == 1:
@@ -155,20 +163,31 @@ class Study:
         def variant(cell: Mapping[str, str]) -> str:
             return labels[tuple(cell[factor] for factor in self.factors)]
 
-        factor, across = contrast.factor, contrast.across
+        factor, across, over = contrast.factor, contrast.across, contrast.over
         levels = self.factors[factor]
+        pooled = contrast.cells or (self.factors[over] if over else ())
         pairs = contrast.pairs or [(level, contrast.reference) for level in levels if level != contrast.reference]
         for level, reference in pairs:
-            for cell in self.cells([factor, *([across] if across else [])]):
+            for cell in self.cells(list(filter(None, (factor, across, over)))):
                 for ends in contrast.across_pairs if across else [()]:
-                    wholes = [{**cell, across: end} for end in ends] if across else [cell]
+                    name, along = (across, ends) if across else (over, pooled)
+                    wholes = [{**cell, name: end} for end in along] if name else [cell]
                     sides = tuple(
                         (variant({**whole, factor: level}), variant({**whole, factor: reference})) for whole in wholes
                     )
-                    within = ", ".join([*cell.values(), *([INTERACTION.join(ends)] if across else [])])
+                    mean = [f"mean over {self.factor_title(over)}"] if over else []
+                    within = ", ".join([*cell.values(), *([INTERACTION.join(ends)] if across else []), *mean])
                     between = [INTERACTION.join(self.level_title(across, end) for end in ends)] if across else []
-                    title = ", ".join(filter(None, [self.cell_title(cell), *between]))
+                    title = ", ".join(filter(None, [self.cell_title(cell), *between, *mean]))
                     yield Comparison(level, reference, within, sides, title, tuple(cell.values()), tuple(ends))
+
+    def along(self, factor: str, levels: Sequence[str]) -> Mapping[str, Sequence[str]]:
+        """Return the variants with these levels of a factor, or with any, by their names without the level."""
+        found: dict[str, list[str]] = {}
+        for label, own in self.levels.items():
+            if own.get(factor) in (levels or self.factors.get(factor, ())):
+                found.setdefault(", ".join(own[name] for name in own if name != factor), []).append(label)
+        return found
 
     def metrics_of(self, contrast: ContrastSettings) -> Sequence[str]:
         """Return the metrics that a contrast is about."""

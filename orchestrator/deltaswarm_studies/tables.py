@@ -88,7 +88,7 @@ def metrics_by_run(study: Study) -> list[str]:
 
 
 def _values(metric: StudyMetric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
-    if metric.kind == metrics.COLUMN:
+    if not metric.needs_series:
         if metric.column not in table:
             raise ValueError(f"the sweep's table has no column {metric.column!r}")
         return pd.to_numeric(table[metric.column])
@@ -188,6 +188,13 @@ def samples_of(runs: pd.DataFrame, metric: str) -> Samples:
     """Return a function from a variant to its values of a metric by replicate; NaN where there is no run."""
     wide = runs.assign(value=column(runs, metric)).pivot(index="replicate", columns="variant", values="value")
     return lambda variant: wide[variant] if variant in wide else pd.Series(math.nan, index=wide.index)
+
+
+def means_of(pairs: Sequence[tuple[pd.Series, pd.Series]]) -> tuple[pd.Series, pd.Series]:
+    """Return the means of each pair's sides over the replicates that both have."""
+    means = [pd.concat(pair, axis=1, keys=("a", "b")).dropna().mean() for pair in pairs]
+    rows = pd.DataFrame(means, columns=["a", "b"]).reset_index(drop=True)
+    return rows["a"], rows["b"]
 
 
 def missing_runs(study: Study, runs: pd.DataFrame, invalid: pd.DataFrame) -> list[str]:

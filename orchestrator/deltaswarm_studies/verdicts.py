@@ -17,6 +17,8 @@ from deltaswarm_studies.welch import MAX_REPLICATES
 
 ORDER = ("refuted", "differs", DEPENDS, "undecided", ANYWAY, "holds", "agrees", "no data")
 """Verdicts in the order of the table."""
+UNITS = {"too few cells": "levels", "too few halves": "replicates that are compared"}
+"""What a number of runs that would decide counts, if not replicates."""
 PREDICTIONS = {
     "predicts": "Size of the rank correlation with ",
     "trend": "Rank correlation with the order of variants, ",
@@ -129,6 +131,8 @@ def decides(row: Any, run_s: float | None) -> str:
         both = f"; {of_both:.0f} on both sides" if of_both else ""
         return f"no number of ours alone, since the published number is too uncertain{both}"
     more = int(needed) - row["n"]
+    if unit := UNITS.get(row["open"]):
+        return f"{needed:.0f} {unit} ({more} more)"
     time = "" if run_s is None else f", in about {timedelta(seconds=round(more * run_s))}"
     only = ", for a difference only: no margin" if row["open"] == "no margin" else ""
     return f"{needed:.0f} replicates ({more} more{time}){only}"

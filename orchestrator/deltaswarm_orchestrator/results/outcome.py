@@ -38,6 +38,9 @@ TimeOf = Callable[[EventLife], float | None]
 """A time in the life of an event [s]; None: it has not come."""
 
 
+TOLD_WEIGHT = 0.5
+"""The weight of the time until an event is told in its delay; the rest is that of the time until it is complete."""
+
 MINUTE_S = 60.0
 ROUNDING = 1e-9
 """A time that is a whole number of minutes, but for rounding, begins one."""
@@ -185,6 +188,15 @@ def time_until(event: EventLife, moment: TimeOf, horizon_s: float) -> float:
     """Return the time from an event's arrival to a moment; at most the horizon, also if the moment has not come [s]."""
     then_s = moment(event)
     return horizon_s if then_s is None else min(then_s - event.arrived_s, horizon_s)
+
+
+def delay_s(arrived_s: float, told_s: float | None, completed_s: float | None, end_s: float) -> float:
+    """Return an event's delay: the mean of the times until the operator is told of it and until it is complete [s].
+
+    What has not come by the end of the run counts until then.
+    """
+    told_s, completed_s = (end_s if time_s is None else time_s for time_s in (told_s, completed_s))
+    return TOLD_WEIGHT * told_s + (1.0 - TOLD_WEIGHT) * completed_s - arrived_s
 
 
 def arrival_digests(events: Iterable[EventState]) -> tuple[str, str]:

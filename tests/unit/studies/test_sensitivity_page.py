@@ -131,6 +131,7 @@ def test_figures_name_titles_with_units_and_no_keys() -> None:
             DRAWN,
             "claim[0].kind must be another one in a sensitivity study",
         ),
+        (CLAIMED.replace('more = "none"', 'every = ["none"]'), DRAWN, "claim[0].every must be left out"),
         (CLAIMED.replace('"trees"', '"forest"'), DRAWN, "claim[0] (quiet) must be one of 'trees', 'none'"),
     ],
 )
