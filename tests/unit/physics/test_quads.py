@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.base.exits import Reporter
-from deltaswarm_orchestrator.recording.reader import entries, recording_in, values_of
+from deltaswarm_orchestrator.export.snapshots import read_film
+from deltaswarm_orchestrator.recording.reader import recording_in
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions, check
@@ -79,9 +80,11 @@ def test_bad_settings_are_told(override: str, line: str) -> None:
     assert line in str(told.value)
 
 
-def test_a_run_of_quadcopters_is_recorded_with_their_headings(tmp_path: Path) -> None:
-    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=5"])
+def test_a_run_of_quadcopters_is_recorded_with_their_heights(tmp_path: Path) -> None:
+    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=5", "world.heights_m=[5,20]"])
     result = run(scenario, RunOptions(out=tmp_path / "run", in_process=True), Reporter())
     assert result.summary["valid"], result.messages
-    entry = next(entries(recording_in(result.folder), {"/swarm/agents"}))
-    assert len(values_of(entry[1])["heading_rad"]) == scenario.agents.count
+    *_, view = read_film(recording_in(result.folder)).snapshots()
+    heights_m = [[5.0, 20.0][body.agent % 2] for body in view.bodies]
+    assert [body.height_m for body in view.bodies] == pytest.approx(heights_m, abs=0.2)
+    assert all(body.heading_rad is not None for body in view.bodies)
