@@ -1,17 +1,23 @@
 """Quadcopters follow velocities, hold their heights against wind, repeat to the bit, and fail when they crash."""
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.base.exits import Reporter
+from deltaswarm_branches.parent import read_parent
+from deltaswarm_cluster.engine import Dask
+from deltaswarm_orchestrator.base.exits import CommandError, Reporter
 from deltaswarm_orchestrator.export.snapshots import read_film
+from deltaswarm_orchestrator.processes.boards import Boards
 from deltaswarm_orchestrator.recording.reader import recording_in
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions, check
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_world.core.environment import Environment
 from tests.support.tiers import in_one_test
@@ -58,11 +64,32 @@ def test_two_runs_have_the_same_digest() -> None:
     assert digests[0] == digests[1]
 
 
-def test_what_cannot_be_saved_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="must have bodies that can be saved with --checkpoint"):
-        check(load_scenario("smoke", [JSBSIM]), RunOptions(out=tmp_path / "run", checkpoint_steps=5))
-    with pytest.raises(TypeError, match="cannot be saved"):
-        pickle.dumps(world().dynamics)
+def started(scenario: Scenario, out: Path, **options: Any) -> None:
+    check(scenario, RunOptions(out=out, **options))
+
+
+ATTEMPTS: dict[str, Callable[[Scenario, Path], object]] = {
+    "saved with --checkpoint": lambda scenario, out: started(scenario, out, checkpoint_steps=5),
+    "some of which are on boards": lambda scenario, out: started(
+        scenario, out, boards=Boards((0,), "tcp/192.0.2.1:7447", out / "boards")
+    ),
+    "which are on other machines": lambda scenario, out: started(
+        scenario, out, engine=Dask("tcp://192.0.2.1:8786", "")
+    ),
+    "RUN must have bodies that can be saved": lambda scenario, out: read_parent(
+        run(scenario, RunOptions(out=out, in_process=True), Reporter()).folder
+    ),
+    "cannot be saved": lambda scenario, out: pickle.dumps(Environment(scenario).dynamics),
+}
+
+
+@in_one_test("words", ATTEMPTS)
+def test_what_quadcopters_cannot_do_is_refused_by_name(words: str, tmp_path: Path) -> None:
+    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=3"])
+    with pytest.raises((CommandError, SettingsError, TypeError)) as told:
+        ATTEMPTS[words](scenario, tmp_path / "run")
+    for told_of in (words, "world.dynamics", "jsbsim"):
+        assert told_of in str(told.value)
 
 
 @in_one_test(
