@@ -136,7 +136,8 @@ def decode_attachment(data: bytes) -> Attachment:
     head, length, gid = data[: _COUNT_AND_TIME.size], data[_COUNT_AND_TIME.size : -GID_BYTES], data[-GID_BYTES:]
     if len(data) < _COUNT_AND_TIME.size + GID_BYTES or length not in (b"", _GID_LENGTH):
         raise AttachmentError(f"an attachment must have 33 bytes, or 32 without a length (got {data[:40].hex(' ')})")
-    return Attachment(*_COUNT_AND_TIME.unpack(head), gid)
+    number, time_ns = _COUNT_AND_TIME.unpack(head)
+    return Attachment(number, time_ns, gid)
 
 
 class Graph:
