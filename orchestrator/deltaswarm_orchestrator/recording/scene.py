@@ -144,7 +144,8 @@ class Scene:
         roles = [body.role for body in truth.bodies]
         if agents != self._agents:
             self._make_messages(agents)
-        heights_m = [_round(body.height_m or 0.0) for body in truth.bodies]
+        steps = PLACE_STEPS_PER_M
+        heights_m = [round(body.height_m * steps) / steps if body.height_m else 0.0 for body in truth.bodies]
         self._place_agents(roles, places, now)
         if has_headings := any(body.heading_rad is not None for body in truth.bodies):
             self._turn_agents(truth.bodies, places, heights_m)
@@ -265,12 +266,9 @@ def quaternion(body: AgentState) -> tuple[float, float, float, float]:
     )
 
 
-def _round(length_m: float) -> float:
-    return round(length_m * PLACE_STEPS_PER_M) / PLACE_STEPS_PER_M
-
-
 def _rounded(things: Iterable[AgentState | EventState]) -> list[Place]:
-    return [(_round(thing.x_m), _round(thing.y_m)) for thing in things]
+    steps = PLACE_STEPS_PER_M
+    return [(round(thing.x_m * steps) / steps, round(thing.y_m * steps) / steps) for thing in things]
 
 
 def _encoded(update: SceneUpdate, now: Mapping[str, int]) -> bytes:
