@@ -28,6 +28,7 @@ MEASUREMENTS = {
     "scale": (("sizes", "steps", "rounds"), "how the cost of a step grows with the swarm, in one process"),
     "engines": (("agents", "steps", "rounds"), "whole runs by the Python and by the dense engine, in one process"),
     "radio_cost": (("agents", "steps", "rounds"), "what the radio models cost, in one process"),
+    "bodies": (("agents", "steps", "rounds"), "what discs and quadcopters cost, in one process"),
     "coverage": (("rounds",), "how fast an order of the operator spreads, in one process"),
 }
 """Modules of this package that have a function `measure`, with its arguments and what it measures."""

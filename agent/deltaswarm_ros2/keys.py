@@ -21,8 +21,9 @@ QOS = "::,10:,:,:,,"
 _TOKENS = "@ros2_lv"
 _NONE = "%"
 _TOKEN_PARTS = 13
-_ATTACHMENT = struct.Struct("<qqB16s")
+_COUNT_AND_TIME = struct.Struct("<qq")
 GID_BYTES = 16
+_GID_LENGTH = bytes([GID_BYTES])
 
 MAX_DOMAIN = 232
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -127,14 +128,15 @@ def gid_of(token: str) -> bytes:
 
 
 def encode_attachment(attachment: Attachment) -> bytes:
-    return _ATTACHMENT.pack(attachment.number, attachment.time_ns, GID_BYTES, attachment.gid)
+    return _COUNT_AND_TIME.pack(attachment.number, attachment.time_ns) + _GID_LENGTH + attachment.gid
 
 
 def decode_attachment(data: bytes) -> Attachment:
-    """Decode an attachment."""
-    if len(data) != _ATTACHMENT.size or data[16] != GID_BYTES:
-        raise AttachmentError(f"an attachment must have {_ATTACHMENT.size} bytes (got {data[:40].hex(' ')})")
-    number, time_ns, _, gid = _ATTACHMENT.unpack(data)
+    """Decode an attachment, also of a version that leaves out the length of the publisher's id."""
+    head, length, gid = data[: _COUNT_AND_TIME.size], data[_COUNT_AND_TIME.size : -GID_BYTES], data[-GID_BYTES:]
+    if len(data) < _COUNT_AND_TIME.size + GID_BYTES or length not in (b"", _GID_LENGTH):
+        raise AttachmentError(f"an attachment must have 33 bytes, or 32 without a length (got {data[:40].hex(' ')})")
+    number, time_ns = _COUNT_AND_TIME.unpack(head)
     return Attachment(number, time_ns, gid)
 
 

@@ -27,6 +27,7 @@ from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain, rest
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID, CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
+from deltaswarm_wire.plugins import DYNAMICS, find
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 CLOCKS = ("lockstep", "realtime")
@@ -156,6 +157,11 @@ class WorldSettings:
     def radius_m(self) -> float:
         """The radius of a body [m]; 0 for points."""
         return float(self.options.get("radius_m", 0.0))
+
+    @property
+    def to_process(self) -> bool:
+        """Whether bodies can crash, which ends the processes of their agents."""
+        return bool(getattr(find(DYNAMICS, self.dynamics, "world.dynamics"), "to_process", False))
 
 
 @dataclass(frozen=True)

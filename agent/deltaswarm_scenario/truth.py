@@ -64,7 +64,7 @@ _Step = Annotated[int, Limits("a step", 0, MAX_STEP)]
 _Metres = Annotated[float, Limits("a coordinate [m]", -MAX_ABS_M, MAX_ABS_M)]
 _Seconds = Annotated[float, Limits("simulated time [s]", 0.0, MAX_TIME_S)]
 _SecondsOrNone = Annotated[float | None, Limits("simulated time [s]; None: not yet", 0.0, MAX_TIME_S)]
-_OfBody = Annotated[float | None, Limits("state of a body; None: the body is a point", -MAX_TIME_S, MAX_TIME_S)]
+_OfBody = Annotated[float | None, Limits("state of a body; None: it has none", -MAX_TIME_S, MAX_TIME_S)]
 
 
 class AgentState(NamedTuple):
@@ -83,9 +83,15 @@ class AgentState(NamedTuple):
     left_mps: _OfBody = None
     right_mps: _OfBody = None
     """Speeds of its wheels on the ground."""
+    height_m: _OfBody = None
+    """Above the ground, of one that flies, as the two that follow."""
+    roll_rad: _OfBody = None
+    """To the right."""
+    pitch_rad: _OfBody = None
+    """Up."""
 
 
-BODY_FIELDS = AgentState._fields[8:]
+BODY_FIELDS = AgentState._fields[8:11]
 """The fields that only bodies have that take up room."""
 
 NOBODY_LEFT = "no agent was left"
@@ -260,8 +266,13 @@ def encode_truth(truth: Truth) -> bytes:
     if len(row) > len(COLUMNS):
         columns = truth.step_record.columns()
         row = [*(columns.pop(name) for name in COLUMNS), columns]
-    bodies: Any = [body if body.heading_rad is not None else body[:8] for body in truth.bodies]
+    bodies: Any = [_row(body) for body in truth.bodies]
     return _TRUTH.encode(truth._replace(bodies=bodies, step_record=row))
+
+
+def _row(body: AgentState) -> tuple[Any, ...]:
+    """Leave out what its kind of body has no state of: height if it does not fly, and all if it is a point."""
+    return body[:8] if body.heading_rad is None else body[:11] if body.height_m is None else body
 
 
 Sample = tuple[int, int, bytes]

@@ -1,6 +1,7 @@
-"""Make the moving pictures of the README, docs/figures/swarm.webp and docs/figures/station.webp.
+"""Make the moving pictures of the documentation, docs/figures/{swarm,quads,station}.webp.
 
 `python -m docs.extensions.moving_pictures swarm` draws three runs of the scenario paper-25 with seed 1, in process.
+`python -m docs.extensions.moving_pictures quads` draws quadcopters in wind, in process, and prints the run's digest.
 `python -m docs.extensions.moving_pictures station` films the station's page in Chromium during such a run.
 """
 
@@ -20,12 +21,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from PIL import Image, ImageDraw
+from scipy.spatial.transform import Rotation
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import Select
 from tests.support.station_page import Looking, browser
 
 import deltaswarm
+from deltaswarm_orchestrator.recording.scene import role_colour
 from deltaswarm_studies.style import LEVELS
 
 FIGURES = Path(__file__).parents[1] / "figures"
@@ -38,6 +42,16 @@ SWARM_BEGIN_S, SWARM_END_S, SWARM_EVERY_S = 300, 540, 2
 SWARM_IN = (9.0, 4.1)
 MOST_HZ = 20.0
 """The rate of messages at the end of the scale below each panel."""
+
+QUADS_KEYS = {
+    "world.dynamics": "jsbsim",
+    "world.wind_mps": 5.0,
+    "world.gust_mps": 2.0,
+    "world.heights_m": [6.0, 9.0, 12.0, 15.0, 18.0],
+}
+QUADS_BEGIN_S, QUADS_END_S = 600, 720
+QUADS_TOP_M, QUADS_TIMES = 25.0, 6.0
+"""The height of the box that is drawn, and by how much quadcopters are larger in it than they are."""
 
 STATION_BEGIN_S, STATION_END_S, STATION_EVERY_S = 300, 480, 3
 STATION_SPEED = 5
@@ -145,6 +159,58 @@ def legend() -> list[Line2D]:
     ] + [Line2D([], [], ls="", marker="o", color="#000000", ms=4, label="event")]
 
 
+def quads_frames() -> list[Image.Image]:
+    """Draw the swarm in the air: two crossed arms for each quadcopter, its shadow, trees, and events on the ground."""
+    run = deltaswarm.run("paper-25", {**QUADS_KEYS, "run.duration_s": QUADS_END_S + 1}, seed=SEED, progress=False)
+    print(f"paper-25, seed {SEED}, {QUADS_KEYS}, digest {run.digest}")
+    arena, arm_m = run.scenario["arena"], QUADS_TIMES * run.scenario["world"]["radius_m"]
+    crossed = np.array([[[1, 1, 0], [-1, -1, 0]], [[1, -1, 0], [-1, 1, 0]]]) * arm_m / np.sqrt(2)
+    figure = Figure(figsize=(8.0, 4.6), dpi=100, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    axes: Any = figure.add_axes((-0.14, -0.17, 1.28, 1.42), projection="3d")
+    axes.set(xlim=(0, arena["width_m"]), ylim=(0, arena["height_m"]), zlim=(0, QUADS_TOP_M), xticks=[], yticks=[])
+    axes.set_box_aspect((1, 1, QUADS_TOP_M / arena["width_m"]), zoom=1.1)
+    axes.view_init(elev=24, azim=-64)
+    axes.set_zticks([0, 10, 20], ["0", "10", "20 m"], fontsize=8)
+    clock = figure.text(0.012, 0.03, "", fontsize=11)
+    wind = f"wind {QUADS_KEYS['world.wind_mps']:g} m/s, gusts {QUADS_KEYS['world.gust_mps']:g} m/s"
+    figure.text(0.012, 0.94, rf"{wind}  $\longrightarrow$", fontsize=11)
+    signs = [
+        Line2D([], [], color=role_colour(role), lw=2, label=look.label.split(" (")[0]) for role, look in LOOKS.items()
+    ]
+    event = Line2D([], [], ls="", marker="o", color="#000000", ms=4, label="event")
+    figure.legend(handles=[*signs, event], loc="lower right", ncols=5, frameon=False, fontsize=8.5, handlelength=1)
+    frames = []
+    for time_s in range(QUADS_BEGIN_S, QUADS_END_S):
+        times_s = run.poses["time_s"]
+        bodies = run.poses[times_s == times_s[times_s <= time_s].max()].set_index("agent")
+        places = bodies[["x_m", "y_m", "height_m"]]
+        turns = Rotation.from_euler("ZYX", bodies[["heading_rad", "pitch_rad", "roll_rad"]] * [1, -1, 1])
+        arms = np.concatenate([turn.apply(crossed.reshape(-1, 3)).reshape(2, 2, 3) for turn in turns])
+        arms += np.repeat(places.to_numpy(), 2, axis=0)[:, None]
+        children = bodies[bodies["parent"].isin(places.index)]
+        colours = [role_colour("member" if role in MEMBERS else role) for role in bodies["role"]]
+        edges = np.stack([places.loc[children.index], places.loc[children["parent"]]], axis=1)
+        open_now = (run.events["arrived_s"] <= time_s) & ~(run.events["completed_s"] <= time_s)
+        shown = [
+            Line3DCollection(edges, colors="#999999", linewidths=1.0),
+            Line3DCollection(arms, colors=np.repeat(colours, 2), linewidths=2.2),
+        ]
+        for lines in shown:
+            axes.add_collection3d(lines, autolim=False)
+        ground = {"zs": 0.0, "depthshade": False}
+        shown += [
+            axes.scatter(places["x_m"], places["y_m"], s=6, c="#cccccc", **ground),
+            axes.scatter(*run.events.loc[open_now, ["x_m", "y_m"]].to_numpy().T, s=11, c="#000000", **ground),
+        ]
+        clock.set_text(f"{time_s} s")
+        canvas.draw()
+        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+        for artist in shown:
+            artist.remove()
+    return frames
+
+
 def station_frames() -> list[Image.Image]:
     """Film a person at the station who lowers delta and answers ISA."""
     with TemporaryDirectory() as folder, station(Path(folder)) as url, browser() as driver:
@@ -245,5 +311,5 @@ def save(frames: Sequence[Image.Image], file: Path, frame_ms: int) -> None:
 
 if __name__ == "__main__":
     name = sys.argv[1]
-    make, frame_ms = {"swarm": (swarm_frames, 80), "station": (station_frames, 160)}[name]
+    make, frame_ms = {"swarm": (swarm_frames, 80), "quads": (quads_frames, 120), "station": (station_frames, 160)}[name]
     save(make(), FIGURES / f"{name}.webp", frame_ms)

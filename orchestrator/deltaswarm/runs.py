@@ -238,6 +238,7 @@ class Run:
         """A row per view and agent: the truth that viewers show.
 
         Columns: `step`, `time_s` [s], `agent`, `x_m`, `y_m` [m], `role`, `level`, `parent`, `root` (-1: none), `delta`.
+        Of bodies also `heading_rad`, `left_mps`, `right_mps`; of those that fly `height_m`, `roll_rad`, `pitch_rad`.
 
         Raises:
             Error: pandas is not installed, or there is no recording (scenario key `record = "off"`).

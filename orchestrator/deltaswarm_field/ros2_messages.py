@@ -23,14 +23,14 @@ AGENT_M, EVENT_M, LINE_M = 0.014, 0.018, 0.003
 
 EVENT_COLOUR, TREE_COLOUR = "#a0522d", "#0072b2"
 
-Place = tuple[float, float]
+Place = tuple[float, float, float]
 Message = Mapping[str, Any]
 
 
 def markers(truth: Truth, side_m: float, stamp: Message) -> Message:
     """Make a MarkerArray: a sphere for each agent in its role's colour, lines to parents, a sphere for each event."""
-    places = {body.agent: (body.x_m, body.y_m) for body in truth.bodies}
-    events = [(event.x_m, event.y_m) for event in truth.events if event.completed_s is None]
+    places = {body.agent: (body.x_m, body.y_m, body.height_m or 0.0) for body in truth.bodies}
+    events = [(event.x_m, event.y_m, 0.0) for event in truth.events if event.completed_s is None]
     lines = [
         place
         for body in truth.bodies
@@ -56,7 +56,7 @@ def _marker(
         "pose": {"orientation": {"w": 1.0}},
         "scale": {"x": size_m, "y": size_m, "z": size_m},
         "color": {"a": 1.0},
-        "points": [{"x": x_m, "y": y_m} for x_m, y_m in places],
+        "points": [dict(zip("xyz", place, strict=True)) for place in places],
         "colors": colours,
     }
 

@@ -26,6 +26,8 @@ from tests.support.tiers import nightly
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
 NAMES = ["paper", *nightly(*(folder.name for folder in PUBLISHED if folder.name != "paper"))]
+PLANNED = {"quads"}
+"""Built-in studies whose runs are not done."""
 SHORTER = "--set run.duration_s=100 --set metrics.horizon_s=50 --repeats 7 --prove 0"
 
 
@@ -72,11 +74,12 @@ def test_every_metric_and_kind_of_table_is_named() -> None:
 
 
 def test_the_index_links_every_study() -> None:
-    """Every built-in study is published; `deltaswarm study all --render --out docs/studies` writes the index."""
+    """Built-in studies are published; `deltaswarm study all --render --out docs/studies` writes the index."""
     index = (ROOT / "docs" / "studies" / "index.md").read_text()
     linked = sorted(re.findall(r"\]\((.*?)/page\.md\)", index))
     assert linked == sorted(folder.name for folder in PUBLISHED)
-    assert set(linked) == {name for names in COLLECTIONS.values() for name in names}
+    assert set(linked) | PLANNED == {name for names in COLLECTIONS.values() for name in names}
+    assert not PLANNED & set(linked)
 
 
 def test_the_links_lead_somewhere() -> None:

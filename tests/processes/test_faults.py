@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_world.__main__ import main
 from tests.support.swarms import BOUND_S, UNHURRIED, is_running, run, running, wait_until
-from tests.support.tiers import first_of
+from tests.support.tiers import first_of, in_one_test
 
 pytestmark = pytest.mark.processes
 
@@ -101,9 +101,10 @@ def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
         assert not any(map(is_running, pids.values()))
 
 
-def test_a_world_without_hands_does_not_begin(tmp_path: Path) -> None:
-    """Started by itself, it has nobody who could kill an agent: it says so, with exit code 2."""
-    scenario = load_scenario("smoke", [timeline(TIMELINES["kill"])[1]])
+@in_one_test("override", [timeline(TIMELINES["kill"])[1], "world.dynamics=jsbsim"])
+def test_a_world_without_hands_does_not_begin(override: str, tmp_path: Path) -> None:
+    """Started by itself, it has nobody who could kill an agent, as a crash does: it says so, with exit code 2."""
+    scenario = load_scenario("smoke", [override])
     file = tmp_path / "scenario.toml"
     file.write_text(to_toml(scenario))
     others = ["--credentials", str(tmp_path / "c"), "--out", str(tmp_path)]

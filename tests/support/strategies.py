@@ -134,7 +134,8 @@ _points = st.builds(
     left_mps=st.none(),
     right_mps=st.none(),
 )
-_states = st.fixed_dictionaries(dict.fromkeys(truth.BODY_FIELDS, st.floats(-10.0, 10.0)))
+_fields = st.sampled_from([truth.BODY_FIELDS, truth.AgentState._fields[8:]])
+_states = _fields.flatmap(lambda names: st.fixed_dictionaries(dict.fromkeys(names, st.floats(-10.0, 10.0))))
 bodies = _points | st.builds(lambda body, state: body._replace(**state), _points, _states)
 event_states = st.builds(truth.EventState, ids, metres, metres, times_s, *[st.none() | times_s] * 3, times_s)
 step_records = st.builds(

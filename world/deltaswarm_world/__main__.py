@@ -107,9 +107,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     log_to_standard_error()
     try:
         scenario = checked.load(Scenario, read_toml(arguments.scenario))
-        kinds = sorted({fault.kind for fault in scenario.fault if fault.to_process})
+        kinds = sorted({f"fault.kind = {fault.kind!r}" for fault in scenario.fault if fault.to_process})
+        if scenario.world.to_process:
+            kinds.append(f"world.dynamics = {scenario.world.dynamics!r}")
         if RECORDER not in (arguments.expect or ()) and kinds:
-            raise ValueError(f"fault: {', '.join(kinds)} needs `deltaswarm run`, which controls the processes")
+            raise ValueError(f"{', '.join(kinds)} needs `deltaswarm run`, which controls the processes")
         if arguments.boards and arguments.boards[-1] >= scenario.agents.count:
             raise ValueError(f"--boards must be from 0 to {scenario.agents.count - 1} (got {arguments.boards[-1]})")
         listen = tuple(arguments.listen or (DEFAULT_ENDPOINT,))

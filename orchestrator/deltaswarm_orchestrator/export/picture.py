@@ -60,7 +60,7 @@ class Picture:
         self._names: list[Text] = []
 
     def show(self, view: Snapshot) -> None:
-        self._trees.set_segments(view.trees_m)
+        self._trees.set_segments([[(body.x_m, body.y_m) for body in pair] for pair in view.trees])
         self._events.set_offsets(np.array([(event.x_m, event.y_m) for event in view.events]).reshape(-1, 2))
         self._name_events(view.events)
         self._agents.set_offsets(np.array([(body.x_m, body.y_m) for body in view.bodies]).reshape(-1, 2))

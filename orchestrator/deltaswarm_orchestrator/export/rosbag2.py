@@ -16,9 +16,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from deltaswarm_orchestrator.export.snapshots import Film
-from deltaswarm_orchestrator.recording.scene import log_time_ns
+from deltaswarm_orchestrator.recording.scene import log_time_ns, quaternion
 from deltaswarm_orchestrator.recording.schemas import ARENA_FRAME
+from deltaswarm_scenario.truth import AgentState
 
+UPRIGHT = 0.0, 0.0, 0.0, 1.0
 POSES, NUMBER = "geometry_msgs/msg/PoseArray", "std_msgs/msg/Float64"
 
 _TYPES = get_typestore(Stores.ROS2_HUMBLE)
@@ -33,11 +35,12 @@ def write(film: Film, out: Path) -> None:
         for view in film.snapshots():
             places: dict[str, list[Any]] = {role: [] for role in shown}  # one empty message after the last agent left
             for body in view.bodies:
-                places.setdefault(body.role, []).append((body.x_m, body.y_m))
+                places.setdefault(body.role, []).append(_pose_of(body))
             shown = {role for role, points in places.items() if points}
             for role in sorted(places):
                 bag.add(f"/swarm/{_ros_name(role)}", POSES, view.time_s, _poses(places[role], view.time_s))
-            bag.add("/events", POSES, view.time_s, _poses([(e.x_m, e.y_m) for e in view.events], view.time_s))
+            events = [((event.x_m, event.y_m, 0.0), UPRIGHT) for event in view.events]
+            bag.add("/events", POSES, view.time_s, _poses(events, view.time_s))
         for workload in film.recording.workloads:
             for name in ("messages", "rate_60s_hz"):
                 value = _KINDS[NUMBER](data=float(getattr(workload, name)))
@@ -63,10 +66,14 @@ def _ros_name(role: str) -> str:
     return f"_{name}" if name[0].isdecimal() else name
 
 
+def _pose_of(body: AgentState) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    turn = UPRIGHT if body.height_m is None else quaternion(body)
+    return (body.x_m, body.y_m, body.height_m or 0.0), turn
+
+
 def _poses(places: list[Any], time_s: float) -> Any:
     seconds, nanos = divmod(log_time_ns(time_s), 1_000_000_000)
     stamp = _KINDS["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanos)
     header = _KINDS["std_msgs/msg/Header"](stamp=stamp, frame_id=ARENA_FRAME)
-    upright = _KINDS["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
-    point, pose = _KINDS["geometry_msgs/msg/Point"], _KINDS["geometry_msgs/msg/Pose"]
-    return _KINDS[POSES](header, [pose(point(x=x, y=y, z=0.0), upright) for x, y in places])
+    point, turn, pose = (_KINDS[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose"))
+    return _KINDS[POSES](header, [pose(point(*place), turn(*rotation)) for place, rotation in places])

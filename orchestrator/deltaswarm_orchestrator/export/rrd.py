@@ -10,6 +10,7 @@ import rerun as rr
 
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
 from deltaswarm_orchestrator.recording.scene import EVENT_RGBA, role_rgba
+from deltaswarm_scenario.truth import AgentState
 
 TIME, STEP = "time", "step"
 """The timelines: simulated time, and steps."""
@@ -51,18 +52,22 @@ def _log(stream: Any, view: Snapshot, shown: set[str], longest_m: float, radius_
     for role in sorted(roles | shown):  # log no points once, after the last agent left
         bodies = [body for body in view.bodies if body.role == role]
         points = rr.Points3D(
-            _flat([(body.x_m, body.y_m) for body in bodies]),
+            [_place_m(body) for body in bodies],
             colors=[list(role_rgba(role))] * len(bodies),
             radii=[radius_m or AGENT_RADIUS * longest_m] * len(bodies),
         )
         stream.log(f"arena/agents/{rr.escape_entity_path_part(role)}", points)
-    lines = [_flat(line) for line in view.trees_m]
+    lines = [[_place_m(body) for body in pair] for pair in view.trees]
     stream.log("arena/trees", rr.LineStrips3D(lines, colors=[list(role_rgba("member"))] * len(lines)))
     count = len(view.events)
     events = _flat([(event.x_m, event.y_m) for event in view.events])
     colours, radii = [list(EVENT_RGBA)] * count, [EVENT_RADIUS * longest_m] * count
     stream.log("arena/events", rr.Points3D(events, colors=colours, radii=radii))
     return roles
+
+
+def _place_m(body: AgentState) -> tuple[float, float, float]:
+    return body.x_m, body.y_m, body.height_m or 0.0
 
 
 def _flat(places: list[tuple[float, float]]) -> list[tuple[float, float, float]]:

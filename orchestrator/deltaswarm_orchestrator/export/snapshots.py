@@ -34,10 +34,10 @@ class Snapshot(NamedTuple):
     events: tuple[EventState, ...]
 
     @property
-    def trees_m(self) -> list[Line]:
-        """A line from each child to its parent."""
-        places = {body.agent: (body.x_m, body.y_m) for body in self.bodies}
-        return [[places[body.agent], places[body.parent]] for body in self.bodies if body.parent in places]
+    def trees(self) -> list[tuple[AgentState, AgentState]]:
+        """Each child and its parent."""
+        bodies = {body.agent: body for body in self.bodies}
+        return [(body, bodies[body.parent]) for body in self.bodies if body.parent in bodies]
 
     def headings_m(self, radius_m: float) -> list[Line]:
         """A line from the centre of each body that has a heading to its edge."""
@@ -87,10 +87,8 @@ class Film:
                     if view is not None:
                         yield _with_statuses(view, statuses)
                     _, *frames = message.transforms
-                    places = tuple(
-                        AgentState(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames
-                    )
-                    view = Snapshot(step, time_s, places, tuple(events.values()))
+                    place = _in_the_air if any(frame.translation.z for frame in frames) else _on_the_ground
+                    view = Snapshot(step, time_s, tuple(map(place, frames)), tuple(events.values()))
         if view is not None:
             yield _with_statuses(view, statuses)
 
@@ -112,6 +110,19 @@ def read_film(path: Path) -> Film:
     return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops], radius_m)
 
 
+def _on_the_ground(frame: Any) -> AgentState:
+    return AgentState(0, frame.translation.x, frame.translation.y, "", 0, 0)
+
+
+def _in_the_air(frame: Any) -> AgentState:
+    x, y, z, w = (getattr(frame.rotation, name) for name in "xyzw")
+    return _on_the_ground(frame)._replace(
+        height_m=frame.translation.z,
+        roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        pitch_rad=math.asin(min(max(2 * (z * x - w * y), -1.0), 1.0)),
+    )
+
+
 def _with_statuses(view: Snapshot, statuses: list[dict[str, Any]]) -> Snapshot:
     """Add to each body of a view what it says it is; drop all bodies if the file was cut off in between."""
     if len(statuses) != len(view.bodies):
@@ -124,7 +135,7 @@ def _with_statuses(view: Snapshot, statuses: list[dict[str, Any]]) -> Snapshot:
 def write(film: Film, out: Path) -> None:
     """Write `poses.csv` (a row per view and agent), `events.csv` (per event) and `workload.csv` (per step).
 
-    A cell is empty where there is no time yet, no parent, no root, or no body but a point.
+    A cell is empty where there is no time yet, no parent, no root, or a body has no such state.
     """
     out.mkdir()
     poses = (

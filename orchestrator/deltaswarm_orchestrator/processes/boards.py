@@ -14,7 +14,6 @@ from deltaswarm_wire.access import REVOKED, TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, WORLD
-from deltaswarm_wire.plugins import DYNAMICS, find
 from deltaswarm_wire.session import WITH_PORT, Tls, endpoint_problem, host_and_port, protocol_of
 
 CERTIFICATE_DAYS = 365
@@ -121,9 +120,8 @@ def authority_folder(boards: Path) -> Path:
 def signal_problems(scenario: Scenario, why: str) -> list[Problem]:
     """Return a problem for each fault, or crash, that signals processes of agents; `why` that is not possible."""
     dynamics = scenario.world.dynamics
-    ends = getattr(find(DYNAMICS, dynamics, "world.dynamics"), "to_process", False)
-    crash = [Problem("world.dynamics", repr(dynamics), f"must not end processes by crashes, {why}")] if ends else []
-    return crash + [
+    crash = Problem("world.dynamics", repr(dynamics), f"must not end processes by crashes, {why}")
+    return [crash] * scenario.world.to_process + [
         Problem(f"fault.{number}.kind", repr(fault.kind), f"must not signal processes, {why}")
         for number, fault in enumerate(scenario.fault)
         if fault.to_process

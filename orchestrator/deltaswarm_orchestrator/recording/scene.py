@@ -144,9 +144,11 @@ class Scene:
         roles = [body.role for body in truth.bodies]
         if agents != self._agents:
             self._make_messages(agents)
+        steps = PLACE_STEPS_PER_M
+        heights_m = [round(body.height_m * steps) / steps if body.height_m else 0.0 for body in truth.bodies]
         self._place_agents(roles, places, now)
         if has_headings := any(body.heading_rad is not None for body in truth.bodies):
-            self._turn_agents([body.heading_rad or 0.0 for body in truth.bodies], places)
+            self._turn_agents(truth.bodies, places, heights_m)
         yield "/tf", self._transforms.SerializeToString()
         yield "/scene/agents", _encoded(self._updates["agents"], now)
         index = {agent: place for place, agent in enumerate(agents)}
@@ -156,8 +158,8 @@ class Scene:
         events = [event for event in truth.events if event.completed_s is None]
         event_places = _rounded(events)
         yield "/scene/events", _encoded(self._events(events, event_places), now)
-        yield "/points/agents", _points(places, [role_rgba(role) for role in roles], now)
-        yield "/points/events", _points(event_places, [EVENT_RGBA] * len(events), now)
+        yield "/points/agents", _points(places, heights_m, [role_rgba(role) for role in roles], now)
+        yield "/points/events", _points(event_places, [0.0] * len(events), [EVENT_RGBA] * len(events), now)
         standings = [body[3:] for body in truth.bodies]
         if standings != self._tree_statuses:
             self._tree_statuses = standings
@@ -194,15 +196,19 @@ class Scene:
             frame.x = sphere.x = end.x = x
             frame.y = sphere.y = end.y = y
 
-    def _turn_agents(self, headings_rad: list[float], places: list[Place]) -> None:
-        ends = self._headings.points
+    def _turn_agents(self, bodies: Sequence[AgentState], places: list[Place], heights_m: list[float]) -> None:
+        ends, turns = self._headings.points, [frame.rotation for frame in self._transforms.transforms[1:]]
         while len(ends) < 2 * len(places):
             ends.add(z=self._radius_m)
-        for i, (frame, heading, (x, y)) in enumerate(
-            zip(self._transforms.transforms[1:], headings_rad, places, strict=True)
-        ):
-            frame.rotation.z, frame.rotation.w = math.sin(heading / 2), math.cos(heading / 2)
-            reach_m = HEADING_RADII * self._radius_m
+        reach_m = HEADING_RADII * self._radius_m
+        for i, (body, turn, (x, y), z) in enumerate(zip(bodies, turns, places, heights_m, strict=True)):
+            heading = body.heading_rad or 0.0
+            turn.z, turn.w = math.sin(heading / 2), math.cos(heading / 2)
+            if body.height_m is not None:
+                turn.x, turn.y, turn.z, turn.w = quaternion(body)
+                ends[2 * i].z = ends[2 * i + 1].z = z + self._radius_m
+                for place in self._places[i]:
+                    place.z = z
             ends[2 * i].x, ends[2 * i].y = x, y
             ends[2 * i + 1].x, ends[2 * i + 1].y = x + reach_m * math.cos(heading), y + reach_m * math.sin(heading)
         lines = self._updates["agents"].entities[0].lines
@@ -247,6 +253,19 @@ def role_rgba(role: str) -> bytes:
     return bytes.fromhex(role_colour(role)[1:]) + OPAQUE
 
 
+def quaternion(body: AgentState) -> tuple[float, float, float, float]:
+    """Return the rotation (x, y, z, w) from the arena's axes to those of a body: ahead, to the left, up."""
+    yaw, roll = (body.heading_rad or 0.0) / 2, (body.roll_rad or 0.0) / 2
+    down = -(body.pitch_rad or 0.0) / 2
+    (sy, cy), (sr, cr), (sd, cd) = ((math.sin(half), math.cos(half)) for half in (yaw, roll, down))
+    return (
+        sr * cd * cy - cr * sd * sy,
+        cr * sd * cy + sr * cd * sy,
+        cr * cd * sy - sr * sd * cy,
+        cr * cd * cy + sr * sd * sy,
+    )
+
+
 def _rounded(things: Iterable[AgentState | EventState]) -> list[Place]:
     steps = PLACE_STEPS_PER_M
     return [(round(thing.x_m * steps) / steps, round(thing.y_m * steps) / steps) for thing in things]
@@ -287,9 +306,9 @@ def _cloud_head() -> bytes:
 _CLOUD_HEAD = _cloud_head()
 
 
-def _points(places: list[Place], colours: list[bytes], now: Mapping[str, int]) -> bytes:
+def _points(places: list[Place], heights_m: list[float], colours: list[bytes], now: Mapping[str, int]) -> bytes:
     pack = _POINT.pack
-    data = b"".join([pack(x, y, 0.0, rgba) for (x, y), rgba in zip(places, colours, strict=True)])
+    data = b"".join([pack(x, y, z, rgba) for (x, y), z, rgba in zip(places, heights_m, colours, strict=True)])
     return _CLOUD_HEAD + bytes(PointCloud(timestamp=now, data=data).SerializeToString())
 
 

@@ -32,8 +32,8 @@ NET_FIELDS = COLUMNS[COLUMNS.index("frames_sent") :]
 STATE_FIELDS = tuple(name for name in COLUMNS if name not in NET_FIELDS and name not in ("step", "time_s"))
 """The columns of a record that `/swarm/state` holds: all the others."""
 
-AGENT_FIELDS = tuple(name for name in AgentState._fields if name not in ("x_m", "y_m", *BODY_FIELDS))
-"""The fields of a body that `/swarm/agents` holds, sent when one changes; positions are in `/tf`."""
+AGENT_FIELDS = tuple(name for name in AgentState._fields[:8] if name not in ("x_m", "y_m"))
+"""The fields of a body that `/swarm/agents` holds, sent when one changes; its position and attitude are in `/tf`."""
 
 
 class Drops(NamedTuple):

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scipy.spatial.transform import Rotation
 
+from deltaswarm_orchestrator.export.snapshots import read_film
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS, colour, role_colour
 from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS
@@ -57,6 +59,32 @@ def test_bodies_are_drawn_in_their_size_with_their_headings(tmp_path: Path) -> N
         assert centre == (body.x_m, body.y_m)
         assert math.atan2(tip[1] - centre[1], tip[0] - centre[0]) == pytest.approx(body.heading_rad)
         assert math.dist(centre, tip) > 0.5
+
+
+def test_bodies_that_fly_are_drawn_at_their_height_and_lean(tmp_path: Path) -> None:
+    """Frames have the whole pose: the nose is up by the pitch, the left side by the roll. Films read it again."""
+    flying = AgentState(0, 10.0, 10.0, "free", 0, -1, -1, 0, 2.0, 0.0, 0.0, 12.5, 0.3, -0.2)
+    crashed = AgentState(1, 20.0, 30.0, "dead", 0, -1, -1, 0, -1.0, 0.0, 0.0, 0.25, -1.5, 1.25)
+    world = {"dynamics": "jsbsim", "radius_m": 0.5}
+    with Recorder(tmp_path, load(Scenario, {"world": world})) as recorder:
+        recorder.step(truth(flying, crashed), ())
+        recorder.complete({})
+    found = messages(tmp_path / "recording.mcap")
+    _, frame, other = on("/tf", found)[-1].transforms
+    assert [frame.translation.z, other.translation.z] == [12.5, 0.25]
+    turn = Rotation.from_quat([getattr(frame.rotation, name) for name in "xyzw"])
+    nose, left, _ = turn.apply([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert math.atan2(nose[1], nose[0]) == pytest.approx(2.0)
+    assert math.asin(nose[2]) == pytest.approx(-0.2)
+    assert left[2] == pytest.approx(math.sin(0.3) * math.cos(0.2))
+    drawn = shapes("/scene/agents", found)
+    assert [sphere.pose.position.z for sphere in drawn.spheres] == [12.5, 0.25]
+    assert [point.z for point in drawn.lines[-1].points] == [13.0, 13.0, 0.75, 0.75]
+    cloud = on("/points/agents", found)[-1]
+    assert struct.unpack_from("<f", cloud.data, 8) == (12.5,)
+    [view] = read_film(tmp_path / "recording.mcap").snapshots()
+    for body, recorded_body in zip((flying, crashed), view.bodies, strict=True):
+        assert recorded_body[8:] == pytest.approx(body[8:])
 
 
 def test_obstacles_are_drawn_with_the_arenas_edge(tmp_path: Path) -> None:

@@ -1,16 +1,23 @@
 """Quadcopters follow velocities, hold their heights against wind, repeat to the bit, and fail when they crash."""
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.base.exits import Reporter
-from deltaswarm_orchestrator.recording.reader import entries, recording_in, values_of
+from deltaswarm_branches.parent import read_parent
+from deltaswarm_cluster.engine import Dask
+from deltaswarm_orchestrator.base.exits import CommandError, Reporter
+from deltaswarm_orchestrator.export.snapshots import read_film
+from deltaswarm_orchestrator.processes.boards import Boards
+from deltaswarm_orchestrator.recording.reader import recording_in
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions, check
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_world.core.environment import Environment
 from tests.support.tiers import in_one_test
@@ -57,11 +64,32 @@ def test_two_runs_have_the_same_digest() -> None:
     assert digests[0] == digests[1]
 
 
-def test_what_cannot_be_saved_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="must have bodies that can be saved with --checkpoint"):
-        check(load_scenario("smoke", [JSBSIM]), RunOptions(out=tmp_path / "run", checkpoint_steps=5))
-    with pytest.raises(TypeError, match="cannot be saved"):
-        pickle.dumps(world().dynamics)
+def started(scenario: Scenario, out: Path, **options: Any) -> None:
+    check(scenario, RunOptions(out=out, **options))
+
+
+ATTEMPTS: dict[str, Callable[[Scenario, Path], object]] = {
+    "saved with --checkpoint": lambda scenario, out: started(scenario, out, checkpoint_steps=5),
+    "some of which are on boards": lambda scenario, out: started(
+        scenario, out, boards=Boards((0,), "tcp/192.0.2.1:7447", out / "boards")
+    ),
+    "which are on other machines": lambda scenario, out: started(
+        scenario, out, engine=Dask("tcp://192.0.2.1:8786", "")
+    ),
+    "RUN must have bodies that can be saved": lambda scenario, out: read_parent(
+        run(scenario, RunOptions(out=out, in_process=True), Reporter()).folder
+    ),
+    "cannot be saved": lambda scenario, out: pickle.dumps(Environment(scenario).dynamics),
+}
+
+
+@in_one_test("words", ATTEMPTS)
+def test_what_quadcopters_cannot_do_is_refused_by_name(words: str, tmp_path: Path) -> None:
+    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=3"])
+    with pytest.raises((CommandError, SettingsError, TypeError)) as told:
+        ATTEMPTS[words](scenario, tmp_path / "run")
+    for told_of in (words, "world.dynamics", "jsbsim"):
+        assert told_of in str(told.value)
 
 
 @in_one_test(
@@ -79,9 +107,11 @@ def test_bad_settings_are_told(override: str, line: str) -> None:
     assert line in str(told.value)
 
 
-def test_a_run_of_quadcopters_is_recorded_with_their_headings(tmp_path: Path) -> None:
-    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=5"])
+def test_a_run_of_quadcopters_is_recorded_with_their_heights(tmp_path: Path) -> None:
+    scenario = load_scenario("smoke", [JSBSIM, "run.duration_s=5", "world.heights_m=[5,20]"])
     result = run(scenario, RunOptions(out=tmp_path / "run", in_process=True), Reporter())
     assert result.summary["valid"], result.messages
-    entry = next(entries(recording_in(result.folder), {"/swarm/agents"}))
-    assert len(values_of(entry[1])["heading_rad"]) == scenario.agents.count
+    *_, view = read_film(recording_in(result.folder)).snapshots()
+    heights_m = [[5.0, 20.0][body.agent % 2] for body in view.bodies]
+    assert [body.height_m for body in view.bodies] == pytest.approx(heights_m, abs=0.2)
+    assert all(body.heading_rad is not None for body in view.bodies)

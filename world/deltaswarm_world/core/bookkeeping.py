@@ -7,7 +7,6 @@ import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import (
-    BODY_FIELDS,
     DEAD,
     UPLINK_REASONS,
     AgentState,
@@ -151,15 +150,11 @@ def samples_of(closed: ClosedStep) -> list[Sample]:
     return sorted(frames + [(agent, REPORT, data) for agent, data in closed.sent])
 
 
-RECORDED = len(BODY_FIELDS)
-"""The numbers of a body that a recording has: its height and attitude are not among them."""
-
-
 def truth_of(closed: ClosedStep, record: StepRecord, events: Sequence[EventState]) -> Truth:
     """Return the full state of a closed step for the recorder, with these events."""
     bodies, present, statuses = [], closed.present, closed.tree_statuses
     for agent, (x_m, y_m) in enumerate(closed.positions_m.tolist()):
         status = statuses.get(agent, SILENT) if agent in present else GONE
-        body = closed.bodies[agent][:RECORDED] if closed.bodies else ()
+        body = closed.bodies[agent] if closed.bodies else ()
         bodies.append(AgentState(agent, x_m, y_m, *status, *body))
     return Truth(closed.step, closed.time_s, tuple(bodies), tuple(events), tuple(closed.links), record)

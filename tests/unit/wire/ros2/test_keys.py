@@ -65,9 +65,10 @@ def test_an_attachment_is_33_bytes_little_endian() -> None:
     assert data.hex() == "0201000000000000" + "efcdab8967452301" + "10" + bytes(range(16)).hex()
     assert data == z_serialize((Int64(attachment.number), Int64(attachment.time_ns), attachment.gid)).to_bytes()
     assert decode_attachment(data) == attachment
+    assert decode_attachment(data[:16] + data[17:]) == attachment
 
 
-@in_one_test("data", [b"", bytes(32), bytes(33), bytes(16) + b"\x10" + bytes(17)])
+@in_one_test("data", [b"", bytes(31), bytes(33), bytes(16) + b"\x10" + bytes(17)])
 def test_other_attachments_are_errors(data: bytes) -> None:
     with pytest.raises(AttachmentError, match="33 bytes"):
         decode_attachment(data)
