@@ -207,7 +207,7 @@ def _open(block: Block) -> str:
     """Say why results are open, and how many runs they need."""
     row, needed = block[0].row, [own.row.get("needed") for own in block]
     told = [float(f"{one:.2g}") for one in needed if pd.notna(one)]
-    runs = _range(told, 0) if len(told) == len(needed) else TEMPLATES["many_runs"]
+    runs = f"about {_range(told, 0)}" if len(told) == len(needed) else TEMPLATES["many_runs"]
     kind = "claim " if "claim" in row else "ceiling " if pd.notna(row["p_holm"]) and row["p_holm"] <= ALPHA else ""
     kinds = TEMPLATES["open"]
     return str(kinds.get(f"{kind}{row['open']}") or kinds.get(row["open"], "")).format(needed=runs)

@@ -19,6 +19,7 @@ from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.job import Task
 from deltaswarm_scenario.scenario import Scenario
 from tests.support.complaints import Printed
+from tests.support.fields import free_port
 from tests.support.sessions import a_file
 
 TRICKY = ["--out", "a 'b' $HOME", "--set", "radio.walls=[{a_m=[1, 2], b_m=[3, 4]}]", "--set", "run.duration_s=5"]
@@ -87,7 +88,8 @@ def test_a_session_that_stops_goes_on_as_it_says(
         return 0 if is_whole else 1
 
     monkeypatch.setattr(report, "run_and_report", pretend)
-    own = ["--language", "de", "--markers", "127.0.0.1:7780", "--researcher", "--station-listen", "127.0.0.1:0"]
+    markers = f"127.0.0.1:{free_port()}"
+    own = ["--language", "de", "--markers", markers, "--researcher", "--station-listen", "127.0.0.1:0"]
     out = tmp_path / "all of them"
     assert main(["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(out), *own]) == 1
     words = advised(capsys.readouterr().err, "to go on: ")
@@ -97,9 +99,7 @@ def test_a_session_that_stops_goes_on_as_it_says(
     assert names[1:3] == [names[1], f"{names[1]}-2"]
     assert sum("training" in name for name in names) == 1
     assert {options.out.parent for options in asked} == {out / "participant-007"}
-    assert {(options.researcher, options.station and options.station.markers) for options in asked} == {
-        (True, "127.0.0.1:7780")
-    }
+    assert set(own) <= set(words)
 
 
 def test_a_study_without_tables_says_how_to_make_them(tmp_path: Path, capsys: Printed) -> None:

@@ -66,7 +66,7 @@ def test_json_is_all_on_standard_output(
         "sweep smoke --scheduler tcp://127.0.0.1:9",
         "sweep {sweep}/sweep.toml --seed 5 --out {sweep}",
         "study smoke --engine local --scheduler tcp://127.0.0.1:9",
-        "session {tmp}/session.toml --participant 1",
+        "session {tmp}/session.toml --participant 1 --agents processes",
     ],
 )
 def test_a_dry_run_refuses_what_a_run_would_refuse(command: str, run: Path, tmp_path: Path, capsys: Printed) -> None:
