@@ -103,11 +103,11 @@ def _check_of(hint: Any, field: str) -> Callable[[Any], Any]:
 def _rows_of(kind: Any, field: str) -> Callable[[Any], Any]:
     hints = get_type_hints(kind, include_extras=True)
     checks = [_check_of(hint, f"{field}.{name}") for name, hint in hints.items()]
-    missing = [default for default in kind._field_defaults.values() if default is None]
+    least = len(checks) - [*kind._field_defaults.values()].count(None)
 
     def checked(row: Any) -> Any:
-        if type(row) is list and len(row) == len(checks) - len(missing):
-            row = [*row, *missing]
+        if type(row) is list and least <= len(row) < len(checks):
+            row = [*row, *[None] * (len(checks) - len(row))]
         return kind(*[check(value) for check, value in zip(checks, array(row, len(checks), field), strict=True)])
 
     return checked

@@ -130,9 +130,7 @@ _points = st.builds(
     agents | nobody,
     agents | nobody,
     deltas,
-    heading_rad=st.none(),
-    left_mps=st.none(),
-    right_mps=st.none(),
+    **dict.fromkeys(truth.AgentState._fields[8:], st.none()),
 )
 _fields = st.sampled_from([truth.BODY_FIELDS, truth.AgentState._fields[8:]])
 _states = _fields.flatmap(lambda names: st.fixed_dictionaries(dict.fromkeys(names, st.floats(-10.0, 10.0))))
