@@ -1,7 +1,6 @@
 """The workers of a Dask scheduler, and the hosts of agents there."""
 
 import asyncio
-import gc
 import logging
 import os
 import socket
@@ -10,7 +9,7 @@ import time
 import warnings
 from asyncio import CancelledError
 from collections.abc import Callable, Container, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from typing import Any
 from urllib.parse import urlsplit
@@ -206,6 +205,18 @@ def silence_dask() -> None:
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
+class _Client(Client):
+    """Closed if it cannot connect: if one of Dask's threads collected it later, that might deadlock."""
+
+    def __init__(self, address: object, within_s: float) -> None:
+        try:
+            super().__init__(address, timeout=within_s)  # type: ignore[no-untyped-call]
+        except BaseException:
+            with suppress(AttributeError):  # the address was refused before there was anything to close
+                self.close()  # type: ignore[no-untyped-call]
+            raise
+
+
 @contextmanager
 def client_of(address: object, within_s: float = CONNECT_WITHIN_S) -> Iterator[Client]:
     """Connect a client to the scheduler at an address, or to that of a cluster of this process.
@@ -215,11 +226,10 @@ def client_of(address: object, within_s: float = CONNECT_WITHIN_S) -> Iterator[C
     """
     problem = ""
     try:
-        client = Client(address, timeout=within_s)
+        client = _Client(address, within_s)
     except Exception as error:  # whatever Dask's own code raises, such as TypeError without its settings for TLS
         problem = str(error) or type(error).__name__
     if problem:
-        gc.collect()  # closes the unconnected client here: if one of Dask's threads collected it, that might deadlock
         raise ConnectionError(problem)
     with client:
         yield client

@@ -201,7 +201,7 @@ def too_few(study: Study, contrasts: pd.DataFrame) -> list[str]:
     tested = tested.assign(needed=needed)[(tested["n"] > 0) & (tested["n"] < needed)]
     texts = {settings.id: settings.text or settings.id for settings in study.file.contrast}
     return [
-        f"{most} replicate{'s' * (most > 1)} can show nothing of {'; '.join(study.metrics[metric].title for metric in rows['metric'])} "
+        f"n = {most} can show nothing of {'; '.join(study.metrics[metric].title for metric in rows['metric'])} "
         f"in the contrast {texts[str(name)]!r}: Holm's "
         f"correction over {family} comparisons needs at least {least}."
         for (name, family, most, least), rows in tested.groupby(["contrast", "family", "n", "needed"], sort=False)
@@ -217,7 +217,7 @@ def too_few_for(study: Study, claims: pd.DataFrame) -> list[str]:
     most = tested.groupby(["source", "family"], sort=False)["n"].max().reset_index()
     few = most[most["n"] < most["family"].map(pairs_needed)]
     return [
-        f"{row['n']} replicate{'s' * (row['n'] > 1)} can show nothing of the claims{' of ' * bool(row['source'])}{row['source']}: Holm's "
+        f"n = {row['n']} can show nothing of the claims{' of ' * bool(row['source'])}{row['source']}: Holm's "
         f"correction over {row['family']} claims needs at least {pairs_needed(row['family'])}."
         for _, row in few.iterrows()
     ]
