@@ -43,8 +43,6 @@ class Inherited(NamedTuple):
     """The pipe of `say_ready`, if there is one."""
     channels: Mapping[str, socket.socket] = {}
     """The part's ends of socket pairs between operator and pages, by the options that name their descriptors."""
-    held: Connection | None = None
-    """The file of a folder's lock, kept open until the end."""
 
 
 def main(

@@ -31,7 +31,6 @@ from deltaswarm_orchestrator.processes.fork_server import (
 )
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION
-from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 from deltaswarm_wire.plugins import CONTROLLERS
 
@@ -163,17 +162,14 @@ class Starter:
         password: str = "",
         ready: Connection | None = None,
         channels: Mapping[str, socket.socket] = NO_CHANNELS,
-        lock: FolderLock | None = None,
     ) -> Part:
         """Start a part with its password, if it has one, and its ends of channels between operator and pages.
 
-        It says on `ready` that it is ready, and holds the folder `lock`, too, until it ends. A fork server that ends
-        meanwhile is replaced.
+        It says on `ready` that it is ready. A fork server that ends meanwhile is replaced.
         """
         log_file = self._logs / f"{role}-{number}.log"
         log_begins_at = log_file.stat().st_size if log_file.exists() else 0
-        held = None if lock is None else lock.shared()
-        inherited = Inherited(self._lifeline, ready, channels, held)
+        inherited = Inherited(self._lifeline, ready, channels)
         process = self._context.Process(
             target=entry_point.main,
             args=(MODULES[role], option_words(options), password, log_file, inherited),
@@ -183,11 +179,7 @@ class Starter:
         )
         with bare_main_module(), safe_path(), spared_by_ctrl_c():
             self._context.set_forkserver_preload([*PRELOADED, *([self._controller] if self._controller else [])])
-            try:
-                self._start(process)
-            finally:
-                if held is not None:
-                    held.close()
+            self._start(process)
         STARTED.discard(process)
         self.parts.append(part := Part(role, number, process, log_file, log_begins_at))
         if part.pidfd is None:
