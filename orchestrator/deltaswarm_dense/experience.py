@@ -84,15 +84,15 @@ def _share_in_trees(settings, agent, now):
 @compiled
 def write_inputs(settings, agent, now):
     """Write the inputs of its policy (`Experience.inputs`)."""
-    units, kept = agent.units, _kept(settings, now - agent.noted_until)
-    units[0] = 2.0 * agent.busy - 1.0
-    units[1] = _scaled(rate_hz(agent), FIND_RATE_HZ)
-    units[2] = _scaled(agent.events_s / agent.sensing_s, CROWD)
-    units[3] = _scaled(kept * agent.attending_heard, ATTENDING)
-    units[4] = _scaled(kept * agent.members_heard, MEMBERS)
-    units[5] = _scaled(kept * agent.reports_hz, REPORTS_HZ)
-    units[6] = 2.0 * _share_in_trees(settings, agent, now) - 1.0
-    units[7] = _scaled((now - agent.last_found) * settings.step_s, FIND_S)
-    units[8] = _scaled((now - agent.changed) * settings.step_s, CHANGE_S)
-    units[9] = 1.0 if agent.state == ATTENDING_STATE else -1.0
-    units[10] = _scaled(agent.price_s, PRICE_S)
+    inputs, kept = agent.inputs, _kept(settings, now - agent.noted_until)
+    inputs[0] = 2.0 * agent.busy - 1.0
+    inputs[1] = _scaled(rate_hz(agent), FIND_RATE_HZ)
+    inputs[2] = _scaled(agent.events_s / agent.sensing_s, CROWD)
+    inputs[3] = _scaled(kept * agent.attending_heard, ATTENDING)
+    inputs[4] = _scaled(kept * agent.members_heard, MEMBERS)
+    inputs[5] = _scaled(kept * agent.reports_hz, REPORTS_HZ)
+    inputs[6] = 2.0 * _share_in_trees(settings, agent, now) - 1.0
+    inputs[7] = _scaled((now - agent.last_found) * settings.step_s, FIND_S)
+    inputs[8] = _scaled((now - agent.changed) * settings.step_s, CHANGE_S)
+    inputs[9] = 1.0 if agent.state == ATTENDING_STATE else -1.0
+    inputs[10] = _scaled(agent.price_s, PRICE_S)

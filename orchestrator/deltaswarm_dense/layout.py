@@ -10,7 +10,7 @@ import numpy as np
 
 from deltaswarm_agent.controllers.paper.bandit import ARMS
 from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, MAX_PATH, Averages, Tried
-from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS
+from deltaswarm_agent.controllers.paper.policy import INPUTS
 from deltaswarm_agent.controllers.paper.returning import MAX_PLACES
 from deltaswarm_wire.envelope import MAX_COMMANDS
 
@@ -88,7 +88,7 @@ AGENT = record(
         "walked_s": 2,
         "found_x_m": MAX_PLACES,
         "found_y_m": MAX_PLACES,
-        "units": len(INPUTS) + HIDDEN,
+        "inputs": len(INPUTS),
         "arm_s": len(ARMS),
         "arm_work_s": len(ARMS),
         "arm_messages": len(ARMS),
@@ -104,8 +104,8 @@ of which some are `used`. `target` is an event's number, or NONE. Of `Finds` it 
 of `FoundPlaces` the `found` first of its places, and the one to which its leg leads back (`back_step` NONE: to none).
 `noted` events were sensed in `noted_step`; these are in `News.noted`. `founds_at` (NONE: it never
 founds a tree), `attends`, `rule` and `price_s` follow the newest order, `strategy_command`; it `knows` so many. Of
-`Experience` it has the averages, up to `noted_until` and `entered`, and the steps `last_found` and `changed`; `units`
-are its policy's inputs and hidden units. Of `Bandit` it has the counts, up to `arms_step`, since which it follows
+`Experience` it has the averages, up to `noted_until` and `entered`, and the steps `last_found` and `changed`; `inputs`
+are its policy's. Of `Bandit` it has the counts, up to `arms_step`, since which it follows
 `arm`. Its process
 `began` before that step, and `takes_part` unless it is dead or frozen; `has_status` if it has acted since."""
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
 examples:
-  deltaswarm learn delta --seed 1 --generations 200 --out policy.json --workers 2
-  deltaswarm learn delta --seed 1 --generations 300 --out policy.json       go on for 100 generations
+  deltaswarm learn delta --seed 1 --generations 40 --out policy.json --workers 2
+  deltaswarm learn delta --seed 1 --generations 60 --out policy.json       go on for 20 generations
   deltaswarm learn inputs --policy policy.json --validation-tasks 4 --out inputs.md
   deltaswarm run paper-25 --set control.delta_rule=learned --set control.policy="$(jq -c .weights policy.json)"
 """
@@ -43,19 +43,14 @@ def add_learn(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--policy", type=Path, metavar="FILE", help="of inputs: the policy (default: the shipped one)")
     command.add_argument("--seed", type=whole(0, 10_000), default=1, metavar="S", help="default: 1")
-    command.add_argument("--generations", type=whole(1), default=200, metavar="G", help="default: 200")
-    command.add_argument("--population", type=whole(4), default=16, metavar="N", help="candidates (default: 16)")
-    command.add_argument("--tasks", type=whole(1), default=8, metavar="N", help="of a generation (default: 8)")
+    command.add_argument("--generations", type=whole(1), default=40, metavar="G", help="default: 40")
+    command.add_argument("--population", type=whole(4), default=32, metavar="N", help="candidates (default: 32)")
+    command.add_argument("--tasks", type=whole(1), default=16, metavar="N", help="of a generation (default: 16)")
     command.add_argument("--sigma", type=number(1e-6), default=0.3, metavar="X", help="first step size (default: 0.3)")
     command.add_argument(
-        "--validate-every", type=whole(1), default=10, metavar="N", help="generations between validations (default: 10)"
+        "--validate-every", type=whole(1), default=4, metavar="N", help="generations between validations (default: 4)"
     )
     command.add_argument("--validation-tasks", type=whole(1), default=40, metavar="N", help="default: 40")
-    command.add_argument(
-        "--linear",
-        action="store_true",
-        help="use no hidden units: there is less to find, and the policy is easy to read",
-    )
     command.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs; repeatable"
     )
@@ -78,9 +73,9 @@ def learn(arguments: argparse.Namespace) -> int:
 
     names = ("seed", "population", "tasks", "sigma", "validate_every", "validation_tasks")
     given = {name: getattr(arguments, name) for name in names}
-    settings = TrainingSettings(**given, linear=arguments.linear, overrides=tuple(arguments.set))
+    settings = TrainingSettings(**given, overrides=tuple(arguments.set))
     options = [f"--{name.replace('_', '-')}={getattr(arguments, name)}" for name in names]
-    options += ["--linear"] * arguments.linear + [f"--set={text}" for text in arguments.set]
+    options += [f"--set={text}" for text in arguments.set]
     command = shlex.join(["deltaswarm", "learn", "delta", *options])
     pool = Pool(arguments.workers, settings.overrides)
     try:

@@ -1,8 +1,8 @@
 """Training of the rule that chooses delta: CMA-ES over tasks, with the same result on any number of processes.
 
-Each generation draws new tasks, the same for all candidates. A candidate's cost is the mean over them of its cost by
-that of hybrid control with delta 3, at the task's price. Every few generations the mean of the search is validated on
-tasks that are always the same; the best by validation is the result.
+Each generation draws new tasks, the same for all candidates. A candidate's cost is the geometric mean over them of its
+cost by that of hybrid control with delta 3, at the task's price. Every few generations the mean of the search is
+validated on tasks that are always the same; the best by validation is the result.
 
 What a generation's candidates cost is kept in a log, from which an interrupted training goes on.
 """
@@ -16,13 +16,13 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, geometric_mean
 from typing import Any
 
 import numpy as np
 from cmaes import CMA
 
-from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, OUTPUTS, WEIGHTS, policy_of, shipped
+from deltaswarm_agent.controllers.paper.policy import INPUTS, OUTPUTS, WEIGHTS, policy_of, shipped
 from deltaswarm_learn.costs import Cost, Keys, costs_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION, task
 from deltaswarm_orchestrator.base import provenance
@@ -39,10 +39,11 @@ HYBRID: Keys = {"delta_rule": "fixed", "delta": 3}
 APART = 1_000_000
 """Numbers of training tasks between two seeds."""
 
+FINE = 0.2
+"""First step size of the weights of experience, as a share of that of the constants and of the weights of the price:
+else the random steps of the many hide what the few do, which is most."""
 
-PER_UNIT, PER_OUTPUT = 1 + len(INPUTS), 1 + len(INPUTS) + HIDDEN
-DIRECT = [HIDDEN * PER_UNIT + output * PER_OUTPUT + k for output in range(len(OUTPUTS)) for k in range(PER_UNIT)]
-"""Places of the numbers that join inputs to outputs without hidden units."""
+FIRST_STEPS = [1.0 if name in ("constant", "price") else FINE for name in ("constant", *INPUTS)] * len(OUTPUTS)
 
 
 def learned(weights: Sequence[float]) -> Keys:
@@ -60,13 +61,11 @@ class TrainingSettings:
     """What decides the result of a training."""
 
     seed: int = 1
-    population: int = 16
-    tasks: int = 8
+    population: int = 32
+    tasks: int = 16
     """Tasks of a generation."""
     sigma: float = 0.3
-    linear: bool = False
-    """Whether hidden units stay unused, so that there is less to find and the policy is easier to read."""
-    validate_every: int = 10
+    validate_every: int = 4
     validation_tasks: int = 40
     overrides: tuple[str, ...] = ()
     """Keys of the scenario, the same in all tasks, as `key=value`."""
@@ -100,9 +99,11 @@ class Training:
 
     def __init__(self, settings: TrainingSettings, log: Path, pool: Pool) -> None:
         self.settings, self._pool, self._log = settings, pool, log
-        self._places = DIRECT if settings.linear else list(range(WEIGHTS))
         self._search = CMA(
-            np.zeros(len(self._places)), settings.sigma, seed=settings.seed, population_size=settings.population
+            *(np.zeros(WEIGHTS), settings.sigma),
+            seed=settings.seed,
+            population_size=settings.population,
+            cov=np.diag(np.square(FIRST_STEPS)),
         )
         self.generation = 0
         self.curve: list[tuple[int, float]] = []
@@ -125,11 +126,6 @@ class Training:
             if "validated" in row:
                 self._compare(row["validated"])
 
-    def _weights(self, found: np.ndarray) -> tuple[float, ...]:
-        weights = np.zeros(WEIGHTS)
-        weights[self._places] = found
-        return tuple(weights.tolist())
-
     def _candidates(self) -> list[np.ndarray]:
         return [self._search.ask() for _ in range(self.settings.population)]
 
@@ -140,7 +136,7 @@ class Training:
     def _compare(self, validated: float) -> None:
         self.curve.append((self.generation, validated))
         if validated < self.best[0]:
-            self.best = validated, self._weights(self._search.mean)
+            self.best = validated, tuple(self._search.mean.tolist())
 
     @property
     def _next_task(self) -> int:
@@ -149,13 +145,13 @@ class Training:
     def advance(self) -> tuple[float, float]:
         """Do a generation; return the least and the mean cost of its candidates."""
         settings, candidates = self.settings, self._candidates()
-        first, controls = self._next_task, [HYBRID, *(learned(self._weights(found)) for found in candidates)]
+        first, controls = self._next_task, [HYBRID, *(learned(found.tolist()) for found in candidates)]
         costs = self._pool.costs(TRAINING, range(first, first + settings.tasks), controls)
-        means = (costs[:, 1:] / costs[:, :1]).mean(axis=0).tolist()
+        means = np.exp(np.log(costs[:, 1:] / costs[:, :1]).mean(axis=0)).tolist()
         self._take(candidates, means)
         row: dict[str, Any] = {"costs": means}
         if self.generation % settings.validate_every == 0:
-            row["validated"] = fmean(self.validated(learned(self._weights(self._search.mean))))
+            row["validated"] = geometric_mean(self.validated(learned(tuple(self._search.mean.tolist()))))
             self._compare(row["validated"])
         with self._log.open("a", encoding="ascii") as log:
             log.write(f"{json.dumps(row)}\n")
@@ -182,5 +178,5 @@ class Training:
             "validated": validated,
             "curve": self.curve,
         }
-        policy = {"inputs": INPUTS, "hidden": HIDDEN, "weights": weights, "digest": of_numbers(weights)}
+        policy = {"inputs": INPUTS, "weights": weights, "digest": of_numbers(weights)}
         return policy | {"training": origin}

@@ -34,7 +34,7 @@ def test_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> 
 
 EVENTFUL = ("events.rate_hz=0.3", "run.duration_s=300")
 """Trees form, and agents are sent about."""
-POLICY = [(-1) ** k * (k % 7) / 4 for k in range(80)]
+POLICY = [(-1) ** k * (k % 7) / 4 for k in range(24)]
 SAME = {
     "hierarchical": ("control.mode=hierarchical", "radio.loss=0.2", "run.duration_s=200"),
     "central": ("control.mode=central", "radio.range_m=150", *EVENTFUL),

@@ -61,7 +61,7 @@ def decisions(sets: Sequence[str], steps: int, seed: int) -> Iterator[tuple[tupl
             ["control.mode=hybrid", "radio.latency_s=2", "radio.jitter_s=3"],
             ["control.mode=adaptive"],
             ["control.delta_rule=bandit", "events.rate_hz=0.2"],
-            ["control.delta_rule=learned", f"control.policy={[(-1) ** k * (k % 7) / 4 for k in range(80)]}"],
+            ["control.delta_rule=learned", f"control.policy={[(-1) ** k * (k % 7) / 4 for k in range(24)]}"],
             ["control.mode=decentralised", "control.return_to_finds=true"],
             ["control.mode=decentralised", FAULTS],
             ["control.mode=hybrid", FAULTS],

@@ -5,19 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, WEIGHTS
+from deltaswarm_agent.controllers.paper.policy import INPUTS, WEIGHTS
 from deltaswarm_cli.main import main
 from deltaswarm_learn.inputs import influences, noted, table_of
 from deltaswarm_learn.training import learned
 
-FIRST = HIDDEN * (len(INPUTS) + 1)
-"""The constant of delta, after which come the weights of its inputs."""
-
 
 def weights(**by_input: float) -> list[float]:
+    """Return a policy in which delta has these weights."""
     found = [0.0] * WEIGHTS
     for name, weight in by_input.items():
-        found[FIRST + 1 + INPUTS.index(name)] = weight
+        found[1 + INPUTS.index(name)] = weight
     return found
 
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, WEIGHTS, policy_of
+from deltaswarm_agent.controllers.paper.policy import WEIGHTS, policy_of
 from deltaswarm_cli.main import main
 from deltaswarm_learn import costs
 from deltaswarm_learn.costs import Cost, Keys, costs_of
@@ -30,8 +31,7 @@ class Bowl:
 
     def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
         self.asked.append((stream, list(numbers)))
-        at = HIDDEN * (len(INPUTS) + 1)
-        heights = [2.0 if control == HYBRID else 1.0 + (control["policy"][at] - 1.0) ** 2 for control in controls]
+        heights = [2.0 if control == HYBRID else 1.0 + (control["policy"][0] - 1.0) ** 2 for control in controls]
         return np.outer([1.0 + number for number in numbers], heights)
 
 
@@ -67,11 +67,19 @@ def test_keys_that_are_wrong_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_training_finds_what_costs_least(tmp_path: Path) -> None:
     training, bowl = trained(tmp_path / "log", 60)
     assert training.best[0] == pytest.approx(0.5, abs=0.01)
-    assert training.best[1][HIDDEN * (len(INPUTS) + 1)] == pytest.approx(1.0, abs=0.2)
+    assert training.best[1][0] == pytest.approx(1.0, abs=0.2)
     assert training.best[0] == min(cost for _, cost in training.curve)
     own = [numbers for stream, numbers in bowl.asked if stream == TRAINING]
     assert own == [[3_000_000 + 2 * k, 3_000_001 + 2 * k] for k in range(60)]
     assert {tuple(numbers) for stream, numbers in bowl.asked if stream == VALIDATION} == {(0, 1, 2)}
+
+
+def test_weights_of_the_price_begin_with_greater_steps(tmp_path: Path) -> None:
+    training, _ = trained(tmp_path / "log", 0, replace(SMALL, population=400))
+    of_delta, of_working = np.split(np.std(training._candidates(), axis=0) / SMALL.sigma, 2)
+    for constant, *experience, price in (of_delta, of_working):
+        assert [constant, price] == pytest.approx([1.0, 1.0], abs=0.15)
+        assert experience == pytest.approx([0.2] * 10, abs=0.03)
 
 
 @pytest.mark.parametrize("stopped", [1, 4, 5])
@@ -89,14 +97,6 @@ def test_the_log_of_another_training_is_refused(tmp_path: Path) -> None:
     trained(tmp_path / "log", 1)
     with pytest.raises(SettingsError, match="must be the log of this training"):
         trained(tmp_path / "log", 2, TrainingSettings(seed=4))
-
-
-def test_a_linear_policy_uses_no_hidden_unit(tmp_path: Path) -> None:
-    training, _ = trained(tmp_path / "log", 4, TrainingSettings(**{**vars(SMALL), "linear": True}))
-    weights, each = training.best[1], 1 + len(INPUTS) + HIDDEN
-    outputs = weights[-2 * each :]
-    assert not any(weights[: -2 * each])
-    assert [bool(weight) for weight in outputs] == 2 * ([True] * (1 + len(INPUTS)) + [False] * HIDDEN)
 
 
 @pytest.mark.slow
@@ -138,6 +138,6 @@ def test_workers_end_with_a_training_that_is_killed() -> None:
 def test_a_training_that_would_validate_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Else its file would hold a policy that nobody tried, at an infinite cost."""
     out = tmp_path / "policy.json"
-    assert main(["learn", "delta", "--generations", "9", "--out", str(out)]) == 2
-    assert "--generations must be at least --validate-every, 10" in capsys.readouterr().err
+    assert main(["learn", "delta", "--generations", "3", "--out", str(out)]) == 2
+    assert "--generations must be at least --validate-every, 4" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

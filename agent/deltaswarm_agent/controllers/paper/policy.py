@@ -1,8 +1,7 @@
-"""The learned rule: a small network that gives an agent its structure from its own experience (`experience.py`).
+"""The learned rule: two weighted sums of an agent's own experience (`experience.py`) give it its structure.
 
-The structure is on the scale of the order `set structure`. An output is a weighted sum of the inputs and of a few
-hidden units, each the softsign of such a sum: additions, products and quotients in a fixed order, so that every engine
-and board has the same bits. With weights of 0 an agent has delta 3 and works, as under hybrid control.
+The structure is on the scale of the order `set structure`. The sums are in a fixed order, so that every engine and
+board has the same bits. With weights of 0 an agent has delta 3 and works, as under hybrid control.
 """
 
 import json
@@ -23,12 +22,11 @@ INPUTS = (
     "attends",
     "price",
 )
-"""What the network is given, each from -1 to 1 (`Experience.inputs`)."""
+"""What the rule is given, each from -1 to 1 (`Experience.inputs`)."""
 
 OUTPUTS = ("delta", "working")
-HIDDEN = 4
-WEIGHTS = HIDDEN * (len(INPUTS) + 1) + len(OUTPUTS) * (len(INPUTS) + HIDDEN + 1)
-"""For each hidden unit a constant and one per input, then for each output a constant and one per input and unit."""
+WEIGHTS = len(OUTPUTS) * (1 + len(INPUTS))
+"""For each output a constant and one number per input."""
 
 MAX_WEIGHT = 1000.0
 
@@ -49,18 +47,12 @@ class Structure(NamedTuple):
 
 
 def outputs(weights: Sequence[float], inputs: Sequence[float]) -> tuple[float, float]:
-    """Return the network's outputs."""
-    units, at = list(inputs), 0
-    for _ in range(HIDDEN):
-        total = weights[at]
-        for k in range(len(INPUTS)):
-            total += weights[at + 1 + k] * inputs[k]
-        units.append(total / (1.0 + abs(total)))
-        at += 1 + len(INPUTS)
-    delta, working = weights[at], weights[at + 1 + len(units)]
-    for k in range(len(units)):
-        delta += weights[at + 1 + k] * units[k]
-        working += weights[at + 2 + len(units) + k] * units[k]
+    """Return the two sums."""
+    count = len(INPUTS)
+    delta, working = weights[0], weights[1 + count]
+    for k in range(count):
+        delta += weights[1 + k] * inputs[k]
+        working += weights[2 + count + k] * inputs[k]
     return delta, working
 
 
@@ -79,18 +71,18 @@ def policy_of(record: Any) -> tuple[float, ...]:
     """Return the numbers of a policy's file, as `deltaswarm learn delta` writes it.
 
     Raises:
-        ValueError: it is the file of another network, or its digest is not that of its numbers.
+        ValueError: it is the file of another rule, or its digest is not that of its numbers.
     """
     from deltaswarm_wire.digest import of_numbers  # of three megabytes, which boards without the rule can spare
 
     try:
         weights = tuple(map(float, record["weights"]))
-        told = tuple(record["inputs"]), record["hidden"], len(weights), record["digest"]
+        told = tuple(record["inputs"]), len(weights), record["digest"]
     except (LookupError, TypeError) as error:
         raise ValueError(f"must be a policy's file (got {error!r})") from None
-    needed = INPUTS, HIDDEN, WEIGHTS, of_numbers(weights)
+    needed = INPUTS, WEIGHTS, of_numbers(weights)
     if told != needed:
-        raise ValueError(f"must be a policy with inputs, hidden units, numbers and digest {needed} (got {told})")
+        raise ValueError(f"must be a policy with inputs, numbers and digest {needed} (got {told})")
     return weights
 
 

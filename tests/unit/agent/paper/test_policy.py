@@ -13,7 +13,7 @@ from deltaswarm_agent.controllers.paper import policy
 from deltaswarm_agent.controllers.paper.commands import obey
 from deltaswarm_agent.controllers.paper.experience import FADING_S, Experience
 from deltaswarm_agent.controllers.paper.finds import Finds
-from deltaswarm_agent.controllers.paper.policy import HIDDEN, INPUTS, WEIGHTS, Structure, policy_of, structure_of
+from deltaswarm_agent.controllers.paper.policy import INPUTS, WEIGHTS, Structure, policy_of, structure_of
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -23,9 +23,8 @@ from tests.support.cores import PARENT_AT, Lone, agent_settings, attending, even
 from tests.support.tiers import in_one_test
 
 UNTRAINED = (0.0,) * WEIGHTS
-DELTA_AT = HIDDEN * (len(INPUTS) + 1)
-WORKING_AT = DELTA_AT + 1 + len(INPUTS) + HIDDEN
-"""Where the numbers of each output begin: its constant, then those of inputs and of hidden units."""
+WORKING_AT = 1 + len(INPUTS)
+"""Where the numbers of the second output begin: its constant, then those of inputs."""
 
 
 def weights(**given: float) -> tuple[float, ...]:
@@ -69,7 +68,7 @@ def test_an_untrained_swarm_does_what_delta_3_does(mode: str) -> None:
 )
 def test_delta_is_split_over_agents_by_rank_within_bounds(constant: float, rank: float, founds_at: int | None) -> None:
     """3 and three times the output: 4.5 is 5 for one half and 4 for the other; below 2 it is 2, above 12 never."""
-    assert structure_of(weights(**{f"n{DELTA_AT}": constant}), [0.0] * len(INPUTS), rank).founds_at == founds_at
+    assert structure_of(weights(n0=constant), [0.0] * len(INPUTS), rank).founds_at == founds_at
 
 
 @in_one_test(
@@ -79,14 +78,11 @@ def test_a_share_of_the_agents_works(constant: float, rank: float, attends: bool
     assert structure_of(weights(**{f"n{WORKING_AT}": constant}), [0.0] * len(INPUTS), rank).attends is attends
 
 
-def test_hidden_units_are_squashed_sums() -> None:
-    """The second unit: 1 and twice the third input of 0.5 are 2, squashed 2/3; times 3 that is an output of 2."""
-    second = 1 + len(INPUTS)
-    numbers = weights(
-        **{f"n{second}": 1.0, f"n{second + 3}": 2.0, f"n{DELTA_AT + 1 + len(INPUTS) + 1}": 3.0, f"n{WORKING_AT}": -0.5}
-    )
-    inputs = [0.0, 0.0, 0.5] + [0.0] * (len(INPUTS) - 3)
-    assert policy.outputs(numbers, inputs) == pytest.approx((2.0, -0.5))
+def test_outputs_are_weighted_sums() -> None:
+    """Of delta 1 and twice the third input of 0.5; of working -1 and half of the last input of 1."""
+    numbers = weights(n0=1.0, n3=2.0, **{f"n{WORKING_AT}": -1.0, f"n{WORKING_AT + len(INPUTS)}": 0.5})
+    inputs = [0.0, 0.0, 0.5] + [0.0] * (len(INPUTS) - 4) + [1.0]
+    assert policy.outputs(numbers, inputs) == (2.0, -0.5)
     assert structure_of(numbers, inputs, 0.6) == Structure(9, False)
 
 
@@ -181,7 +177,7 @@ def test_a_scenario_has_the_numbers_of_the_shipped_policy() -> None:
         load_scenario("smoke", ["control.delta_rule=learned", "control.policy=[1.0]"])
 
 
-@in_one_test("change", [{"weights": [0.1] * WEIGHTS}, {"hidden": 3}, {"inputs": ["busy"]}, {"digest": None}])
+@in_one_test("change", [{"weights": [0.1] * WEIGHTS}, {"inputs": ["busy"]}, {"digest": None}])
 def test_a_policy_file_that_was_changed_is_refused(change: dict[str, Any]) -> None:
     record = json.loads((files(policy.__package__) / policy.SHIPPED).read_text(encoding="ascii"))
     assert len(policy_of(record)) == WEIGHTS
