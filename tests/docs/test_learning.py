@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -102,8 +101,8 @@ def test_training_repeats(example: Path) -> None:
     assert found[0] == found[1]
 
 
-def test_the_published_study_is_what_the_page_says() -> None:
-    """Its seeds are none of those of the training, and its medians are the page's."""
+def test_the_published_study_has_seeds_of_its_own() -> None:
+    """None of those of the training."""
     with (EXAMPLE / "result" / "runs.csv").open() as file:
         runs = list(csv.DictReader(file))
     seeds = {int(row["seed"]) for row in runs}
@@ -111,12 +110,6 @@ def test_the_published_study_is_what_the_page_says() -> None:
     assert f"TRAINING_SEEDS = {trained_on.start:_}" in (EXAMPLE / "train.py").read_text()
     assert len(seeds) == 20
     assert not seeds & set(trained_on)
-    for variant in ("trained", "decentralised", "untrained"):
-        told, messages, completed = (
-            median(float(row[key]) for row in runs if row["variant"] == variant)
-            for key in ("told_s", "messages", "completed")
-        )
-        assert f"| {variant} | {told:.0f} | {messages:.2f} | {completed:g} |" in PAGE
 
 
 @pytest.mark.processes
