@@ -5,7 +5,6 @@ import json
 import os
 import platform
 from contextlib import ExitStack, suppress
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,7 +71,6 @@ class FolderLock:
             except OSError:
                 self._become_owner(folder)
                 stack.callback(self._remove, OWNER)
-            self._lock = lock
             self._held = stack.pop_all()
 
     def is_at(self, path: Path) -> bool:
@@ -81,13 +79,6 @@ class FolderLock:
             return os.path.samestat(os.fstat(self._directory), os.stat(path, follow_symlinks=False))
         except OSError:
             return False
-
-    def shared(self) -> Connection:
-        """Return the lock's file for a process to be started, which then holds the folder, too, until it ends.
-
-        It is no connection, but that is what `multiprocessing` passes on. Without `flock` it holds nothing.
-        """
-        return Connection(os.dup(self._lock), writable=False)
 
     def release(self) -> None:
         """Release the folder, wherever it is now; a second call does nothing."""

@@ -146,14 +146,3 @@ def test_runs_and_sweeps_do_without_flock(tmp_path: Path, has_flock: bool) -> No
     with sweep.held("mine"):
         pass
     assert {path.name for path in (tmp_path / "sweep").iterdir()} & LOCK_FILES == {LOCK}
-
-
-def test_a_started_process_holds_the_folder_with_its_parent(tmp_path: Path) -> None:
-    """Also once the parent has let it go, such as by being killed."""
-    lock = FolderLock(tmp_path)
-    shared = lock.shared()
-    lock.release()
-    with pytest.raises(HeldError):
-        FolderLock(tmp_path)
-    shared.close()
-    FolderLock(tmp_path).release()
