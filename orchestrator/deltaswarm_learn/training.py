@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
+from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import fmean, geometric_mean
@@ -81,10 +82,12 @@ class Pool:
 
     def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
         """Return what each task costs under each control, at the task's price: (tasks, controls)."""
-        tasks, n = [task(stream, number) for number in numbers], len(numbers)
+        tasks = [task(stream, number) for number in numbers for _ in controls]
+        single = [[control] for control in controls] * len(numbers)  # so that no process ends long after the others
         with starting_processes():
-            found: Iterator[list[Cost]] = self._executor.map(costs_of, tasks, [self._overrides] * n, [controls] * n)
-        return np.array([[cost.at(keys[PRICE]) for cost in row] for keys, row in zip(tasks, found, strict=True)])
+            found: Iterator[list[Cost]] = self._executor.map(costs_of, tasks, repeat(self._overrides), single)
+        costs = [cost.at(keys[PRICE]) for keys, (cost,) in zip(tasks, found, strict=True)]
+        return np.array(costs).reshape(len(numbers), len(controls))
 
     def close(self) -> None:
         self._executor.shutdown(cancel_futures=True)
