@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
 examples:
-  deltaswarm learn delta --seed 1 --generations 40 --out policy.json --workers 2
-  deltaswarm learn delta --seed 1 --generations 60 --out policy.json       go on for 20 generations
+  deltaswarm learn delta --seed 1 --generations 32 --out policy.json --workers 2
+  deltaswarm learn delta --seed 1 --generations 40 --out policy.json       go on for 8 generations
   deltaswarm learn inputs --policy policy.json --validation-tasks 4 --out inputs.md
   deltaswarm run paper-25 --set control.delta_rule=learned --set control.policy="$(jq -c .weights policy.json)"
 """
@@ -43,7 +43,7 @@ def add_learn(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--policy", type=Path, metavar="FILE", help="of inputs: the policy (default: the shipped one)")
     command.add_argument("--seed", type=whole(0, 10_000), default=1, metavar="S", help="default: 1")
-    command.add_argument("--generations", type=whole(1), default=40, metavar="G", help="default: 40")
+    command.add_argument("--generations", type=whole(1), default=32, metavar="G", help="default: 32")
     command.add_argument("--population", type=whole(4), default=32, metavar="N", help="candidates (default: 32)")
     command.add_argument("--tasks", type=whole(1), default=16, metavar="N", help="of a generation (default: 16)")
     command.add_argument("--sigma", type=number(1e-6), default=0.3, metavar="X", help="first step size (default: 0.3)")
