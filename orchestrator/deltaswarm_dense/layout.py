@@ -105,9 +105,8 @@ of `FoundPlaces` the `found` first of its places, and the one to which its leg l
 `noted` events were sensed in `noted_step`; these are in `News.noted`. `founds_at` (NONE: it never
 founds a tree), `attends`, `rule` and `price_s` follow the newest order, `strategy_command`; it `knows` so many. Of
 `Experience` it has the averages, up to `noted_until` and `entered`, and the steps `last_found` and `changed`; `inputs`
-are its policy's. Of `Bandit` it has the counts, up to `arms_step`, since which it follows
-`arm`. Its process
-`began` before that step, and `takes_part` unless it is dead or frozen; `has_status` if it has acted since."""
+are its policy's. Of `Bandit` it has the counts, up to `arms_step`, since which it follows `arm`. Its process `began`
+before that step, and `takes_part` unless it is dead or frozen; `has_status` if it has acted since."""
 
 EVENT = record("x_m y_m arrived_s sensed_s told_s worked_s completed_s work_agent_s", "id step")
 """One event, in the order of arrival; times are NaN until they come. It arrives in `step`."""

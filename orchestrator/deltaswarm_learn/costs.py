@@ -34,19 +34,25 @@ class Cost(NamedTuple):
         return self.delay_s + price_s * self.messages
 
 
-def costs_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> list[Cost]:
-    """Do a run of the base scenario with other keys under each control (`scenarios_of`)."""
+def cost_of(keys: Keys, overrides: Sequence[str], control: Keys) -> Cost:
+    """Do a run of the base scenario with other keys under a control (`scenario_of`)."""
     compile_once("dense engine", lambda: run_dense(Scenario()))
-    return [_cost_of(scenario) for scenario in scenarios_of(keys, overrides, controls)]
+    scenario = scenario_of(keys, overrides, control)
+    outcome, end_s = run_dense(scenario), scenario.run.steps * scenario.run.step_s
+    told_s = outcome.told_s or {}
+    delays_s = [delay_s(event.arrived_s, told_s.get(event.event), event.completed_s, end_s) for event in outcome.events]
+    messages = sum(workload.messages for workload in outcome.workloads)
+    count = max(1, len(delays_s))
+    return Cost(math.fsum(delays_s) / count, messages / count)
 
 
-def scenarios_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys]) -> list[Scenario]:
-    """Return the base scenario with other keys under each control.
+def scenario_of(keys: Keys, overrides: Sequence[str], control: Keys) -> Scenario:
+    """Return the base scenario with other keys under a control.
 
     Args:
         keys: keys of the scenario by dotted names.
         overrides: more of them, as `key=value`.
-        controls: keys of the table `control`, such as mode.
+        control: keys of the table `control`, such as mode.
 
     Raises:
         SettingsError: keys are wrong.
@@ -57,19 +63,7 @@ def scenarios_of(keys: Keys, overrides: Sequence[str], controls: Sequence[Keys])
     scenario, more = check_table(table)
     if scenario is None or problems + more:
         raise SettingsError(problems + more)
-    return [_controlled(scenario, table["control"] | dict(control)) for control in controls]
-
-
-def _controlled(scenario: Scenario, control: dict[str, Any]) -> Scenario:
-    mode = control.pop("mode")
-    made = plain(controller_settings(mode, control, scenario.for_agent(0)))
+    own = table["control"] | dict(control)
+    mode = own.pop("mode")
+    made = plain(controller_settings(mode, own, scenario.for_agent(0)))
     return replace(scenario, control=ControlSettings(mode, made))
-
-
-def _cost_of(scenario: Scenario) -> Cost:
-    outcome, end_s = run_dense(scenario), scenario.run.steps * scenario.run.step_s
-    told_s = outcome.told_s or {}
-    delays_s = [delay_s(event.arrived_s, told_s.get(event.event), event.completed_s, end_s) for event in outcome.events]
-    messages = sum(workload.messages for workload in outcome.workloads)
-    count = max(1, len(delays_s))
-    return Cost(math.fsum(delays_s) / count, messages / count)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.policy import FAR_DELTA, FIRST_DELTA, GAIN, INPUTS, LEAST_DELTA, outputs
 from deltaswarm_agent.controllers.paper.states import ATTENDING
-from deltaswarm_learn.costs import Keys, scenarios_of
+from deltaswarm_learn.costs import Keys, scenario_of
 from deltaswarm_learn.tasks import VALIDATION, task
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_scenario.scenario import Scenario
@@ -42,7 +42,7 @@ class Influence(NamedTuple):
 
 def noted(numbers: Sequence[int], overrides: Sequence[str], control: Keys) -> Floats:
     """Do validation tasks under a learned rule; return what agents decide by: (decisions, inputs)."""
-    scenarios = [scenarios_of(task(VALIDATION, number), overrides, [control])[0] for number in numbers]
+    scenarios = [scenario_of(task(VALIDATION, number), overrides, control) for number in numbers]
     return np.array([row for scenario in scenarios for row in _inputs_in(scenario)])
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from cmaes import CMA
 
 from deltaswarm_agent.controllers.paper.policy import INPUTS, OUTPUTS, WEIGHTS, policy_of, shipped
-from deltaswarm_learn.costs import Cost, Keys, costs_of
+from deltaswarm_learn.costs import Cost, Keys, cost_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION, task
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
@@ -83,10 +83,11 @@ class Pool:
     def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
         """Return what each task costs under each control, at the task's price: (tasks, controls)."""
         tasks = [task(stream, number) for number in numbers for _ in controls]
-        single = [[control] for control in controls] * len(numbers)  # so that no process ends long after the others
         with starting_processes():
-            found: Iterator[list[Cost]] = self._executor.map(costs_of, tasks, repeat(self._overrides), single)
-        costs = [cost.at(keys[PRICE]) for keys, (cost,) in zip(tasks, found, strict=True)]
+            found: Iterator[Cost] = self._executor.map(
+                cost_of, tasks, repeat(self._overrides), list(controls) * len(numbers)
+            )
+        costs = [cost.at(keys[PRICE]) for keys, cost in zip(tasks, found, strict=True)]
         return np.array(costs).reshape(len(numbers), len(controls))
 
     def close(self) -> None:
@@ -103,7 +104,8 @@ class Training:
     def __init__(self, settings: TrainingSettings, log: Path, pool: Pool) -> None:
         self.settings, self._pool, self._log = settings, pool, log
         self._search = CMA(
-            *(np.zeros(WEIGHTS), settings.sigma),
+            np.zeros(WEIGHTS),
+            settings.sigma,
             seed=settings.seed,
             population_size=settings.population,
             cov=np.diag(np.square(FIRST_STEPS)),
@@ -154,7 +156,7 @@ class Training:
         self._take(candidates, means)
         row: dict[str, Any] = {"costs": means}
         if self.generation % settings.validate_every == 0:
-            row["validated"] = geometric_mean(self.validated(learned(tuple(self._search.mean.tolist()))))
+            row["validated"] = geometric_mean(self.validated(learned(self._search.mean.tolist())))
             self._compare(row["validated"])
         with self._log.open("a", encoding="ascii") as log:
             log.write(f"{json.dumps(row)}\n")

@@ -159,8 +159,8 @@ def _check_engine(scenario: Scenario, options: RunOptions) -> None:
 def check(scenario: Scenario, options: RunOptions) -> None:
     """Check what can be checked of a run before anything is started or written."""
     if scenario.run.bound != "none" and not options.in_process:
-        why = "no agent can know what a bound knows; do it in one process (run --in-process)"
-        allowed = f"must be none for a run of processes: {why}"
+        reason = "no agent can know what a bound knows; do it in one process (run --in-process)"
+        allowed = f"must be none for a run of processes: {reason}"
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     check_packages(scenario)
     if options.checkpoint_steps and (why := unsaved(scenario)):

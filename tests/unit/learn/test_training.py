@@ -14,7 +14,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.policy import WEIGHTS, policy_of
 from deltaswarm_cli.main import main
 from deltaswarm_learn import costs
-from deltaswarm_learn.costs import Cost, Keys, costs_of
+from deltaswarm_learn.costs import Cost, Keys, cost_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION
 from deltaswarm_learn.training import HYBRID, Pool, Training, TrainingSettings, learned
 from deltaswarm_wire.checked import SettingsError
@@ -53,7 +53,7 @@ def test_delays_end_with_the_run_and_messages_are_per_event(monkeypatch: pytest.
     )
     monkeypatch.setattr(costs, "run_dense", lambda _: outcome)
     monkeypatch.setattr(costs, "compile_once", lambda *_: None)
-    [cost] = costs_of({"run.duration_s": 200.0}, (), [{}])
+    cost = cost_of({"run.duration_s": 200.0}, (), {})
     assert cost == Cost(pytest.approx((40.0 + 75.0 + 50.0) / 3), 3.0)
     assert cost.at(2.0) == pytest.approx(61.0)
 
@@ -61,7 +61,7 @@ def test_delays_end_with_the_run_and_messages_are_per_event(monkeypatch: pytest.
 def test_keys_that_are_wrong_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(costs, "compile_once", lambda *_: None)
     with pytest.raises(SettingsError, match="control\\.delta_rule must be one of"):
-        costs_of({}, ["control.delta_rule=learnt"], [{}])
+        cost_of({}, ["control.delta_rule=learnt"], {})
 
 
 def test_training_finds_what_costs_least(tmp_path: Path) -> None:
@@ -72,6 +72,21 @@ def test_training_finds_what_costs_least(tmp_path: Path) -> None:
     own = [numbers for stream, numbers in bowl.asked if stream == TRAINING]
     assert own == [[3_000_000 + 2 * k, 3_000_001 + 2 * k] for k in range(60)]
     assert {tuple(numbers) for stream, numbers in bowl.asked if stream == VALIDATION} == {(0, 1, 2)}
+
+
+class Uneven:
+    """In place of runs: any policy costs four times as much as hybrid control in every other task, else a quarter."""
+
+    def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
+        ratios = [4.0 if number % 2 else 0.25 for number in numbers]
+        return np.array([[1.0 if control == HYBRID else ratio for control in controls] for ratio in ratios])
+
+
+def test_costs_of_tasks_are_averaged_as_ratios(tmp_path: Path) -> None:
+    training = Training(replace(SMALL, validation_tasks=2), tmp_path / "log", Uneven())  # type: ignore[arg-type]
+    assert training.advance() == pytest.approx((1.0, 1.0))
+    training.advance()
+    assert training.curve == [(2, pytest.approx(1.0))]
 
 
 def test_weights_of_the_price_begin_with_greater_steps(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from deltaswarm_learn.costs import costs_of
+from deltaswarm_learn.costs import cost_of
 from deltaswarm_orchestrator.scenarios.load import check_table
 from deltaswarm_orchestrator.sweeps.job import Task, work
 from deltaswarm_orchestrator.sweeps.table import row_of, series_of
@@ -117,7 +117,7 @@ def test_a_run_costs_what_training_says() -> None:
     study = costly(sweep)
     job = next(job for job in study.sweep.jobs() if job.variant.label == "loss=0.0, hybrid 3")
     run = [(job, work(Task(job)))]
-    [expected] = costs_of({**keys, "seed": job.scenario.seed}, (), [{"mode": "hybrid"}])
+    expected = cost_of({**keys, "seed": job.scenario.seed}, (), {"mode": "hybrid"})
     row = runs_of(study, with_costs(study, row_of(*run[0]), run), series_of(run)).iloc[0]
     assert row["cost_2"] == pytest.approx(expected.at(2.0), rel=1e-12)
     assert expected.messages > 0

@@ -73,7 +73,7 @@ def policy_of(record: Any) -> tuple[float, ...]:
     Raises:
         ValueError: it is the file of another rule, or its digest is not that of its numbers.
     """
-    from deltaswarm_wire.digest import of_numbers  # of three megabytes, which boards without the rule can spare
+    from deltaswarm_wire.digest import of_numbers  # of three megabytes, which a board can spare
 
     try:
         weights = tuple(map(float, record["weights"]))
@@ -88,7 +88,7 @@ def policy_of(record: Any) -> tuple[float, ...]:
 
 @cache
 def shipped() -> tuple[float, ...]:
-    """Return the numbers of the policy that is shipped with this file; a test has its digest."""
+    """Return the numbers of the policy that is shipped with this file; its digest is tested, not checked here."""
     from pkgutil import get_data  # needed by this rule alone
 
     data = get_data(__package__, SHIPPED)

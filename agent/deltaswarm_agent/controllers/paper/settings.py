@@ -105,7 +105,7 @@ class PaperSettings:
             object.__setattr__(self, "policy", shipped())
 
     def problems(self) -> list[Problem]:
-        """A policy must be one of this rule."""
+        """A policy has as many numbers as the rule needs."""
         if len(self.policy) in (0, WEIGHTS):
             return []
         return [Problem("policy", f"{len(self.policy)} numbers", f"must be {WEIGHTS} numbers, or none")]
