@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
@@ -184,7 +185,14 @@ def test_an_operator_that_dies_each_time_ends_the_run(tmp_path: Path) -> None:
     """It cannot save what it counts: after some tries everything ends, exit code 1, and the run says why."""
     with running(tmp_path / "run", *LONG) as swarm:
         swarm.wait_until_under_way()
-        (swarm.part / "operator-state.json.part").mkdir()
+        in_the_way = swarm.part / "operator-state.json.part"
+
+        def made() -> bool:
+            with suppress(FileExistsError):  # while the operator writes, the name is its own
+                in_the_way.mkdir()
+            return in_the_way.is_dir()
+
+        wait_until(made, "a folder where the operator writes")
         pids = swarm.pids
         code, _, _ = swarm.finish()
         all_gone(pids)
