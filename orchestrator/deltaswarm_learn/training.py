@@ -57,6 +57,10 @@ def policy_in(file: Path | None) -> tuple[float, ...]:
     return policy_of(json.loads(file.read_text(encoding="utf-8"))) if file else shipped()
 
 
+def _versions() -> dict[str, str | None]:
+    return provenance.versions() | {"cmaes": version("cmaes"), "numba": version("numba")}
+
+
 @dataclass(frozen=True)
 class TrainingSettings:
     """What decides the result of a training."""
@@ -98,7 +102,7 @@ class Training:
     """A training, with the log of it in a file.
 
     Raises:
-        SettingsError: the log is that of another training.
+        SettingsError: the log is that of another training, or by other code.
     """
 
     def __init__(self, settings: TrainingSettings, log: Path, pool: Pool) -> None:
@@ -118,13 +122,15 @@ class Training:
         self._resume()
 
     def _resume(self) -> None:
-        head = json.dumps(asdict(self.settings))
+        head = json.dumps(
+            {"settings": asdict(self.settings), "code": provenance.code_digest(), "versions": _versions()}
+        )
         if not self._log.exists():
             self._log.write_text(f"{head}\n", encoding="ascii")
             return
         first, *rows = self._log.read_text(encoding="ascii").splitlines()
         if first != head:
-            must = "must be the log of this training; give the same options, or remove it"
+            must = "must be the log of this training by this code; give the same options, or remove it"
             raise SettingsError([Problem(str(self._log), first, must)])
         for row in map(json.loads, rows):
             self._take(self._candidates(), row["costs"])
@@ -175,7 +181,7 @@ class Training:
         origin = {
             "command": command,
             "commit": provenance.commit(),
-            "versions": provenance.versions() | {"cmaes": version("cmaes"), "numba": version("numba")},
+            "versions": _versions(),
             "settings": asdict(settings),
             "generations": self.generation,
             "training_tasks": f"{TRAINING} {settings.seed * APART} to {self._next_task - 1}",

@@ -17,6 +17,7 @@ from deltaswarm_learn import costs
 from deltaswarm_learn.costs import Cost, Keys, cost_of
 from deltaswarm_learn.tasks import TRAINING, VALIDATION
 from deltaswarm_learn.training import HYBRID, Pool, Training, TrainingSettings, learned
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_wire.checked import SettingsError
 from tests.support.swarms import is_running, wait_until
 
@@ -112,6 +113,14 @@ def test_the_log_of_another_training_is_refused(tmp_path: Path) -> None:
     trained(tmp_path / "log", 1)
     with pytest.raises(SettingsError, match="must be the log of this training"):
         trained(tmp_path / "log", 2, TrainingSettings(seed=4))
+
+
+def test_the_log_of_a_training_by_other_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its costs are those of another swarm, or its search took other steps."""
+    trained(tmp_path / "log", 1)
+    monkeypatch.setattr(provenance, "code_digest", lambda: "0123456789abcdef")
+    with pytest.raises(SettingsError, match="by this code"):
+        trained(tmp_path / "log", 2)
 
 
 @pytest.mark.slow
