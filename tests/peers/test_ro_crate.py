@@ -1,4 +1,4 @@
-"""The metadata of published studies against RO-Crate's validator (extra `peers`), without the network."""
+"""The metadata of published studies against RO-Crate's validator (extra `crate`), without the network."""
 
 import io
 import subprocess
@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 requests = pytest.importorskip("requests")
-requests_cache = pytest.importorskip("requests_cache", reason="needs RO-Crate's validator: pip install -e '.[peers]'")
+requests_cache = pytest.importorskip("requests_cache", reason="needs RO-Crate's validator: pip install -e '.[crate]'")
 urllib3 = pytest.importorskip("urllib3")
-pytest.importorskip("rocrate_validator", reason="needs RO-Crate's validator: pip install -e '.[peers]'")
-pytest.importorskip("rocrate", reason="needs RO-Crate's context: pip install -e '.[peers]'")
+pytest.importorskip("rocrate_validator", reason="needs RO-Crate's validator: pip install -e '.[crate]'")
+pytest.importorskip("rocrate", reason="needs RO-Crate's context: pip install -e '.[crate]'")
 
 ROOT = Path(__file__).parents[2]
 CONTEXT = "https://w3id.org/ro/crate/1.1/context"
