@@ -26,8 +26,6 @@ from tests.support.tiers import nightly
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
 NAMES = ["paper", *nightly(*(folder.name for folder in PUBLISHED if folder.name != "paper"))]
-PLANNED = {"learned"}
-"""Built-in studies whose runs are not done."""
 SHORTER = "--set run.duration_s=100 --set metrics.horizon_s=50 --repeats 7 --prove 0"
 
 
@@ -78,8 +76,7 @@ def test_the_index_links_every_study() -> None:
     index = (ROOT / "docs" / "studies" / "index.md").read_text()
     linked = sorted(re.findall(r"\]\((.*?)/page\.md\)", index))
     assert linked == sorted(folder.name for folder in PUBLISHED)
-    assert set(linked) | PLANNED == {name for names in COLLECTIONS.values() for name in names}
-    assert not PLANNED & set(linked)
+    assert set(linked) == {name for names in COLLECTIONS.values() for name in names}
 
 
 def test_the_links_lead_somewhere() -> None:
