@@ -169,11 +169,8 @@ def _words(study: Study, block: Block) -> dict[str, str]:
     decimals = 2 if decimals == 3 else decimals
     estimates, ends = values["estimate"], [*values["low"], *values["high"]]
     own_side = max(estimates, default=0.0) if block[0].kind in ("contrast", "order", "alike") else 0.0
-    is_bounded = len(ends) == 2 * len(rows)
-    low, high = (number(choose(ends, default=math.nan), decimals) for choose in (min, max))
-    if first["scale"] != RATIO and own_side < 0:
-        low, high = (number(-end, decimals) for end in (max(ends, default=math.nan), min(ends, default=math.nan)))
-    interval = f"{'intervals from' if len(rows) > 1 else 'interval'} {low} to {high}" if is_bounded else "no interval"
+    side = -1 if first["scale"] != RATIO and own_side < 0 else 1  # less by a size, which is positive
+    interval, of_size = (_interval([sign * end for end in ends], len(rows), decimals) for sign in (1, side))
     n = f"n = {_range([row['n'] for row in rows], 0)}"
     sizes = [abs(one) for one in estimates]
     return {
@@ -188,7 +185,7 @@ def _words(study: Study, block: Block) -> dict[str, str]:
         "difference": f"{_range(sizes, decimals)} {unit} {less if own_side < 0 else more}",
         **dict(zip(("rises", "falls"), ("rise", "fall") if is_plural else ("rises", "falls"), strict=True)),
         "estimate": _range(estimates, decimals),
-        "interval": f"{interval}, {n}",
+        "interval": f"{of_size}, {n}",
         "interval_of": f"{_range(estimates, decimals)}, {interval}, {n}",
         "scale": first["scale"] or "value",
         "margin": f"{first.get('margin', 0):g}",
@@ -201,6 +198,13 @@ def _words(study: Study, block: Block) -> dict[str, str]:
         if first["metric"] in TWINS
         else "another outcome",
     }
+
+
+def _interval(ends: Sequence[float], results: int, decimals: int) -> str:
+    if len(ends) < 2 * results:
+        return "no interval"
+    low, high = (number(choose(ends), decimals) for choose in (min, max))
+    return f"{'intervals from' if results > 1 else 'interval'} {low} to {high}"
 
 
 def _open(block: Block) -> str:

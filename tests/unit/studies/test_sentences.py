@@ -102,6 +102,16 @@ def test_a_difference_is_told_with_its_unit_and_its_sign_in_words() -> None:
     assert "is 3.00 s shorter with loss 0.9 than without loss, in trees (interval 3.00 to 3.00, n = 10)" in sentence
 
 
+def test_an_open_difference_keeps_its_sign_and_that_of_its_interval() -> None:
+    """Most of the ten differences are below 0, so its interval reaches farther below 0 than above."""
+    apart = (2.0, -6.0, -5.0, -5.0, -4.0, 3.0, -3.0, 1.0, -2.0, -1.0)
+    chosen = '{ contrast = "limit", metric = "waiting_all", level = "loss=0.9", within = "hybrid 3" }'
+    [sentence] = told(LIMIT, chosen, lambda level, mode, r: 9.0 * r + (apart[r] if level == "loss=0.9" else 0.0))
+    [found] = re.findall(r"difference (\S+), interval (\S+) to (\S+), n = 10", sentence)
+    estimate, low, high = map(float, found)
+    assert low < estimate < 0 < high < -low
+
+
 FIT = """
 [[fit]]
 text = "fit"
