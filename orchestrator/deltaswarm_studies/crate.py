@@ -14,7 +14,8 @@ from deltaswarm_wire.files import write_whole
 METADATA = "ro-crate-metadata.json"
 PROFILE = "https://w3id.org/ro/crate/1.1"
 LICENSE = "https://spdx.org/licenses/Apache-2.0"
-"""Of the studies that deltaswarm ships; the author of another says it."""
+AUTHOR = "#maintainers"
+"""Licence and author of the studies that deltaswarm ships. The author of another study adds both."""
 
 FORMATS = {".csv": "text/csv", ".json": "application/json", ".md": "text/markdown", ".png": "image/png"}
 """Files that are described, by their endings. The others are copies of these in other formats."""
@@ -28,16 +29,16 @@ CONTENTS = {
     "fits.csv": "distances from published numbers",
     "grids.csv": "the level of a factor that is best in each cell",
     "invalid.csv": "runs that do not count, with the reason",
-    "keys.csv": "keys of a sensitivity study, with their ranges",
+    "keys.csv": "how each key of a sensitivity study changes each claim's effect, and where the claim holds",
     "page.md": "the study's page",
-    "points.csv": "points of a sensitivity study",
+    "points.csv": "a row per point of a sensitivity study: its keys, and each claim's effect",
     "protocol.json": "what was frozen before the runs, and every amendment since",
     "provenance.csv": "code, versions and machine of the runs",
     "recovery.csv": "times to recover after a fault",
     "rings.csv": "times of events by their distance from the densest place",
     "runs.csv": "a row per run: condition, replicate, seed and every metric",
     "seal.json": "length and SHA-256 of every table",
-    "shares.csv": "which share of a metric's variance each key explains",
+    "shares.csv": "the share of a sensitivity study's points at which each claim holds",
     "survival.csv": "times of events by Kaplan and Meier",
 }
 
@@ -58,11 +59,13 @@ def entities(study: Study, origin: Mapping[str, str], files: Mapping[str, int]) 
     """Yield the entities of the crate: itself, its files with their sizes [bytes], the runs, and the software."""
     about = {"name": study.title, "description": " ".join(study.file.study.question.split()) or study.title}
     yield {"@id": METADATA, "@type": "CreativeWork", "conformsTo": {"@id": PROFILE}, "about": {"@id": "./"}}
-    license = {"license": {"@id": LICENSE}} if study.is_built_in else {}
+    ours = {"license": {"@id": LICENSE}, "author": {"@id": AUTHOR}, "publisher": {"@id": AUTHOR}}
+    ours = ours if study.is_built_in else {}
     parts = {"hasPart": [{"@id": name} for name in files], "mentions": {"@id": "#runs"}}
-    yield {"@id": "./", "@type": "Dataset", **about, "datePublished": origin.get(BEGUN, "")[:10], **license, **parts}
-    if license:
+    yield {"@id": "./", "@type": "Dataset", **about, "datePublished": origin.get(BEGUN, "")[:10], **ours, **parts}
+    if ours:
         yield {"@id": LICENSE, "@type": "CreativeWork", "name": "Apache License 2.0", "description": "the licence"}
+        yield {"@id": AUTHOR, "@type": "Organization", "name": "The deltaswarm maintainers"}
     for name, size in files.items():
         told = {"name": CONTENTS.get(name, f"the figure {Path(name).stem}")}
         yield {

@@ -39,4 +39,4 @@ def test_the_crate_has_every_file_with_its_size(tmp_path: Path) -> None:
 def test_only_the_studies_of_deltaswarm_have_its_licence(tmp_path: Path) -> None:
     (tmp_path / "figures").mkdir()
     crate = json.loads(write_crate(made(OWN), tmp_path, {}).read_text())["@graph"]
-    assert [one for one in crate if "license" in one] == []
+    assert [one for one in crate if {"license", "author"} & set(one)] == []
