@@ -1,6 +1,6 @@
 """What a protocol fixes of a study, and how two versions of it differ."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -38,11 +38,11 @@ RENAMED = {"control.adapts_delta": ("control.delta_rule", {False: "fixed", True:
 def content(study: Study, entry_format: int = FORMAT) -> Table:
     """Return all of a study that its protocol fixes: runs, outcomes, criteria, margins, expectations."""
     swept, drawn = study.sweep.file.sweep, study.sweep.file.sensitivity
-    ignored = {*RUN_ONLY, *(one.name for one in study.ranges)}
     tables = {
-        variant.label: {name: value for name, value in flattened(content_of(variant.scenario)) if name not in ignored}
+        variant.label: {name: value for name, value in flattened(content_of(variant.scenario)) if name not in RUN_ONLY}
         for variant in study.sweep.variants
     }
+    tables = {label: _not_drawn(table, [one.name for one in study.ranges]) for label, table in tables.items()}
     first = next(iter(tables.values()))
     shared = {
         name: value
@@ -108,10 +108,12 @@ def completed(protocol: Table) -> Table:
     """Return a protocol with all keys of each condition, and today's defaults of the keys that it lacks."""
     shared = protocol["scenario"]
     completed = {name: table for name, table in protocol.items() if name != "scenario"}
-    completed["condition"] = {
-        label: _used({**_defaults({**shared, **own}["control.mode"]), **_named_now({**shared, **own})})
+    drawn = protocol.get("sensitivity", {}).get("range", {})
+    condition = {
+        label: {**_defaults({**shared, **own}["control.mode"]), **_named_now({**shared, **own})}
         for label, own in protocol["condition"].items()
     }
+    completed["condition"] = {label: _used(_not_drawn(table, drawn)) for label, table in condition.items()}
     for name, kind in get_type_hints(StudyFile).items():
         told = protocol.get(name, {})
         if get_origin(kind) is tuple:
@@ -120,6 +122,12 @@ def completed(protocol: Table) -> Table:
         else:
             completed[name] = {**as_read(fixed_keys(kind())), **told}
     return completed
+
+
+def _not_drawn(table: Table, drawn: Iterable[str]) -> Table:
+    """Return a scenario without the keys that a sensitivity study draws. A key may be a table, such as a density."""
+    names = tuple(drawn)
+    return {key: value for key, value in table.items() if not any(f"{key}.".startswith(f"{name}.") for name in names)}
 
 
 def _named_now(table: Table) -> Table:

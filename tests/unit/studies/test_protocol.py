@@ -20,6 +20,7 @@ from deltaswarm_studies.protocol import EDITED, ProtocolError, protocol_of, seed
 from deltaswarm_studies.protocol_page import Record
 from deltaswarm_studies.settings import PROTOCOL
 from deltaswarm_studies.study import Study
+from tests.support.drawn_studies import CLAIMED, DRAWN
 from tests.support.studying import LEVELS, LIMIT, OWN, SWEEP, made, series, table
 from tests.support.tiers import in_one_test
 
@@ -162,6 +163,18 @@ def test_a_key_by_its_older_name_is_no_change() -> None:
     assert [(row.key, row.old, row.new) for row in differences(old, new)] == [
         ("scenario.control.delta_rule", "busy", "fixed")
     ]
+
+
+def test_a_density_that_is_drawn_is_fixed_by_its_choices_alone() -> None:
+    """The seeds come from the protocol, so what its first point was to have is not what the first run has."""
+    density = '[[sensitivity.range]]\nname = "events.density"\ntitle = "Events"\n'
+    density += 'choices = {{ even = {{ kind = "uniform" }}, uneven = {{ mean_m = [{}, 20.0] }} }}\n'
+    old, new = (content(made(CLAIMED, DRAWN + density.format(x))) for x in (20.0, 20.0))
+    assert not [key for key in old["scenario"] if key.startswith("events.density")]
+    old["scenario"] |= {"events.density.kind": "gaussian", "events.density.covariance_m2": [[200.0, 0.0], [0.0, 200.0]]}
+    assert not differences(old, new)
+    new = content(made(CLAIMED, DRAWN + density.format(10.0)))
+    assert [found.key for found in differences(old, new)] == ["sensitivity.range.events.density.choices.uneven.mean_m"]
 
 
 def test_a_key_of_a_part_that_is_switched_off_is_no_change() -> None:
