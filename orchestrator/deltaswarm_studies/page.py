@@ -63,6 +63,9 @@ def pages(
             "calibrated": verdicts.counts(evidence.claims, is_calibrated=True),
             "tests": verdicts.tests(evidence.tables),
             "arrivals": evidence.arrivals,
+            "averaged": sorted(
+                {study.factor_title(one.over) for one in (*study.file.claim, *study.file.contrast) if one.over}
+            ),
             "events": event_tables.kept(study, evidence.events, evidence.runs),
             "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
             "horizons_s": sorted({scenario.metrics.horizon_s for scenario in study.sweep.scenarios}),
@@ -132,7 +135,8 @@ def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
         scale = "ratios"
         if first["scale"] != RATIO:
             scale = "differences, since values are 0 or below"
-        title = f"{contrast.text or name}: {about.title.lower()} ({first['family']} tests of {scale})"
+        tests = f"{first['family']} test{'s' if first['family'] > 1 else ''}"
+        title = f"{contrast.text or name}: {about.title.lower()} ({tests} of {scale})"
         headings |= {"n": "n", "shown": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}
         yield table(rows, headings | ({"decides": "To decide"} if any(rows["decides"]) else {}), title)
 
