@@ -7,6 +7,7 @@ import numpy as np
 from deltaswarm_agent.controllers.paper.bandit import ARMS, EXPLORES, FADING_S, MEAN_S
 from deltaswarm_dense.arithmetic import rounded
 from deltaswarm_dense.compiled import compiled
+from deltaswarm_dense.delta import BANDIT
 from deltaswarm_dense.finds import tells_averages
 from deltaswarm_dense.hearing import heard_of
 from deltaswarm_dense.layout import NONE
@@ -31,6 +32,8 @@ def update_arms(settings, agent, now):
         agent.arm_s[arm] *= kept
         agent.arm_work_s[arm] *= kept
         agent.arm_messages[arm] *= kept
+    if agent.rule != BANDIT:  # an order says which structure the agent has
+        return
     agent.arm_s[agent.arm] += FADING_S * (1.0 - kept)
     if agent.arm_works:
         agent.arm_work_s[agent.arm] += FADING_S * (1.0 - kept)
@@ -48,7 +51,8 @@ def begin_arm(settings, agent, works, now):
 def count_message(settings, agent, now):
     """Count a report (`Bandit.report`)."""
     update_arms(settings, agent, now)
-    agent.arm_messages[agent.arm] += 1.0
+    if agent.rule == BANDIT:
+        agent.arm_messages[agent.arm] += 1.0
 
 
 @compiled
@@ -114,9 +118,9 @@ def hear_arms(settings, agent, air, now, heard):
 
 @compiled
 def tell_arm(settings, agent, frame, now):
-    """Write what a frame tells of its sender's structure (`Bandit.told`)."""
+    """Write what a frame tells of its sender's structure, with NONE for nothing (`Bandit.told`)."""
     update_arms(settings, agent, now)
-    frame.tried[ARM] = agent.arm
+    frame.tried[ARM] = agent.arm if agent.rule == BANDIT else NONE
     frame.tried[TIME] = rounded(10 * agent.arm_s[agent.arm])
     frame.tried[WORK] = rounded(10 * agent.arm_work_s[agent.arm])
     frame.tried[MESSAGES] = rounded(1000 * agent.arm_messages[agent.arm])

@@ -3,7 +3,7 @@
 Covered are orders to all agents that set delta, the structure or the price.
 """
 
-from deltaswarm_dense.bandit import take_arm
+from deltaswarm_dense.bandit import take_arm, update_arms
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.delta import BANDIT, FIXED, LEARNED
 from deltaswarm_dense.hearing import SENDER, SLOT
@@ -60,6 +60,8 @@ def obey(swarm, agent, now):
         elif number < agent.strategy_command:
             relay.state = SUPERSEDED
         else:
+            if settings.tries and command.sets_price != (agent.rule == BANDIT):
+                update_arms(settings, agent, now)
             agent.strategy_command, agent.attends = number, agent.attends or agent.rule >= LEARNED
             if command.sets_price:
                 agent.price_s, agent.rule, agent.attends = command.price_s, LEARNED, True

@@ -1,6 +1,7 @@
 """Payloads of radio frames, written as `controllers/paper/frames.py` encodes them, and their envelopes."""
 
 from deltaswarm_agent.controllers.paper.frames import ATTENDING, MEMBER
+from deltaswarm_dense.bandit import ARM
 from deltaswarm_dense.commands import write_items
 from deltaswarm_dense.compiled import compiled, inlined
 from deltaswarm_dense.layout import NONE, ORDER_FIELDS, ROW_FIELDS
@@ -14,6 +15,8 @@ NIL, FALSE, TRUE = 0xC0, 0xC2, 0xC3
 @compiled
 def write_payload(out, frame, table, events, averages):
     """Write a frame's payload, with averages (1) and with what was tried (2); return its length [bytes]."""
+    if frame.tried[ARM] == NONE:
+        averages = min(averages, 1)
     items = 11 if frame.kind == MEMBER else 6 if frame.kind == ATTENDING else 3
     at = put_array(out, 0, items + (averages > 0 and items > 3))
     at = put_unsigned(out, at, frame.kind)

@@ -34,7 +34,7 @@ def enter_tree(swarm, agent, now, parent, cause):
     if parent != NONE:
         _take_path(settings, agent, swarm.air, swarm.trees, parent)
         agent.pulse = heard_of(swarm.air, parent).pulse
-        if settings.tries:
+        if settings.tries and heard_of(swarm.air, parent).tried[ARM] != NONE:
             follow_arm(settings, agent, heard_of(swarm.air, parent).tried[ARM], now)
     agent.pulse_step = agent.parent_heard = now
     stay(settings, agent)

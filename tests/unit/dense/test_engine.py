@@ -59,7 +59,11 @@ UPLINKS: list[dict[str, Any]] = [
     {"base_m": (0.0, 0.0), "range_m": 20.0, "relay": True, "loss": 0.1, "bandwidth": {"sender_bytes_per_s": 90.0}},
 ]
 
-PRICES = ((300.0, 10.0), (900.0, 0.0))
+ORDERED = (
+    (300.0, "set price", {"message_price": 10.0}),
+    (600.0, "set delta", {"delta": 2}),
+    (900.0, "set price", {"message_price": 0.0}),
+)
 
 FAULTS: list[dict[str, Any]] = [
     {"kind": "kill", "at_s": 20.0, "fraction": 0.3},
@@ -195,9 +199,9 @@ def test_every_mode_has_the_same_outcome(mode: str) -> None:
 
 @pytest.mark.parametrize("rule", ["learned", "bandit"])
 def test_a_swarm_that_learns_has_the_same_outcome(rule: str) -> None:
-    """Long enough for averages to change, with a price that the operator changes."""
+    """Long enough for averages to change, with orders that replace what was learned, and bring it back."""
     scenario = load_scenario("paper-25", [f"control.delta_rule={rule}", f"control.policy={a_policy(5)}"])
-    orders = tuple(CommandSettings(at_s, "set price", arguments={"message_price": price}) for at_s, price in PRICES)
+    orders = tuple(CommandSettings(at_s, name, arguments=arguments) for at_s, name, arguments in ORDERED)
     assert differences(replace(scenario, command=orders, run=replace(scenario.run, duration_s=1500.0))) == []
 
 

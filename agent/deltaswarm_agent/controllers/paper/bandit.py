@@ -44,6 +44,8 @@ class Bandit:
         self._since: int | None = None
         """None before the first step: an agent may begin late."""
         self._works = False
+        self.counts = True
+        """Not while an order says which structure the agent has: what comes of that is no outcome of its choice."""
         self.arm = 0
         """The structure that it follows."""
         self.time_s, self.work_s, self.messages = ([0.0] * len(ARMS) for _ in range(3))
@@ -59,6 +61,8 @@ class Bandit:
             self.time_s[arm] *= kept
             self.work_s[arm] *= kept
             self.messages[arm] *= kept
+        if not self.counts:
+            return
         self.time_s[self.arm] += FADING_S * (1.0 - kept)
         if self._works:
             self.work_s[self.arm] += FADING_S * (1.0 - kept)
@@ -71,7 +75,14 @@ class Bandit:
 
     def report(self, now: int) -> None:
         self.update(now)
-        self.messages[self.arm] += 1.0
+        if self.counts:
+            self.messages[self.arm] += 1.0
+
+    def count(self, counts: bool, now: int) -> None:
+        """Say whether it counts from this step on."""
+        if counts != self.counts:
+            self.update(now)
+            self.counts = counts
 
     def follow(self, arm: int, now: int) -> None:
         """Count what comes from this step on for another structure."""
@@ -109,9 +120,11 @@ class Bandit:
             self.work_s[arm] = kept * self.work_s[arm] + share * sum([one.work_ds for one in told]) / 10
             self.messages[arm] = kept * self.messages[arm] + share * sum([one.messages_milli for one in told]) / 1000
 
-    def told(self, now: int) -> Tried:
-        """Return what it tells of its structure."""
+    def told(self, now: int) -> Tried | None:
+        """Return what it tells of its structure, if it follows one."""
         self.update(now)
+        if not self.counts:
+            return None
         arm = self.arm
         counts = round(10 * self.time_s[arm]), round(10 * self.work_s[arm]), round(1000 * self.messages[arm])
         return Tried(arm, *counts)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.bandit import ARMS
 from deltaswarm_agent.controllers.paper.hybrid import Strategy
-from deltaswarm_agent.controllers.paper.settings import FIXED, PRICED
+from deltaswarm_agent.controllers.paper.settings import BANDIT, FIXED, PRICED
 from deltaswarm_agent.controllers.paper.states import FREE, Cause
 from deltaswarm_wire.commands import AGENT, ALL, CIRCLE, PLACE, TREE, ArgumentForm, Command, CommandForm
 from deltaswarm_wire.messages import Pose
@@ -126,6 +126,8 @@ def _restructure(agent: Agent, command: Command, strategy: Strategy) -> bool | N
         return None
     agent.strategy_command = command.number
     agent.strategy = strategy
+    if agent.bandit is not None:
+        agent.bandit.count(strategy.rule == BANDIT, agent.now)
     if not strategy.attends and agent.target is not None:
         agent.change(Cause.TAKEN_OFF)
     return True

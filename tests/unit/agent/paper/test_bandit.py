@@ -160,6 +160,25 @@ def test_the_newest_order_says_who_chooses() -> None:
     assert (agent.price_s, Structure(agent.strategy.founds_at, agent.strategy.attends)) == (6.0, ARMS[of(lone).arm])
 
 
+def test_what_comes_of_an_order_is_neither_counted_nor_told() -> None:
+    lone = lone_bandit()
+    agent, one = lone.core.controller.agent, of(lone)
+    lone.steps(3, events=[event(1, 50, 50)])
+    counts = [*one.time_s, *one.work_s, *one.messages]
+    obey(agent, [Command(3, "set delta", Target("all"), {"delta": 7}, 60.0)])
+    frame = lone.steps(20, events=[event(1, 50, 50)])[-1].radio
+    assert type(frame) is Attending
+    assert frame.averages is not None
+    assert frame.averages.tried is None
+    assert all(after <= before for after, before in zip([*one.time_s, *one.work_s, *one.messages], counts, strict=True))
+    obey(agent, [Command(4, "set price", Target("all"), {"message_price": 6.0}, 60.0)])
+    before = one.time_s[one.arm], one.work_s[one.arm], one.messages[one.arm]
+    lone.steps(3, events=[event(1, 50, 50)])
+    assert one.told(agent.now) is not None
+    after = one.time_s[one.arm], one.work_s[one.arm], one.messages[one.arm]
+    assert [later - sooner for later, sooner in zip(after, before, strict=True)] == pytest.approx([3, 3, 3], rel=0.1)
+
+
 PLACES = st.lists(st.tuples(st.sets(st.integers(0, 4)), st.sets(st.integers(0, 4))), min_size=1, max_size=15)
 
 
@@ -187,7 +206,9 @@ def test_what_it_tells_can_be_told(life: list[tuple[list[Any], list[Any]]]) -> N
     lone = lone_bandit()
     for heard, sensed in life:
         lone.step(*heard, events=sensed, skip=1)
-        assert all(0 <= count <= 2**32 for count in of(lone).told(lone.core.controller.agent.now))
+        told = of(lone).told(lone.core.controller.agent.now)
+        assert told is not None
+        assert all(0 <= count <= 2**32 for count in told)
 
 
 @given(strategies.tried)
@@ -197,4 +218,6 @@ def test_the_most_that_was_told_can_be_told_again(tried: Tried) -> None:
     for now in range(1, 4):
         one.hear([tried] * 200, now)
         one.report(now)
-    assert all(0 <= count < 2**32 for count in one.told(4))
+    told = one.told(4)
+    assert told is not None
+    assert all(0 <= count < 2**32 for count in told)
