@@ -26,7 +26,9 @@ ROOT = Path(__file__).parents[2]
 ACCEPTED = ROOT / "tests" / "mutants.md"
 MIN_KILLED_SHARE = 0.9
 TIMEOUT_S, COMPILED_TIMEOUT_S = 120, 900
-"""A mutant that takes longer is killed, in both senses."""
+"""A mutant that takes longer is stopped; one of a sample has no verdict then, one that was not drawn is killed."""
+
+SURVIVES, KILLED, TIMED_OUT = "survives", "killed", "too slow"
 
 PAIRS = ["Lt LtE", "Gt GtE", "Eq NotEq", "Is IsNot", "In NotIn", "And Or", "Add Sub", "Mult Div"]
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
@@ -112,7 +114,7 @@ def changes(node: ast.AST) -> Iterator:  # type: ignore[type-arg]
             yield setting(attr=NAMES[name])
 
 
-def survives(file: Path, tests: list[str], mutant: Mutant, timeout_s: int = TIMEOUT_S) -> bool:
+def fate_of(file: Path, tests: list[str], mutant: Mutant, timeout_s: int = TIMEOUT_S) -> str:
     """Run the tests with the mutant in place of the file, in a process of its own that has pytest loaded."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as cache:
         pid = os.fork()
@@ -133,24 +135,33 @@ def survives(file: Path, tests: list[str], mutant: Mutant, timeout_s: int = TIME
             os._exit(
                 int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not processes", *tests]))
             )
-        return os.waitpid(pid, 0)[1] == 0
+        status = os.waitpid(pid, 0)[1]
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM:
+        return TIMED_OUT
+    return KILLED if status else SURVIVES
 
 
 def sampled(table: dict[str, list[str]], accepted: set[str], count: int, seed: int, jobs: int) -> int:
-    """Try mutants drawn at random; print each with what became of it. Return 1 if one survives that is not accepted."""
+    """Try mutants drawn at random; print each with what became of it. Return 1 if one survives that is not accepted.
+
+    One that runs out of time has no verdict: what is sampled is compiled anew for it, which takes most of the time.
+    """
     files = [(file, tests) for folder, tests in table.items() for file in sorted((ROOT / folder).glob("*.py"))]
     made = [(file, tests, mutant) for file, tests in files for mutant in mutants_of(file)]
     drawn = random.Random(seed).sample(made, count)
 
-    def is_found(file: Path, tests: list[str], mutant: Mutant) -> bool:
-        is_alive = survives(file, tests, mutant, COMPILED_TIMEOUT_S)
-        print("survives" if is_alive else "killed  ", mutant.name, flush=True)
-        return not is_alive or mutant.name in accepted
+    def tried(file: Path, tests: list[str], mutant: Mutant) -> str:
+        fate = fate_of(file, tests, mutant, COMPILED_TIMEOUT_S)
+        print(f"{fate:9}", mutant.name, flush=True)
+        return "accepted" if fate == SURVIVES and mutant.name in accepted else fate
 
     with ThreadPoolExecutor(jobs) as pool:
-        found = sum(pool.map(is_found, *zip(*drawn, strict=True)))
-    print(f"{count} of {len(made)} mutants, seed {seed}: {count - found} survive that are not accepted")
-    return int(found < count)
+        fates = Counter(pool.map(tried, *zip(*drawn, strict=True)))
+    print(
+        f"{count} of {len(made)} mutants, seed {seed}: {fates[KILLED]} killed, {fates[TIMED_OUT]} without a verdict, "
+        f"{fates[SURVIVES]} survive that are not accepted"
+    )
+    return int(fates[SURVIVES] > 0)
 
 
 def main() -> int:
@@ -175,14 +186,14 @@ def main() -> int:
         if arguments.only and not any(part in path for part in arguments.only):
             continue
         file = ROOT / path
-        if not survives(file, tests, Mutant("unchanged", file.read_text())):
+        if fate_of(file, tests, Mutant("unchanged", file.read_text())) != SURVIVES:
             print(f"{path}: its tests fail without a mutant")
             wrong = True
             continue
         made = list(mutants_of(file))
         with ThreadPoolExecutor(arguments.jobs) as pool:
-            alive = list(pool.map(functools.partial(survives, file, tests), made))
-        survivors = {mutant.name for mutant, is_alive in zip(made, alive, strict=True) if is_alive}
+            fates = list(pool.map(functools.partial(fate_of, file, tests), made))
+        survivors = {mutant.name for mutant, fate in zip(made, fates, strict=True) if fate == SURVIVES}
         gone = {name for name in accepted if name.startswith(f"{path} ")} - survivors
         killed = 1 - len(survivors) / max(len(made), 1)
         print(f"{path}: {len(made)} mutants, {killed:.1%} killed, {len(survivors - accepted)} survivors not accepted")

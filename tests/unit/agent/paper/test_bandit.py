@@ -63,6 +63,11 @@ def test_every_structure_has_a_place_in_frames() -> None:
     assert len(ARMS) == MAX_ARM + 1
 
 
+def test_the_structures_are_hybrid_decentralised_and_hierarchical() -> None:
+    assert [arm.founds_at for arm in ARMS if arm.attends] == [3, 2, 4, 6, None]
+    assert [arm.founds_at for arm in ARMS if not arm.attends] == [2]
+
+
 @pytest.mark.parametrize(("price_s", "best", "worst"), [(5.0, 1, 4), (0.0, None, 3)])
 def test_the_structure_that_costs_less_is_chosen_more_often(price_s: float, best: int | None, worst: int) -> None:
     """At a price the one with few messages; without one, that under which agents hardly work is left."""
@@ -92,8 +97,34 @@ def test_counts_fade() -> None:
 
 def test_an_agent_that_begins_late_has_not_lived_before() -> None:
     one = Bandit(1.0)
-    one.update(500)
+    one.begin(False, 500)
+    one.update(500 + round(FADING_S))
+    assert one.time_s[0] == pytest.approx(FADING_S * (1 - 1 / 2.71828), abs=1e-2)
+    assert one.work_s == [0.0] * len(ARMS)
+
+
+def test_time_passes_in_seconds_and_when_something_changes() -> None:
+    """So an agent that is not asked in every step has the same counts."""
+    one = Bandit(0.5)
+    one.begin(True, 0)
+    one.begin(True, 700)
     assert one.time_s == [0.0] * len(ARMS)
+    one.begin(False, round(2 * FADING_S))
+    assert (one.time_s[0], one.work_s[0]) == pytest.approx([FADING_S * (1 - 1 / 2.71828)] * 2, abs=1e-2)
+
+
+@pytest.mark.parametrize(("messages", "best"), [(6.05, 1), (5.95, 0)])
+def test_each_structure_begins_with_a_minute_at_the_mean_cost(messages: float, best: int) -> None:
+    """The mean is (10 + 6 +- 0.05) / (100 + 60); below 10 / 100, the first of those not tried is as good as any."""
+    one = bandit()
+    one.messages[1], one.work_s[1], one.messages[2] = 10.0, 100.0, messages
+    assert one.best(0.0, 1.0) == best
+
+
+def test_counts_are_told_in_whole_parts_of_their_units() -> None:
+    one = bandit()
+    one.arm, one.time_s[2], one.work_s[2], one.messages[2] = 2, 12.34, 5.67, 0.8912
+    assert one.told(0) == Tried(2, 123, 57, 891)
 
 
 @given(st.lists(st.builds(Tried, st.integers(0, MAX_ARM), *[st.integers(0, 10**6)] * 3), min_size=1), st.randoms())
