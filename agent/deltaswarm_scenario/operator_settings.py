@@ -119,7 +119,8 @@ class PageSettings:
     end_text: str = key("", "what the page says once the run has ended; empty: that it may be closed")
     pace: bool = key(True, "whether the person may pause the run, do single steps and change its speed")
     orders: tuple[str, ...] = key(
-        (), 'orders that the page offers; an empty list: all that the controller accepts; ["none"]: no order'
+        (),
+        'orders that the page offers; an empty list: all that the controller accepts; only "none": no order',
     )
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
     panels: tuple[str, ...] = key(

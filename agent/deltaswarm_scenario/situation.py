@@ -34,7 +34,9 @@ SITUATION = {
         QuestionSettings(OPEN_EVENTS, "How many events are open in the whole area now?", NUMBER, 0.0, _MANY),
         QuestionSettings(IN_TREES, "How many agents are in trees now, roots included?", NUMBER, 0.0, _MANY),
         QuestionSettings(TREES, "How many trees are there now?", NUMBER, 0.0, _MANY),
-        QuestionSettings(MOST_EVENTS, "Which quarter of the area has most open events now?", CHOICE, choices=QUARTERS),
+        QuestionSettings(
+            MOST_EVENTS, "Which quarter of the area has the most open events now?", CHOICE, choices=QUARTERS
+        ),
     )
 }
 EVERYWHERE = (OPEN_EVENTS, MOST_EVENTS)

@@ -48,8 +48,8 @@ def run(
 ) -> "Run":
     """Do one run, as `deltaswarm run` does it: the same scenario and seed have the same digest.
 
-    Ctrl-C ends it in order, as does a controller that fails, and returns what there is, with a warning that says why it
-    is not valid.
+    Ctrl-C ends it in order and returns what there is. A controller that raises ends its own agent, and the run goes on
+    without it. In both cases a warning says why the run is not valid.
 
     Args:
         scenario: a built-in scenario (`deltaswarm list`) or a TOML file.

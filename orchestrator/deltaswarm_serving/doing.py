@@ -32,7 +32,10 @@ from deltaswarm_sessions import PROCESSES, commitment, roster
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
 from deltaswarm_sessions.links import COMPLETE, OVER, SCREENED_OUT, Links, table
 from deltaswarm_sessions.plan import PlannedRun, outline, outline_text, plan
+from deltaswarm_sessions.runner import Runner
+from deltaswarm_sessions.session import Session
 from deltaswarm_sessions.settings import SessionSettings, load_session
+from deltaswarm_sessions.trivial_questions import situation_warnings
 
 ORIGIN = re.compile(r"https?://[^/\s;,']+")
 
@@ -52,7 +55,8 @@ def serve(arguments: argparse.Namespace) -> int:
     if arguments.language:
         settings = replace(settings, language=language_at(arguments.language, Path()))
     [first, *_] = runs = plan(settings, 1, beside)
-    for warning in warnings:
+    checked = Runner(session=Session(1, runs), folder=out / folder_name(1), speed=settings.speed)
+    for warning in [*warnings, *checked.check(), *(situation_warnings(runs) if arguments.dry_run else ())]:
         notice(warning)
     places = serving.places(settings.speed, by_processes=arguments.agents == PROCESSES)
     if arguments.dry_run:

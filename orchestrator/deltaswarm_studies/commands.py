@@ -27,7 +27,7 @@ RUNS = "runs.csv"
 EXAMPLES = """\
 examples:
   deltaswarm study paper --plan        the planned runs, how long they take, what they could show
-  deltaswarm study paper               every number and claim of the paper, from 560 runs
+  deltaswarm study paper               every number and claim of the paper, from 8430 runs
   deltaswarm study limits --repeats 3  nine limits of the network; three replicates are a look, not a verdict
   deltaswarm study all --plan          what all built-in studies would take
   deltaswarm study my-study.toml       your own question

@@ -178,7 +178,7 @@ def test_every_question_is_translated(pseudo: Callable[..., Page]) -> None:
     assert untranslated(page) == []
     situation = {"name": "spam", "title": "What is the situation?", "text": ""}
     quarter = {"name": "most_events", "kind": "choice", "choices": ["top left", "bottom right"]}
-    quarter["text"] = "Which quarter of the area has most open events now?"
+    quarter["text"] = "Which quarter of the area has the most open events now?"
     asks_form(page, number=1, left_s=20.0, form={**situation, "question": [DEFAULTS | quarter]})
     page.until(lambda: "top left" in page.text("form-questions"))
     assert untranslated(page) == []
