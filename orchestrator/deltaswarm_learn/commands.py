@@ -103,6 +103,8 @@ def _inputs(arguments: argparse.Namespace) -> int:
     except (OSError, ValueError) as error:
         raise CommandError(f"--policy {arguments.policy} {error}") from None
     noted = inputs.noted(range(arguments.validation_tasks), arguments.set, learned(weights))
+    if not len(noted):
+        raise CommandError(f"the tasks must last more than {inputs.EVERY_S:g} s, after which decisions are noted")
     found = list(inputs.influences(weights, noted))
     text = f"{inputs.table_of(found)}\n"
     write_whole(arguments.out, text.encode("ascii"))

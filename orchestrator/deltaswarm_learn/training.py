@@ -31,6 +31,7 @@ from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.base.signals import starting_processes
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.digest import of_numbers
+from deltaswarm_wire.files import write_whole
 
 PRICE = "control.message_price"
 
@@ -125,17 +126,23 @@ class Training:
         head = json.dumps(
             {"settings": asdict(self.settings), "code": provenance.code_digest(), "versions": _versions()}
         )
-        if not self._log.exists():
-            self._log.write_text(f"{head}\n", encoding="ascii")
-            return
-        first, *rows = self._log.read_text(encoding="ascii").splitlines()
+        text = self._log.read_text(encoding="ascii", errors="replace") if self._log.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        first, *rows = whole.splitlines() or [head if head.startswith(text) else text]
         if first != head:
             must = "must be the log of this training by this code; give the same options, or remove it"
-            raise SettingsError([Problem(str(self._log), first, must)])
-        for row in map(json.loads, rows):
-            self._take(self._candidates(), row["costs"])
-            if "validated" in row:
-                self._compare(row["validated"])
+            raise SettingsError([Problem(str(self._log), first[:200], must)])
+        for number, row in enumerate(rows, 2):
+            try:
+                found = json.loads(row)
+                self._take(self._candidates(), found["costs"])
+            except (ValueError, KeyError, TypeError):
+                must = "must be as a training wrote it; restore it, or remove this row and all below it"
+                raise SettingsError([Problem(f"{self._log}, line {number}", row[:60], must)]) from None
+            if "validated" in found:
+                self._compare(found["validated"])
+        if whole != text or not whole:  # a last row that was cut off is done again
+            write_whole(self._log, (whole or f"{head}\n").encode())
 
     def _candidates(self) -> list[np.ndarray]:
         return [self._search.ask() for _ in range(self.settings.population)]

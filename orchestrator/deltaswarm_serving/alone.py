@@ -44,7 +44,7 @@ def serve(arguments: argparse.Namespace, ready: Ready) -> int:
     options = ["--sheet", "--go-on", runner.command]
     options += ["--quiet"] * arguments.quiet + ["--researcher"] * arguments.researcher
     plan = Plan(
-        Path(arguments.session).resolve(),
+        Path(arguments.session).absolute(),
         ready.out.resolve(),
         language_at(arguments.language or "", Path()),
         arguments.pilot,

@@ -76,7 +76,7 @@ def serve(arguments: argparse.Namespace) -> int:
             settings,
             replace(serving, per_address=most),
             Plan(
-                arguments.session.resolve(),
+                arguments.session.absolute(),
                 out.resolve(),
                 language_at(arguments.language, Path()),
                 arguments.pilot,

@@ -102,7 +102,7 @@ class Front:
 
     @property
     def _inside(self) -> set[str]:
-        return {token for token, hosted in self.study.hosted.items() if not hosted.pages.is_empty}
+        return {token for token, hosted in self.study.hosted.items() if hosted.pages.has_person}
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return a file, an error, or None for what may become a WebSocket."""
@@ -147,7 +147,8 @@ class Front:
 
     def _address(self, connection: Visitor, request: Request) -> str:
         """Return the network address of a browser: behind a proxy, the last one that it names."""
-        forwarded = request.headers.get_all("X-Forwarded-For") if self.site.public else []
+        is_behind_proxy = self.site.public and not self.site.is_tls  # else anybody could name any
+        forwarded = request.headers.get_all("X-Forwarded-For") if is_behind_proxy else []
         if forwarded:
             return forwarded[-1].rpartition(",")[2].strip()
         return str((connection.remote_address or ("",))[0])

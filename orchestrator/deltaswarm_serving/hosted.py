@@ -8,8 +8,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from deltaswarm.errors import error_of
 from deltaswarm_cli.arguments import add_markers, add_quiet
-from deltaswarm_orchestrator.base.exits import CommandError, show_notices
+from deltaswarm_orchestrator.base.exits import show_notices
 from deltaswarm_orchestrator.scenarios.load import language_at
 from deltaswarm_serving.relayed import RelayedRunner
 from deltaswarm_serving.runner import HostedRunner
@@ -76,6 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except CommandError as error:
-        print(f"deltaswarm serve: {error}", file=sys.stderr)
-        sys.exit(error.code)
+    except Exception as error:
+        if (told := error_of(error, "the session")) is None:
+            raise
+        print(f"deltaswarm serve: {told}", file=sys.stderr)
+        sys.exit(told.code)

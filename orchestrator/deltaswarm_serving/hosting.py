@@ -127,6 +127,6 @@ class Hosted:
 
     def absent_s(self, now_s: float) -> float:
         """Return for how long nobody has been at the page [s]."""
-        if not self.pages.is_empty:
+        if self.pages.has_person:
             self.seen_s = now_s
         return now_s - self.seen_s

@@ -12,6 +12,7 @@ from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_scenario.page_messages import MAX_DATAGRAM_BYTES, made
 from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_serving.runner import HostedRunner, agreed
+from deltaswarm_serving.unfinished import journal_of
 from deltaswarm_sessions.plan import PlannedRun
 from deltaswarm_sessions.runner import Runner
 
@@ -30,6 +31,11 @@ class RelayedRunner(HostedRunner):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._researcher_at = free_address(LOOPBACK), secrets.token_urlsafe(24)
+
+    def _put_aside(self) -> None:
+        """Forget what a session in one process could have gone on with: here it is an attempt that was cut off."""
+        for run in self.session.runs:
+            journal_of(self.folder, run).unlink(missing_ok=True)
 
     def _take(self, by: str, data: bytes | None) -> None:
         station = self._stations.get(by)

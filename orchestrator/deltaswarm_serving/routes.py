@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from typing import NamedTuple
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from deltaswarm_operator.station import rules
 
@@ -10,6 +10,8 @@ JOIN, PERSON, WATCHER, OVERVIEW = "j", "p", "w", "o"
 """First parts of paths: the open link, a participant's own, that of who watches one, the experimenter's."""
 
 RUN, DOOR, LIVE = "run", "door", "live"
+
+PORTS = {"http": 80, "https": 443}
 
 MAX_OUTSIDE = 200
 """Characters of an id from elsewhere; longer ones are cut."""
@@ -47,13 +49,14 @@ class Site:
 
     def is_ours(self, host: str) -> bool:
         """Whether a request's Host header names this service."""
-        return host == urlsplit(self.public).netloc or rules.is_our_host(host, self.listen)
+        public = urlsplit(self.public)
+        return _is_at(public, f"{public.scheme}://{host}") or rules.is_our_host(host, self.listen)
 
     def is_our_origin(self, origin: str, host: str) -> bool:
         """Whether one of our own pages opens a WebSocket."""
         public = urlsplit(self.public)
-        if public.netloc and host == public.netloc:
-            return origin == f"{public.scheme}://{public.netloc}"
+        if _is_at(public, f"{public.scheme}://{host}"):
+            return _is_at(public, origin)
         return origin == f"http{'s' if self.is_tls else ''}://{host}"
 
     @property
@@ -68,12 +71,26 @@ class Site:
     def route(self, path: str) -> Route | None:
         """Return what a path asks for; None: nothing of ours. A proxy may have removed the public path, or not."""
         path, _, query = path.partition("?")
-        if self.prefix and (path == self.prefix or path.startswith(f"{self.prefix}/")):
-            path = path[len(self.prefix) :]
-        parts = path.removeprefix("/").split("/")
-        if len(parts) < 2 or parts[0] not in (JOIN, PERSON, WATCHER, OVERVIEW):
-            return None
-        return Route(parts[0], parts[1], tuple(parts[2:]), query)
+        within = path.removeprefix(self.prefix) if path.startswith(f"{self.prefix}/") else path
+        return _route(within, query) or _route(path, query)
+
+
+def _route(path: str, query: str) -> Route | None:
+    parts = path.removeprefix("/").split("/")
+    if len(parts) < 2 or parts[0] not in (JOIN, PERSON, WATCHER, OVERVIEW):
+        return None
+    return Route(parts[0], parts[1], tuple(parts[2:]), query)
+
+
+def _is_at(public: SplitResult, origin: str) -> bool:
+    """Whether an origin is that of the public address, however the address was written."""
+    try:
+        given = urlsplit(origin)
+        wanted, found = ((one.scheme, one.hostname, one.port or PORTS.get(one.scheme)) for one in (public, given))
+    except ValueError:  # no address at all
+        return False
+    is_plain = given.username is None and origin == f"{given.scheme}://{given.netloc}"
+    return bool(public.hostname) and is_plain and found == wanted
 
 
 def outside_id(query: str, name: str) -> str:

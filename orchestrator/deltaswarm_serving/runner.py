@@ -48,12 +48,11 @@ class HostedRunner(Runner):
         self._channel = Channel(person, lambda data: self._take(PERSON, data))
         self._conductor = Channel(conductor, lambda data: self._take(CONDUCTOR, data))
 
-    def begin(self) -> None:
+    def _put_aside(self) -> None:
         """Put aside what was killed and can go on: it is no attempt of its own."""
         for run in self.session.runs:
             if (found := self._left(run)) is not None:
                 shutil.rmtree(self.folder / f"{found[0].run}.part", ignore_errors=True)
-        super().begin()
 
     def _take(self, by: str, data: bytes | None) -> None:
         """Take an input; None: who serves the pages has gone, and a later process goes on from the journal."""

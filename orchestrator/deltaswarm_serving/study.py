@@ -123,7 +123,8 @@ class Study:
         there = there if self.has_doors else [link.token for link in self.links.links]
         now_s = time.monotonic()
         for hosted in self.hosted.values():
-            if hosted.process is not None and hosted.absent_s(now_s) > self.settings.absent_after_s:
+            is_under_way = hosted.process is not None and not hosted.is_let_go
+            if is_under_way and hosted.absent_s(now_s) > self.settings.absent_after_s:
                 log.info("participant %s is away", hosted.link.number)
                 hosted.let_go()
         self.line.is_open = self.why_closed() == ""
@@ -139,7 +140,10 @@ class Study:
             self.save()  # before the process: its number is used
             hosted.seen_s = time.monotonic()
             await hosted.start(self.plan, self._ended)
-            link.state, link.begun = RUNNING, link.begun or provenance.now()
+            if link.state == ENDED:  # meanwhile, by the experimenter
+                hosted.let_go()
+            else:
+                link.state, link.begun = RUNNING, link.begun or provenance.now()
         except (OSError, CommandError) as error:
             log.error("the session of participant %s cannot start: %s", link.number, error)
             link.state = FAILED

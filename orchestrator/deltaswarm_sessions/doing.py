@@ -16,6 +16,7 @@ from deltaswarm_orchestrator.scenarios.load import language_at
 from deltaswarm_sessions import IN_PROCESS, commitment, roster
 from deltaswarm_sessions.datasets import DESCRIPTION, KINDS, export
 from deltaswarm_sessions.folder import RECORD, folder_name, read_record
+from deltaswarm_sessions.links import FILE, Links
 from deltaswarm_sessions.plan import outline, outline_text, plan
 from deltaswarm_sessions.runner import Runner
 from deltaswarm_sessions.session import Session
@@ -78,7 +79,7 @@ def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -
     with roster.held(out, only_reads=bool(arguments.table)) as is_writable:
         _finish(arguments, settings, out)
         if arguments.next:
-            number = roster.next_number(settings, out)
+            number = roster.next_number(settings, out, Links.read(out).numbers)
             show(arguments, number, _next_text(number))
         elif arguments.withdraw is not None:
             told = _withdraw(arguments, settings, out, arguments.withdraw)
@@ -89,6 +90,7 @@ def _keep(arguments: argparse.Namespace, settings: SessionSettings, out: Path) -
             ]
             show(arguments, told, "\n".join(lines))
         elif arguments.renumber:
+            _check_not_of_a_link(out, "--renumber", arguments.renumber[1])
             folder = roster.renumber(out, *arguments.renumber)
             show(arguments, {"folder": str(folder)}, str(folder))
         else:
@@ -133,6 +135,7 @@ def _do(
     participant: int = arguments.participant
     check_out(out)
     roster.check_number(out, participant)
+    _check_not_of_a_link(out, "--participant", participant)
     begun = kept_of(settings, beside, out, participant, is_pilot=arguments.pilot)
     if arguments.language is not None:  # of this participant: no plan commits to it
         settings = replace(settings, language=language_at(arguments.language, Path()))
@@ -160,6 +163,15 @@ def _do(
         record = {name: value for name, value in read_record(runner.folder).items() if name != seal.SEAL}
         show(arguments, {"folder": str(runner.folder), **record}, str(runner.folder))
     return code
+
+
+def _check_not_of_a_link(out: Path, option: str, number: int) -> None:
+    """Refuse a number that is that of somebody who takes part by link: two people would share a session."""
+    if number in Links.read(out).numbers:
+        raise CommandError(
+            f"{option} must not be a number that a link has (got {number}, in {out / FILE}); "
+            "--next prints the number to use"
+        )
 
 
 def kept_of(settings: SessionSettings, beside: Path, out: Path, participant: int, *, is_pilot: bool) -> Begun:

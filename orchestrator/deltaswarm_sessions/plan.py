@@ -8,10 +8,11 @@ place, so that the effects of stream, place and condition can be told apart. No 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from json import dumps
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
+
+import tomli_w
 
 from deltaswarm_orchestrator.base.exits import aligned
 from deltaswarm_orchestrator.scenarios import BUILT_IN
@@ -162,6 +163,11 @@ def run_folder(place: int, label: str) -> str:
     return f"{place}-{label.replace(' ', '-')}"
 
 
+def _override(key: str, value: Any) -> str:
+    """Return what sets a key, with any character in it."""
+    return f"{key}={tomli_w.dumps({'value': value}).partition('=')[2].strip()}"
+
+
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
     """Plan all runs of a participant, the training first; relative paths start at `beside`."""
     count, criterion = len(settings.condition), settings.training.criterion
@@ -179,10 +185,10 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
         overrides = [
             *DEFAULTS,
-            *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),
+            *(_override(f"operator.page.{key}", value) for key, value in shown.items()),
             *settings.set,
             *condition.set,
-            *(f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()),
+            *(_override(f"operator.probes.{key}", value) for key, value in sheet.items()),
         ]
         scenario = scenarios.load_scenario(name, overrides, seed_of(settings.seed, number, 1))
         scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)

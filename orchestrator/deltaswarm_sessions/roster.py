@@ -293,7 +293,9 @@ def next_number(
     done.update(balanced(number) for number in promised if number not in used)
     numbers = (number for number in range(1, MAX_PARTICIPANT + 1) if (number - 1) // group % of == mine - 1)
     free = (number for number in numbers if number not in used and number not in promised)
-    number = min(free, key=lambda number: (done[balanced(number)], number))
+    number = min(free, key=lambda number: (done[balanced(number)], number), default=None)
+    if number is None:
+        raise CommandError(f"no number up to {MAX_PARTICIPANT} is free (share {mine}/{of} of them)")
     return {
         "next": number,
         "counted": [record["participant"] for record in counted],

@@ -58,12 +58,16 @@ class Runner:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._lock = locked(self.folder)
         try:
+            self._put_aside()
             self._read()
             check_design(self.folder, self.session)
             write_record(self.folder, self.session)
         except BaseException:
             self._lock.release()
             raise
+
+    def _put_aside(self) -> None:
+        """Put aside what is no attempt, before attempts are read."""
 
     def run(self) -> int:
         """Do what is left of the session that was begun, and keep its record; return the exit code."""

@@ -173,9 +173,8 @@ class Evidence:
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Every table by the name of its file."""
-        names = ["runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids"]
-        frames = {name: getattr(self, name) for name in (*names, "events", "survival", "rings")}
-        own = ("points", "shares", "keys") if self.sensitivity else ()
+        frames = {name: getattr(self, name) for name in tables.OF_RESULTS}
+        own = tables.OF_SENSITIVITY if self.sensitivity else ()
         return frames | {name: getattr(self.sensitivity, name) for name in own}
 
     def save(self, folder: Path) -> list[Path]:

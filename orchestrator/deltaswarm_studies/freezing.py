@@ -9,10 +9,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from deltaswarm_orchestrator.base import frozen, provenance
+from deltaswarm_orchestrator.base import frozen, provenance, seal
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.frozen import HASH, Table
 from deltaswarm_orchestrator.sweeps.table import read_table
+from deltaswarm_studies.crate import METADATA
 from deltaswarm_studies.fixed import FORMAT
 from deltaswarm_studies.origin import PROVENANCE, facts_of, sealed_tables
 from deltaswarm_studies.protocol import (
@@ -27,6 +28,7 @@ from deltaswarm_studies.protocol import (
 )
 from deltaswarm_studies.settings import EXPLORATORY, PROTOCOL
 from deltaswarm_studies.study import Study
+from deltaswarm_studies.tables import TABLES
 
 FOUND = ("estimate", "low", "high", "verdict")
 KEPT = {
@@ -34,6 +36,9 @@ KEPT = {
     "contrasts": ("contrast", "metric", "level", "reference", "within", *FOUND),
 }
 """Tables, with their columns, that are kept of a protocol that is replaced."""
+
+WRITTEN = ("page.html", "page.md", "figures", "sweep", PROTOCOL, seal.RECORD, METADATA)
+"""What a study's command writes into its folder besides tables."""
 
 ASIDE = "replaced"
 """The folder, in the study's, that gets page, tables and runs of a protocol that is replaced."""
@@ -162,12 +167,14 @@ def _at_commit(name: str, folder: Path, revision: str, reason: str) -> Table:
 
 
 def _set_aside(folder: Path, name: str) -> None:
+    """Move what `deltaswarm study` wrote into a folder of its own; what else is there stays."""
     aside = folder / ASIDE / name
     if aside.exists():
         raise ProtocolError(f"{aside} must not be there yet, since it gets what is replaced; move it away")
     aside.mkdir(parents=True)
     for path in list(folder.iterdir()):
-        if path.name != ASIDE:
+        is_table = path.stem in TABLES and path.suffix in (".csv", ".parquet")
+        if is_table or path.name in WRITTEN:
             shutil.move(path, aside)
 
 

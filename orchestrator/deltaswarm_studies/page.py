@@ -63,9 +63,7 @@ def pages(
             "calibrated": verdicts.counts(evidence.claims, is_calibrated=True),
             "tests": verdicts.tests(evidence.tables),
             "arrivals": evidence.arrivals,
-            "averaged": sorted(
-                {study.factor_title(one.over) for one in (*study.file.claim, *study.file.contrast) if one.over}
-            ),
+            "averaged": sorted({study.factor_title(over) for over in study.averaged_over}),
             "events": event_tables.kept(study, evidence.events, evidence.runs),
             "sensitivity": sensitivity_page.facts(study, evidence.sensitivity) if evidence.sensitivity else {},
             "horizons_s": sorted({scenario.metrics.horizon_s for scenario in study.sweep.scenarios}),

@@ -93,6 +93,13 @@ class Study:
         return sensitivity.range if sensitivity else ()
 
     @property
+    def averaged_over(self) -> set[str]:
+        """The factors over whose levels claims and contrasts average."""
+        return {
+            over for over in (*(one.over for one in self.file.claim), *(one.over for one in self.file.contrast)) if over
+        }
+
+    @property
     def digests(self) -> tuple[str, str]:
         """Digests of what the study file runs, and of what it asks."""
         sweep, asked = checked.plain(self.sweep.file), checked.plain(self.file)

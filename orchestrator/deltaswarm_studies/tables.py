@@ -24,6 +24,14 @@ INVALID = ("variant", "replicate", "means", "reason")
 MAX_INVALID = 0.2
 """A variant is not judged if more than this share of its replicates is invalid."""
 
+OF_RESULTS = (
+    *("runs", "invalid", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids"),
+    *("events", "survival", "rings"),
+)
+OF_SENSITIVITY = ("points", "shares", "keys")
+TABLES = (*OF_RESULTS, *OF_SENSITIVITY, "provenance")
+"""Names of all tables beside a page."""
+
 Samples = Callable[[str], pd.Series]
 """A function from a variant to its values of a metric by replicate."""
 

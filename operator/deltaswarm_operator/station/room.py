@@ -81,8 +81,9 @@ class Room:
         self.tell(ENDED)
 
     @property
-    def is_empty(self) -> bool:
-        return not self._browsers
+    def has_person(self) -> bool:
+        """Whether a page is there that does not only watch."""
+        return any(visitor.role != rules.WATCH for visitor in self._browsers.values())
 
     @property
     def shown(self) -> Message:

@@ -64,7 +64,10 @@ class Visitor(ServerConnection):
             self.has_begun = method is None or method[1] == b"GET"
             if not self.has_begun:
                 self.transport.write(response(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET").serialize())
-                self.transport.write_eof()  # and what still comes is read: a reset could overtake the answer
+                if self.transport.can_write_eof():  # and what still comes is read: a reset could overtake the answer
+                    self.transport.write_eof()
+                else:  # TLS
+                    self.transport.close()
         if self.has_begun:
             super().data_received(data)
 

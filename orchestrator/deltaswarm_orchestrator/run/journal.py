@@ -98,14 +98,17 @@ class Journal:
 
 
 def _values(data: bytes) -> Iterator[tuple[Any, int]]:
-    """Yield each whole value with the number of bytes up to its end."""
+    """Yield each whole value with the number of bytes up to its end; what a power cut left is no row, such as zeros."""
     unpacker = msgpack.Unpacker()
     unpacker.feed(data)
     while True:
         try:
-            yield unpacker.unpack(), unpacker.tell()
+            value = unpacker.unpack()
         except (msgpack.OutOfData, ValueError):
             return
+        if not isinstance(value, list):
+            return
+        yield value, unpacker.tell()
 
 
 def _boot() -> str:

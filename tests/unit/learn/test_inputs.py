@@ -54,3 +54,5 @@ def test_the_command_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert all(f"| `{name}` |" in out.read_text() for name in INPUTS)
     assert main(["learn", "inputs", "--policy", str(out), *given]) == 2
     assert "--policy" in capsys.readouterr().err
+    assert main(["learn", "inputs", *given, "--set", "run.duration_s=30"]) == 2
+    assert "must last more than 30 s" in capsys.readouterr().err

@@ -109,6 +109,25 @@ def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path: Path, s
     assert len(policy_of(resumed.record("c"))) == WEIGHTS
 
 
+@pytest.mark.parametrize("kept", [0, 10, -1, -30])
+def test_a_log_that_was_cut_off_loses_its_last_row_alone(tmp_path: Path, kept: int) -> None:
+    """Also if nothing but the beginning of its first row is left."""
+    trained(tmp_path / "log", 4)
+    whole = (tmp_path / "log").read_text()
+    (tmp_path / "log").write_text(whole[:kept])
+    trained(tmp_path / "log", 4)
+    assert (tmp_path / "log").read_text() == whole
+
+
+def test_a_log_that_was_edited_is_named_by_its_line(tmp_path: Path) -> None:
+    trained(tmp_path / "log", 3)
+    rows = (tmp_path / "log").read_text().splitlines()
+    for wrong in ('{"cost": []}', '{"costs": [1.0]}', "[]", "x"):
+        (tmp_path / "log").write_text("\n".join([*rows[:2], wrong, *rows[3:]]) + "\n")
+        with pytest.raises(SettingsError, match="log, line 3 must be as a training wrote it"):
+            trained(tmp_path / "log", 4)
+
+
 def test_the_log_of_another_training_is_refused(tmp_path: Path) -> None:
     trained(tmp_path / "log", 1)
     with pytest.raises(SettingsError, match="must be the log of this training"):

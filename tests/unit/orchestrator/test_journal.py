@@ -55,6 +55,16 @@ def test_a_row_that_was_cut_off_is_cut_off_in_the_file(tmp_path: Path) -> None:
     assert seen == {1, 2, 3}
 
 
+def test_zeros_that_a_power_cut_left_are_no_rows(tmp_path: Path) -> None:
+    header = written(tmp_path / "j")
+    whole = (tmp_path / "j").read_bytes()
+    (tmp_path / "j").write_bytes(whole + bytes(100))
+    assert Journal.read(tmp_path / "j") == (header, ROWS)
+    assert (tmp_path / "j").read_bytes() == whole
+    (tmp_path / "zeros").write_bytes(bytes(100))
+    assert Journal.read(tmp_path / "zeros") is None
+
+
 def test_there_may_be_none(tmp_path: Path) -> None:
     assert Journal.read(tmp_path / "j") is None
 

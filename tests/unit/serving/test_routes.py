@@ -31,6 +31,34 @@ def test_a_path_has_a_kind_a_token_and_what_is_below(path: str, route: Route | N
     assert LOCAL.route(f"/swarm{path}") is None
 
 
+def test_a_public_path_may_be_called_like_a_kind() -> None:
+    """A proxy that removes it leaves addresses that begin in the same way."""
+    site = Site("127.0.0.1", "https://study.example.org/p")
+    for path in ("/p/abc/", "/p/p/abc/"):
+        assert site.route(path) == Route("p", "abc", ("",), "")
+    assert site.route("/p/j/abc/") == Route("j", "abc", ("",), "")
+
+
+@in_one_test(
+    "public", ["https://Study.Example.org", "https://study.example.org:443/swarm", "https://study.example.org"]
+)
+def test_browsers_write_the_public_address_in_their_own_way(public: str) -> None:
+    site = Site("127.0.0.1", public)
+    for host in ("study.example.org", "study.example.org:443"):
+        assert site.is_ours(host)
+        assert site.is_our_origin("https://study.example.org", host)
+    for host in (
+        "study.example.org:444",
+        "me@study.example.org",
+        "study.example.org/x",
+        "study.example.org:x",
+        "[",
+        "",
+    ):
+        assert not site.is_ours(host)
+    assert not site.is_our_origin("http://study.example.org", "study.example.org")
+
+
 def test_a_path_that_only_begins_like_the_public_one_is_not_below_it() -> None:
     assert PUBLIC.route("/swarmp/abc/") is None
 

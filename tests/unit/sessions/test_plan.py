@@ -213,6 +213,9 @@ def test_paths_start_at_the_sessions_file(tmp_path: Path) -> None:
     (tmp_path / "consent.txt").write_bytes(b"\xff\xfe\xff")
     with pytest.raises(SettingsError, match=r"session.consent must be a text file.*'consent.txt'"):
         plan(settings, 1, beside)
+    strange = "Dürfen wir? \U0001f642\n\n\"\x7f\\\" ''' = #"
+    (tmp_path / "consent.txt").write_text(strange)
+    assert plan(settings, 1, beside)[0].scenario.operator.probes.consent == strange
     (tmp_path / "consent.txt").write_bytes(b"\xef\xbb\xbfYes?")
     for consent, shown in (("consent.txt", "Yes?"), ("", "")):
         assert plan(replace(settings, consent=consent), 1, beside)[0].scenario.operator.probes.consent == shown

@@ -12,6 +12,7 @@ from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_sessions import roster
+from deltaswarm_sessions.links import Links
 from deltaswarm_sessions.plan import plan
 from deltaswarm_sessions.roster import next_number, renumber, withdraw
 from deltaswarm_sessions.settings import load_session
@@ -152,6 +153,27 @@ def test_a_number_that_was_corrected_is_not_offered(tmp_path: Path, monkeypatch:
     assert main([*command, "--renumber", "1", "2"]) == 0
     found = next_number(load_session(command[1])[0], tmp_path / "out")
     assert (found["next"], found["not_complete"]) == (3, [2])
+
+
+def test_a_number_that_a_link_has_is_for_nobody_else(command: list[str], tmp_path: Path, capsys: Printed) -> None:
+    """Else two people would do one session, and one of them would get the code for the other's data."""
+    assert main([*command, "--participant", "4"]) == 0
+    links = Links()
+    for number in (1, 2, None):
+        links.add(number)
+    links.write(tmp_path / "out")
+    capsys.readouterr()
+    assert main([*command, "--next"]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "3"
+    for given in (["--participant", "2"], ["--renumber", "4", "2"]):
+        assert main([*command, *given]) == 2
+        assert f"{given[0]} must not be a number that a link has (got 2" in capsys.readouterr().err
+    assert main([*command, "--renumber", "4", "3"]) == 0
+
+
+def test_a_share_without_a_free_number_says_so(tmp_path: Path) -> None:
+    with pytest.raises(CommandError, match="is free"):
+        next_number(load_session(str(a_file(tmp_path, 2)))[0], tmp_path, (), (9999, 9999))
 
 
 def test_the_next_number_keeps_the_balance_after_drop_outs(command: list[str], tmp_path: Path) -> None:

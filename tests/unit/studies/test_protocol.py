@@ -335,13 +335,16 @@ def test_a_protocol_in_the_history_of_the_folder_is_replaced_too(folder: Path, a
     (folder / PROTOCOL).unlink()
     at(LATE)
     freeze(made(ASKED), folder, None)
+    for name in ("page.md", "runs.csv", "runs.parquet", "mine.csv", "study.toml"):
+        (folder / name).touch()
     with pytest.raises(ProtocolError, match="nothing"):
         freeze(made(ASKED), folder, None, "Again.", [("nothing", "Forgotten.")])
     freeze(made(ASKED), folder, None, "Again.", [("HEAD", "Forgotten.")])
     found = protocol_of(made(ASKED), folder)
     assert [record["entries"][0]["date"] for record in found.replaced] == [EARLY, LATE]
     assert [record["reason"].partition(" (as of")[0] for record in found.replaced] == ["Forgotten.", "Again."]
-    assert [path.name for path in folder.glob("replaced/*/*")] == [PROTOCOL]
+    assert {path.name for path in folder.glob("replaced/*/*")} == {PROTOCOL, "page.md", "runs.csv", "runs.parquet"}
+    assert {path.name for path in folder.iterdir()} == {PROTOCOL, "replaced", "mine.csv", "study.toml"}
     assert found.problems == []
 
 
