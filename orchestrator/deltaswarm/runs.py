@@ -68,11 +68,13 @@ def run(
         Error: the scenario has mistakes, the folder exists, the parts cannot start, or no step was done.
     """
     with one_error("deltaswarm.run"):
+        from deltaswarm_orchestrator.results.folder import check_target
         from deltaswarm_orchestrator.run.options import RunOptions
 
         temporary = TemporaryFolder() if out is None else None
         folder = Path(out or "") if temporary is None else temporary.path / "run"
         file = None if commands is None else Path(commands)
+        check_target(folder, force)  # before a file is written that the run there may have been done with
         density = folder.parent / f"{folder.name}-density.npy"
         loaded, given = scenario_of(os.fspath(scenario), keys or {}, seed, file, density)
         if engine != IN_PROCESS:

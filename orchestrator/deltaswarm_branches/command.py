@@ -178,6 +178,7 @@ def branch(arguments: argparse.Namespace) -> int:
     from deltaswarm_branches.plan import Difference, at_step, plan
     from deltaswarm_branches.repetition import repeat
     from deltaswarm_cli.report import run_and_report
+    from deltaswarm_orchestrator.base.signals import heed_signals_again
     from deltaswarm_orchestrator.results.folder import check_target
     from deltaswarm_orchestrator.run.options import RunOptions
 
@@ -198,6 +199,8 @@ def branch(arguments: argparse.Namespace) -> int:
         unchanged = plan(parent, step, Difference())
         _say_if_too_few(arguments.replicates, 1)
     out = arguments.out or free_folder(Path("runs") / f"{parent.scenario.name}-at{at_s:g}")
+    if parent.folder.resolve() in (out.resolve(), part_of(out).resolve()):
+        raise CommandError(f"--out must be another folder than RUN's, from which the branch is made (got {out})")
     check_target(out, arguments.force)
     part, is_in_process = part_of(out), not arguments.processes
     force: bool = arguments.force
@@ -210,6 +213,7 @@ def branch(arguments: argparse.Namespace) -> int:
     _, scenario = prepare(repetition, planned, difference, out, engine, force=force)
     code = run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
     if arguments.replicates and code == OK:
+        heed_signals_again()
         _compare(Work(repetition, [Comparison(planned, unchanged)], arguments.engine), out, arguments)
     return code
 

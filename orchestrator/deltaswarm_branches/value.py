@@ -65,7 +65,8 @@ def _plans(parent: Parent, order: Order, later: str) -> Iterable[Any]:
     both: tuple[int, ...] = ()
     only = Difference(drop=(order.number,), later=later)
     if later == DROPPED:
-        both = tuple(other.number for other in parent.orders if other.step >= order.step and other != order)
+        left = order.step, order.number  # of orders in one step, those with greater numbers come later
+        both = tuple(other.number for other in parent.orders if (other.step, other.number) > left)
         only = Difference(drop=(*both, order.number), later=KEPT)
     return (plan(parent, order.step, each) for each in (Difference(drop=both, later=only.later), only))
 

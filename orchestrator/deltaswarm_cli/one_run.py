@@ -136,7 +136,8 @@ def station(arguments: argparse.Namespace) -> int:
 
     run: Path = arguments.run
     must_exist(run, "RUN", A_RUN, or_part=True)
-    url = address(part_of(run))
+    run = run.resolve()
+    url = address(part if (part := part_of(run)).is_dir() else run)
     if url is None:
         raise CommandError(
             f"{run}: no run with a station is under way there; see: {command_line('replay', run)}", FAILED

@@ -158,7 +158,9 @@ def finish_recordings(folder: Path) -> list[Path]:
     """
     if not any(folder.glob(f"*{PART}")):
         return []
-    from deltaswarm_orchestrator.recording.finishing import is_cut_off, write_complete_copy  # imports protobuf: slow
+    # These import protobuf, which is slow.
+    from deltaswarm_orchestrator.recording.finishing import is_cut_off, write_complete_copy
+    from deltaswarm_orchestrator.recording.reader import RecordingError
 
     try:
         cut_off = [part for name in (RECORDING, WIRE) if is_cut_off(part := folder / (name + PART))]
@@ -170,6 +172,6 @@ def finish_recordings(folder: Path) -> list[Path]:
                 stack.callback(complete.unlink, missing_ok=True)
                 write_complete_copy(part, complete)
                 complete.replace(part)
-    except (HeldError, OSError):
+    except (HeldError, OSError, RecordingError):  # what is wrong is said where the run is read
         return []
     return cut_off

@@ -75,8 +75,9 @@ def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, 
     at = receiver if isinstance(receiver, int) else None
     differs = None
     for record, _ in islice(swarm.steps(max(at_step + 1, scenario.run.steps)), at_step + 1):
-        if differs is None and record.step < len(rows) and _air_of(record) != _air_of(rows[record.step]):
-            differs = record.step
+        if differs is None and record.step < len(rows):
+            is_last = record.step == len(rows) - 1
+            differs = None if _air_of(record, is_last) == _air_of(rows[record.step], is_last) else record.step
     diagnoses, outcomes = swarm.world.explain(sender, at)
     if at is None and swarm.world.uplink is None:
         reports = swarm.operator.reports_of_closed_step  # without an uplink model, each arrives at once
@@ -87,9 +88,13 @@ def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, 
     return LinkFindings(sender, receiver, at_step, time_s, reason, tuple(findings), tuple(outcomes), differs, len(rows))
 
 
-def _air_of(record: StepRecord) -> tuple[Any, ...]:
-    """Return a row's values for comparison: all except the covered area, which is not measured in every row."""
-    return tuple(value for name, value in record.columns().items() if name != "covered_area_m2")
+def _air_of(record: StepRecord, is_last: bool) -> tuple[Any, ...]:
+    """Return a row's values for comparison: all except the covered area, which is not measured in every row.
+
+    In a run's last step all agents are asked; so its row has other numbers of that, and of what controllers count.
+    """
+    left_out = {"covered_area_m2", *(("agents_asked", *record.metrics) if is_last else ())}
+    return tuple(value for name, value in record.columns().items() if name not in left_out)
 
 
 def text(answer: LinkFindings) -> str:

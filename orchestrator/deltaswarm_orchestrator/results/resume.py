@@ -8,7 +8,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import inputs, provenance, seal
 from deltaswarm_orchestrator.base.provenance import sources
-from deltaswarm_orchestrator.recording import PART, RECORDING, WIRE
+from deltaswarm_orchestrator.recording import COMMANDS, PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_scenario.scenario import Scenario, scenario_digest
 from deltaswarm_wire import checkpoint
@@ -24,7 +24,7 @@ BRANCH, AFTER_STEP = "branch", "after_step"
 OPERATOR_STATE = "operator-state.json"
 """What an operator resumes from."""
 
-OF_AN_END = ("series.csv", "events.csv", "summary.json", "world.json", "operator.json")
+OF_AN_END = ("series.csv", "events.csv", "summary.json", "world.json", "operator.json", COMMANDS, "commands.csv")
 """Files that a run writes when it ends, complete or not."""
 
 

@@ -109,7 +109,9 @@ class _Run:
         if context.resumed:
             step = context.resumed.step
             self.manifest = seal.read_sealed(self.folder.path / seal.MANIFEST)
-            self.manifest |= {"exit_reason": run_tables.RUNNING}
+            for name in ("why", "complete"):  # of an earlier end, beyond which this run goes
+                self.manifest.pop(name, None)
+            self.manifest |= {"exit_reason": run_tables.RUNNING, "digest": None, "events_digest": None}
             if step != self.manifest.get(resume.BRANCH, {}).get(resume.AFTER_STEP):
                 self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": step}]
         else:

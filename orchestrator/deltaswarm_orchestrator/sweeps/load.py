@@ -102,7 +102,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
         given = [(path, name) for path, name in set_here if name in names]
         problems += [Problem(name, repr(_at(base, name)), f"{reason}, {ALSO} {_place(path)}") for path, name in given]
     if ("--set", GRID) in set_here and not problems:  # a path on the command line is relative to the working folder
-        scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
+        scenarios.put(base, GRID, with_absolute_grids({GRID: _at(base, GRID)}, Path())[GRID])
     base["record"] = "off"
     points: list[list[Variant]] = []
     if file.sensitivity and not problems:
@@ -125,7 +125,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
     kept = file.base if file.base in BUILT_IN else str((beside / file.base).resolve())
     factors = [[_label(row) for row in rows] for rows in choices]
-    return Sweep(replace(file, base=kept, scenario=shared), variants, factors, points)
+    return Sweep(replace(file, base=kept, scenario=shared), variants, factors, points, beside)
 
 
 def _place(path: str) -> str:
@@ -162,7 +162,7 @@ def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
 def _flat(table: Mapping[str, Any], path: str, beside: Path, problems: list[Problem]) -> Row:
     """Flatten to dotted keys: TOML reads `control.delta = 3` as nested tables, `"control.delta" = 3` as one key.
 
-    The path of a grid's file, or of each in a list, becomes absolute: it is relative to the file that names it.
+    Paths of grids become absolute.
     """
     flat: Row = {}
     waiting = [*reversed(list(table.items()))]
@@ -176,15 +176,18 @@ def _flat(table: Mapping[str, Any], path: str, beside: Path, problems: list[Prob
             problems.append(Problem(f"{path}.{name}", "given twice", "give it once"))
         else:
             flat[name] = value
-    if GRID in flat:
-        flat[GRID] = _absolute(flat[GRID], beside)
-    return flat
+    found: Row = with_absolute_grids(flat, beside)
+    return found
 
 
-def _absolute(named: Any, beside: Path) -> Any:
-    if isinstance(named, list):
-        return [_absolute(file, beside) for file in named]
-    return str(beside.absolute() / named) if isinstance(named, str) and named else named
+def with_absolute_grids(value: Any, beside: Path, path: str = "") -> Any:
+    """Make the paths of grids absolute, wherever in a table: they are relative to the file that names them."""
+    if isinstance(value, dict):
+        return {name: with_absolute_grids(inner, beside, f"{path}.{name}") for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [with_absolute_grids(inner, beside, path) for inner in value]
+    is_grid = path.endswith(f".{GRID}") and isinstance(value, str) and value
+    return str(beside.absolute() / value) if is_grid else value
 
 
 def _choices(
@@ -269,8 +272,7 @@ def _points(
 
     def at(point: Row) -> tuple[list[Variant], list[Problem]]:
         values = {one.name: one.value(point[one.name]) for one in settings.range}
-        if GRID in values:
-            values[GRID] = _absolute(values[GRID], beside)
+        values = with_absolute_grids(values, beside)
         made, wrong = _variants(base, [{**row, **values} for row in rows])
         return [replace(variant, keys={**variant.keys, **point}) for variant in made], wrong
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import orjson
@@ -120,6 +121,8 @@ class Sweep:
 
     Replicates are numbered from point to point: with two runs per point, 0 and 1 are those of the first.
     """
+    beside: Path = Path()
+    """The folder from which file names in `file` start."""
 
     @property
     def scenarios(self) -> list[Scenario]:

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
@@ -20,7 +20,8 @@ from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Done, Engine, EngineLostError
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task
-from deltaswarm_orchestrator.sweeps.plan import Sweep, flattened
+from deltaswarm_orchestrator.sweeps.load import with_absolute_grids
+from deltaswarm_orchestrator.sweeps.plan import Job, Sweep, flattened
 from deltaswarm_orchestrator.sweeps.table import InvalidRun, invalid_run
 from deltaswarm_wire import checked
 from deltaswarm_wire.files import write_whole
@@ -141,13 +142,12 @@ def run_sweep(
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest, {name: was for name, was in seal.files_of(before).items() if name != PLAN})
-        write_whole(path / PLAN, tomli_w.dumps(checked.plain(sweep.file)).encode())
+        plan = with_absolute_grids(checked.plain(sweep.file), sweep.beside)  # it is read where it lies
+        write_whole(path / PLAN, tomli_w.dumps(plan).encode())
         reporter.announce(len(wanted), len(wanted) - len(tasks))
         failed, rows, interrupted = _do(tasks, folder, make_engine, reporter)
         invalid = {_run_of(row): row for row in [*before.get("invalid", []), *rows]}
-        missing = {(job.variant.label, job.replicate, by) for job, by in wanted if not folder.has(job, by)}
-        in_order = [(job.variant.label, job.replicate, by) for job, by in kept.values()]
-        invalid = {run: invalid[run] for run in in_order if run in invalid and run in missing}
+        invalid = _of_all_labels(invalid, jobs, {folder.file(*run) for run in wanted if not folder.has(*run)}, folder)
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
         with_series |= (path / "series.csv").exists()  # else it would have fewer runs than the table
@@ -206,6 +206,22 @@ def _do(
     except (EngineLostError, InputsChangedError) as error:
         failed.append(str(error))
     return failed, invalid, False
+
+
+def _of_all_labels(
+    invalid: Mapping[tuple[Any, ...], InvalidRun], jobs: Iterable[Job], missing: set[Path], folder: SweepFolder
+) -> dict[tuple[Any, ...], InvalidRun]:
+    """Return rows of the runs that are missing, for each label of a variant, though one was tried for all."""
+    labels: dict[Path, list[tuple[Any, ...]]] = {}
+    for job in jobs:
+        for by in (IN_PROCESS, PROCESSES):
+            labels.setdefault(folder.file(job, by), []).append((job.variant.label, job.replicate, by))
+    found: dict[tuple[Any, ...], InvalidRun] = {}
+    for file, runs in labels.items():
+        rows = [invalid[run] for run in runs if run in invalid]
+        if file in missing and rows:
+            found |= {run: {**rows[0], "variant": run[0], "replicate": run[1]} for run in runs}
+    return found
 
 
 def _run_of(row: InvalidRun) -> tuple[Any, ...]:

@@ -11,6 +11,7 @@ import orjson
 
 from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.paths import part_of
 from deltaswarm_orchestrator.live.views import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.results.folder_lock import is_held
 
@@ -95,7 +96,7 @@ def linked(run: Path | None, base: Path) -> Link:
 
 
 def _linked_to(run: Path) -> Link:
-    part = run.with_name(f"{run.name}.part")
+    part = part_of(run.resolve())
     folder = part if part.is_dir() and not (run / LIVE_SOCKET).exists() else run
     if not folder.is_dir():
         raise NoRunError(f"{run} must be the folder of a run in progress")

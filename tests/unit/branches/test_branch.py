@@ -213,6 +213,12 @@ def test_by_force_a_branch_replaces_what_is_there(scripted: Path, tmp_path: Path
         assert main(["branch", str(scripted), "--drop-command", "1", "--out", str(out)]) == 2
         assert f"{there} exists" in capsys.readouterr().err.splitlines()[0]
         (tmp_path / "away").rename(kept)
+    whole = shutil.copytree(scripted, tmp_path / "whole")
+    for force in ([], ["--force"]):
+        assert main(["branch", str(whole), "--drop-command", "1", "--out", str(whole), *force]) == 2
+        assert "--out must be another folder than RUN's" in capsys.readouterr().err
+    assert (whole / "manifest.json").exists()
+    shutil.rmtree(whole)
     (out / "mark").touch()
     branched(scripted, out, "--drop-command", "1", "--force")
     assert [path.name for path in tmp_path.iterdir()] == ["branch"]

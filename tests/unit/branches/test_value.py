@@ -2,9 +2,12 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from deltaswarm_branches import value
 from deltaswarm_branches.pairs import MEASURES
 from deltaswarm_branches.parent import read_parent
 from deltaswarm_branches.value import value_of_command
@@ -78,6 +81,14 @@ def test_orders_of_a_rule_are_compared_with_later_ones_decided_kept_or_dropped(t
     }
     assert len({tuple(value) for value in values.values()}) >= 2
     assert value_of_command(parent, [0], replicates=0)[2] == "decided"
+
+
+def test_with_dropped_orders_those_before_stay_also_of_the_same_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of two orders in one step comes before the second."""
+    monkeypatch.setattr(value, "plan", lambda parent, step, difference: (step, difference.drop))
+    orders = [SimpleNamespace(number=number, step=step) for number, step in enumerate((40, 40, 90))]
+    parent: Any = SimpleNamespace(orders=orders)
+    assert list(value._plans(parent, parent.orders[1], "dropped")) == [(40, (2,)), (40, (2, 1))]
 
 
 def test_orders_that_are_not_there_are_refused(scripted: Path, tmp_path: Path, capsys: Printed) -> None:

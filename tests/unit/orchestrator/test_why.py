@@ -158,6 +158,14 @@ def test_a_run_is_asked_by_its_folder(folder: Path, capsys: Printed) -> None:
     assert (found["step"], found["sender"], found["receiver"], found["differs_from_step"]) == (100, 1, 2, None)
 
 
+def test_the_last_step_is_that_of_the_run_too(folder: Path, tmp_path: Path, capsys: Printed) -> None:
+    """All agents are asked in it, which is no disturbance; nor is it in a run that was stopped before its end."""
+    assert main(["why", str(folder), "1", "2", "--at", "299"]) == 0
+    assert "equals" in capsys.readouterr().out
+    rows = [record for record, _ in InProcess(a_scenario("run.duration_s=60")).steps()]
+    assert examine(a_scenario(), 1, 2, 80, rows).differs_from_step is None
+
+
 def test_without_a_link_it_says_how_the_run_ended(folder: Path, capsys: Printed) -> None:
     """What failed, in its order; a link that is asked for in part is a mistake."""
     assert main(["why", str(folder)]) == 0

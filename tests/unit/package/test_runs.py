@@ -180,6 +180,8 @@ def test_a_density_may_be_a_function(tmp_path: Path) -> None:
     assert len(run.events) > 100
     assert run.events["x_m"].between(30, 40).all()
     assert run.events["y_m"].between(0, 10).all()
+    with pytest.raises(deltaswarm.Error, match="run exists"):
+        deltaswarm.run("smoke", keys | {"events.density": lambda x, y: x < 10}, out=tmp_path / "run", progress=False)
     again = deltaswarm.run(tmp_path / "run" / "scenario.toml", progress=False)
     assert again.digest == run.digest
     for wrong in (lambda x: x, lambda x, y: 1 / 0, lambda x, y: x - 1, lambda x, y: float("nan"), lambda x, y: 0.0):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from deltaswarm_cli.main import main
-from deltaswarm_orchestrator.sweeps.load import built_in, load_sweep, make_sweep
+from deltaswarm_orchestrator.sweeps.load import built_in, load_sweep, make_sweep, with_absolute_grids
 from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
+from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError
 from tests.support.complaints import names
 from tests.support.sweeping import described, made, mistakes, written
@@ -137,6 +138,11 @@ def test_files_are_looked_for_beside_the_file_that_names_them(tmp_path: Path, mo
         tmp_path / "sub" / "2.csv",
     ]
     assert sweep.variants[0].scenario.run.duration_s == 77.0
+    kept = with_absolute_grids(checked.plain(sweep.file), sweep.beside)
+    assert kept["sweep"]["axes"]["events"]["density"]["file"] == [str(tmp_path / "sub" / f"{n}.csv") for n in (1, 2)]
+    grids = '[sweep.axes]\n"events.density" = [{ kind = "grid", file = "1.csv" }]\n'
+    whole = load(tmp_path / "sub", 'schema = 1\nbase = "base.toml"\n' + grids)
+    assert Path(whole.variants[0].scenario.events.density.file) == tmp_path / "sub" / "1.csv"
     (variant,) = load(tmp_path / "sub", text + "[sweep.axes]\ncontrol.delta=[2]", "events.density.file=3.csv").variants
     assert Path(variant.scenario.events.density.file) == tmp_path / "3.csv"
 

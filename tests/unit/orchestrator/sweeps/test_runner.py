@@ -54,6 +54,16 @@ def conducted(sweep: Sweep, out: Path, engine: Here, **options: Any) -> SweepRes
     return run_sweep(sweep, out, lambda: engine, SweepReporter(), **options)
 
 
+def test_a_run_that_fails_for_two_labels_is_invalid_for_both(tmp_path: Path) -> None:
+    """One was tried for both, so that neither is just missing."""
+    losses = {"base": 0.0, "no loss": 0.0, "half": 0.5}
+    variants = [{"label": label, "radio.loss": loss} for label, loss in losses.items()]
+    sweep = made({"variants": variants, "repeats": 2, "prove": 0})
+    result = conducted(sweep, tmp_path, Here(lambda task: task.job.variant.label == "base" and task.job.replicate == 1))
+    assert [(row["variant"], row["replicate"]) for row in result.invalid] == [("base", 1), ("no loss", 1)]
+    assert result.has_all_but_invalid
+
+
 def runs(folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in (folder / "runs").iterdir()}
 
