@@ -19,7 +19,7 @@ from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_board.bodies import find_body, make_body, options_of
 from deltaswarm_board.driver import Follower
 from deltaswarm_board.process import BoardRun, run_board
-from deltaswarm_board.service import Notifier, log_to
+from deltaswarm_board.service import Notifier, block_signals, log_to, stand_on_signals
 from deltaswarm_board.settings import WORLD_BODY, BoardSettings, read_settings
 from deltaswarm_wire.arguments import Parser, number, program, whole
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -145,7 +145,8 @@ def make_follower(settings: BoardSettings, options: Any) -> Follower | None:
         return None
     agent = settings.agent
     context = BodyContext(settings.id, agent, Random(f"deltaswarm/{agent.seed}/agent/{settings.id}/body"))
-    return Follower(make_body(find_body(settings.body.follower), options, context), agent.step_s)
+    body = make_body(find_body(settings.body.follower), options, context)
+    return Follower(body, agent.step_s, settings.body.max_std_m)
 
 
 def run_in_world(settings: BoardSettings, options: Any) -> int:
@@ -159,6 +160,8 @@ def run_in_world(settings: BoardSettings, options: Any) -> int:
         signal.signal(
             signal.SIGINT, signal.SIG_DFL
         )  # Python's own handler would wait for Zenoh, which may hang on a dead link
+    if options is not None:
+        block_signals()  # before there are other threads
     notifier = Notifier.from_environment()
     ended = threading.Event()
 
@@ -169,8 +172,12 @@ def run_in_world(settings: BoardSettings, options: Any) -> int:
     if notifier.alive_every_s is not None:
         threading.Thread(target=tell, name="alive", daemon=True).start()
     follower = make_follower(settings, options)
+    if follower:
+        stand_on_signals(follower.close)
     try:
-        return run_agent(config, notifier.ready, *([follower.follow] if follower else []))
+        if follower:
+            return run_agent(config, notifier.ready, follower.follow, follower.close)
+        return run_agent(config, notifier.ready)
     finally:
         ended.set()
         if follower:

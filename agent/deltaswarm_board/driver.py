@@ -5,6 +5,7 @@ The controller is the same as in a simulation. It is called in every step.
 
 import logging
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -96,7 +97,7 @@ class Driver:
 
     def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> StepOutput | None:
         sensed = self._sense(time_s)
-        self.fault = self.fault or sensed.fault or self._doubt(sensed)
+        self.fault = self.fault or sensed.fault or doubt_of(sensed, self._max_std_m)
         if self.fault:
             self.faulty_steps += 1
             self.place_m = (math.nan, math.nan)
@@ -134,14 +135,16 @@ class Driver:
                 raise error
             self.fault = _failure(error)
 
-    def _doubt(self, sensed: Sensed) -> str:
-        if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
-            return "position is not a number"
-        if max(abs(sensed.x_m), abs(sensed.y_m)) > MAX_ABS_M:
-            return "position is off the Earth"
-        if not 0.0 <= sensed.std_m <= self._max_std_m:
-            return f"position has a standard deviation of {sensed.std_m:g} m"
-        return ""
+
+def doubt_of(sensed: Sensed, max_std_m: float) -> str:
+    """Return why a position cannot be relied on; empty if it can."""
+    if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
+        return "position is not a number"
+    if max(abs(sensed.x_m), abs(sensed.y_m)) > MAX_ABS_M:
+        return "position is off the Earth"
+    if not 0.0 <= sensed.std_m <= max_std_m:
+        return f"position has a standard deviation of {sensed.std_m:g} m"
+    return ""
 
 
 log = logging.getLogger("deltaswarm.follower")
@@ -152,6 +155,9 @@ GAIN_PER_S = 0.5
 GAIN_PER_STEP = 0.5
 """The same per step at most: with more, the robot would swing about a body that stands."""
 
+CLOSE_WITHIN_S = 1.0
+"""What a step of the robot's has to end in, before the robot is told to stand all the same."""
+
 BESIDE_M, APART_M = 1.0, 2.0
 """Distances to the simulated body at which a robot has caught up with it, and has lost it."""
 
@@ -159,10 +165,13 @@ BESIDE_M, APART_M = 1.0, 2.0
 class Follower:
     """One robot, which may be anything that a board drives. Its faults do not stop the agent; they are logged."""
 
-    def __init__(self, body: Body, step_s: float) -> None:
+    def __init__(self, body: Body, step_s: float, max_std_m: float) -> None:
         self.fault = ""
         """Why the robot does not follow, in a few words; "" if it does."""
         self._body = body
+        self._max_std_m = max_std_m
+        self._lock = threading.Lock()
+        self._is_closed = False
         self._gain_per_s = min(GAIN_PER_S, GAIN_PER_STEP / step_s)
         self._is_beside = True
 
@@ -170,7 +179,9 @@ class Follower:
         """Move the robot with its simulated body; call once a step."""
         before, self.fault = self.fault, ""
         try:
-            self._follow(frame, act)
+            with self._lock:
+                if not self._is_closed:
+                    self._follow(frame, act)
         except Exception as error:  # a plug-in may raise anything
             self.fault = _failure(error)
         if self.fault != before:
@@ -178,8 +189,8 @@ class Follower:
 
     def _follow(self, frame: Frame, act: Act) -> None:
         sensed = checked_sensed(self._body.sense(frame.time_s))
-        self.fault = sensed.fault
-        if sensed.fault:
+        self.fault = sensed.fault or doubt_of(sensed, self._max_std_m)
+        if self.fault:
             self._body.move(0.0, 0.0, ())
             return
         ahead_m = (frame.x_m - sensed.x_m, frame.y_m - sensed.y_m)
@@ -195,4 +206,10 @@ class Follower:
             log.info("the robot is %s", what)
 
     def close(self) -> None:
-        self._body.close()
+        """Have the robot stand, from any thread; it is not moved after that. A second call does nothing."""
+        is_free = self._lock.acquire(timeout=CLOSE_WITHIN_S)  # a body that hangs must not keep the robot moving
+        was_closed, self._is_closed = self._is_closed, True
+        if is_free:
+            self._lock.release()
+        if not was_closed:
+            self._body.close()

@@ -110,7 +110,7 @@ class Allowance:
 class RadioInbox:
     """The frames for the next step. Not thread-safe; its owner locks it."""
 
-    def __init__(self, agent: int, stale_s: float, range_m: float = 0.0) -> None:
+    def __init__(self, agent: int, stale_s: float, range_m: float = 0.0, step_s: float = 0.0) -> None:
         self.dropped: Counter[str] = Counter()
         """Dropped frames by reason."""
         self.heard = 0
@@ -118,6 +118,8 @@ class RadioInbox:
         self._agent = agent
         self._stale_s = stale_s
         self._range_m = range_m
+        self._waits_s = step_s + stale_s
+        """For how long a frame may wait here: for a step, and no longer than the agent may be late."""
         self._lateness = Lateness()
         self._allowance = Allowance()
         self._told: set[tuple[int | None, str]] = set()
@@ -176,7 +178,7 @@ class RadioInbox:
         """Take the frames since the last step, for the step at `now_s` of an agent at `place_m`."""
         heard = []
         for sender, arrival in self._newest.items():
-            if now_s - arrival.arrived_s > self._stale_s:
+            if now_s - arrival.arrived_s > self._waits_s:
                 self.dropped["stale"] += 1
             elif self._range_m and not _is_within(self._range_m, place_m, arrival.place_m):
                 self.dropped["out of range"] += 1

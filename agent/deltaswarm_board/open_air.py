@@ -59,7 +59,7 @@ class OpenAir:
         self._settings = settings
         self._keys = Keys(settings.run)
         self._config = configured(zenoh.Config, settings.pairs, settings.air.link(settings.user))
-        self._inbox = RadioInbox(settings.id, settings.air.stale_s, settings.air.range_m)
+        self._inbox = RadioInbox(settings.id, settings.air.stale_s, settings.air.range_m, settings.agent.step_s)
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._opener = threading.Thread(target=self._keep_opening, name="air", daemon=True)

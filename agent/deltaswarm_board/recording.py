@@ -35,8 +35,10 @@ class FrameRecorder:
             self._open()
 
     def close(self) -> None:
-        self._writer.finish()
-        self._stream.close()
+        """Finish the file, unless it is finished: a next one could not be opened."""
+        if not self._stream.closed:
+            self._writer.finish()
+            self._stream.close()
 
     def _file(self, number: int) -> Path:
         return self._folder / (f"{self._name}.{number}.mcap" if number else f"{self._name}.mcap")

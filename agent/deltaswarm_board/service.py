@@ -109,6 +109,9 @@ Stop = queue.SimpleQueue[int]
 
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
+STAND_WITHIN_S = 3.0
+"""What a robot's link has to pass on in that it must stand, before a signal ends the process all the same."""
+
 
 def stop_on_signals(on_first: Callable[[], None]) -> Stop:
     """Put each ending signal into the queue, unless it is ignored; call `on_first` at the first one.
@@ -138,3 +141,29 @@ def stop_on_signals(on_first: Callable[[], None]) -> Stop:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda number, frame: None)
     return stop
+
+
+def block_signals() -> None:
+    """Keep ending signals from this thread, and from those that it starts: they wait for `stand_on_signals`."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ending())
+
+
+def stand_on_signals(stand: Callable[[], None]) -> None:
+    """Have a robot stand before a blocked signal ends the process, as it would have ended it.
+
+    The main thread may be blocked in Zenoh, so another one waits for the signal.
+    """
+
+    def wait() -> None:
+        number = signal.sigwait(_ending())
+        standing = threading.Thread(target=stand, daemon=True)
+        standing.start()
+        standing.join(STAND_WITHIN_S)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
+        signal.raise_signal(number)
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()
+
+
+def _ending() -> set[signal.Signals]:
+    return {number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN}

@@ -2,7 +2,7 @@
 
 import math
 
-from deltaswarm_agent.controllers.paper.finds import FADING_S, LEAST_FINDS, RANDOM, RETURNING
+from deltaswarm_agent.controllers.paper.finds import FADING_S, LEAST_FINDS, LEAST_S, RANDOM, RETURNING
 from deltaswarm_agent.controllers.paper.frames import ATTENDING, MEMBER
 from deltaswarm_dense.arithmetic import rounded
 from deltaswarm_dense.compiled import compiled
@@ -61,7 +61,7 @@ def hear_averages(settings, agent, air, now, heard):
         mean = (1.0 - kept) * _sum_of(air, heard, leg) / count
         agent.finds[leg] = max(LEAST_FINDS, kept * agent.finds[leg] + mean / 1000)
         mean = (1.0 - kept) * _sum_of(air, heard, 2 + leg) / count
-        agent.walked_s[leg] = kept * agent.walked_s[leg] + mean / 10
+        agent.walked_s[leg] = max(LEAST_S, kept * agent.walked_s[leg] + mean / 10)
     agent.busy = kept * agent.busy + (1.0 - kept) * _sum_of(air, heard, 4) / count / 1000
 
 

@@ -104,6 +104,14 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
     assert "its authority has expired" in capsys.readouterr().err
 
 
+def test_no_certificate_outlives_its_authority(tmp_path: Path) -> None:
+    """Else it would say that it is good for longer than anybody takes it for."""
+    certificates.make(tmp_path, [3], [], 7)
+    certificates.make(tmp_path, [4], [], 365)
+    files = [(tmp_path / name).read_bytes() for name in ("ca.pem", "agent-4.pem")]
+    assert len({x509.load_pem_x509_certificate(file).not_valid_after_utc for file in files}) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

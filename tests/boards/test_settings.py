@@ -1,5 +1,6 @@
 """A board's one file: what is wrong with it is said at once, all of it, and nothing is started."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -137,6 +138,15 @@ def test_a_recording_is_bounded(tmp_path: Path) -> None:
     assert numbers == list(range(numbers[0], 1000))
     FrameRecorder(tmp_path, "agent-3", 10_000, backups=2).close()
     assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
+def test_a_recording_whose_next_file_cannot_be_opened_can_be_closed(tmp_path: Path) -> None:
+    """At the end of the board, after it was told why nothing is recorded any more."""
+    recorder = FrameRecorder(tmp_path / "logs", "agent-3", 100, backups=1)
+    shutil.rmtree(tmp_path / "logs")
+    with pytest.raises(OSError, match="No such file"):
+        recorder.write("/agent/3/radio", bytes(200))
+    recorder.close()
 
 
 def test_without_systemd_nothing_is_told() -> None:

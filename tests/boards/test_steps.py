@@ -135,6 +135,9 @@ def test_frames_that_lie_here_too_long_are_stale() -> None:
     inbox.accept(2, frame(), None, 0.0)
     assert inbox.empty(3.1, HERE) == ()
     assert inbox.dropped == {"stale": 1}
+    slow = RadioInbox(1, 3.0, step_s=10.0)  # a frame waits for the agent's next step as a matter of course
+    slow.accept(2, frame(), None, 0.0)
+    assert slow.empty(9.9, HERE) == ((2, frame()),)
 
 
 @given(st.floats(0, 1e6), st.lists(st.floats(0, 0.5), min_size=1, max_size=30), st.floats(3.1, 60))

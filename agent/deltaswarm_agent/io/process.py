@@ -57,7 +57,10 @@ class AgentConfig:
 class WorldWatch:
     """Watches the world's liveliness token and exits the process without a world."""
 
-    def __init__(self, session: zenoh.Session, keys: Keys, patience_s: float) -> None:
+    def __init__(
+        self, session: zenoh.Session, keys: Keys, patience_s: float, on_lost: Callable[[], None] = lambda: None
+    ) -> None:
+        self._on_lost = on_lost
         self.gone = threading.Event()
         self._patience_s = patience_s
         self._timer: threading.Timer | None = None
@@ -79,6 +82,7 @@ class WorldWatch:
 
     def _give_up(self) -> None:
         log.critical("no world for %g s", self._patience_s)
+        self._on_lost()
         logging.shutdown()
         os._exit(WORLD_LOST)  # the main thread is blocked in Zenoh
 
@@ -156,10 +160,12 @@ def run_agent(
     config: AgentConfig,
     on_ready: Callable[[], None] = lambda: None,
     on_step: Callable[[Frame, Act], None] = lambda frame, act: None,
+    on_lost: Callable[[], None] = lambda: None,
 ) -> int:
     """Run one agent until its last frame; return the exit code.
 
-    `on_ready` is called once its token is declared, `on_step` after each step with what it sensed and does.
+    `on_ready` is called once its token is declared, `on_step` after each step with what it sensed and does, `on_lost`
+    before the process exits for want of a world.
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
@@ -173,7 +179,7 @@ def run_agent(
     with closing(opened, log.warning) as session:
         frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
         outbox = Outbox(session, keys, config.agent)
-        watch = WorldWatch(session, keys, config.world_lost_s)
+        watch = WorldWatch(session, keys, config.world_lost_s, on_lost)
         outbox.wait_until_heard()
         token = session.liveliness().declare_token(keys.token(AGENT, config.agent))
         log.info("agent %d is ready", config.agent)

@@ -65,22 +65,23 @@ class CommandLog:
     Args:
         forms: the commands that the controller accepts.
         sign: signs an encoded command; default: no signature.
-        first: None: commands are numbered from 0. Otherwise a command's number is at least `first` plus its time [s],
-            so that agents that remember an earlier operator's commands take those of a later operator as new.
+        wall_s: None: commands are numbered from 0. Otherwise a command's number is at least this clock's [s], so that
+            agents that remember an earlier operator's commands take those of a later operator as new, and agents with a
+            clock can tell how old a command is, also after this machine has slept or its clock was corrected.
     """
 
     def __init__(
         self,
         forms: Sequence[CommandForm],
         sign: Callable[[bytes], bytes] | None = None,
-        first: int | None = None,
+        wall_s: Callable[[], float] | None = None,
     ) -> None:
         self.sent: list[SentCommand] = []
         self.forms = forms
         self.next = 0
         """The least number of the next command."""
         self._sign = sign
-        self._first = first
+        self._wall_s = wall_s
         self._queue: list[Command] = []
         self._heard: dict[int, tuple[Answer, ...]] = {}
         """What each agent answered last; most reports say the same as the one before."""
@@ -109,15 +110,15 @@ class CommandLog:
             raise ValueError(problem)
         if not self.has_room:
             raise ValueError(f"at most {MAX_QUEUE} commands may wait to be sent")
-        command = Command(self._next_number(now_s), name, target, dict(arguments), life_s)
+        command = Command(self._next_number(), name, target, dict(arguments), life_s)
         encode_command(command)
         self.next = command.number + 1
         self._queue.append(command)
         self.sent.append(SentCommand(command, now_s, by))
         return command
 
-    def _next_number(self, now_s: float) -> int:
-        return self.next if self._first is None else max(self.next, self._first + int(now_s))
+    def _next_number(self) -> int:
+        return self.next if self._wall_s is None else max(self.next, int(self._wall_s()))
 
     def changes_by(self, by: str) -> int:
         """Count the commands of one source that differ from the one before."""

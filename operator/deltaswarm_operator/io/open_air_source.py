@@ -80,9 +80,9 @@ class OpenAirSource(StepSource):
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.BEST_EFFORT,
         )
-        started = int(time.time())  # Unix time: a restarted operator numbers frames and commands higher
+        started = int(time.time())  # Unix time: a restarted operator numbers frames higher
         self._base = Base(options.board_step_s, started)
-        self._command_log = CommandLog(options.briefing.forms, options.sign, started)
+        self._command_log = CommandLog(options.briefing.forms, options.sign, time.time)
         return Console(options.briefing, self._command_log, in_air=True)
 
     def start(self, console: ConsoleServer | None) -> None:

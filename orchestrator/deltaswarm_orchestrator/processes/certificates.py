@@ -72,12 +72,15 @@ class Authority:
         return cls(key, certificate)
 
     def sign(self, name: str, days: float, hosts: Sequence[str] = ()) -> tuple[Key, x509.Certificate]:
-        """Make a key and a certificate for this many days; without hosts, `name` is the host, as of boards as peers."""
+        """Make a key and a certificate for this many days, or until the authority ends.
+
+        Without hosts, `name` is the host, as of boards as peers.
+        """
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
         names = x509.SubjectAlternativeName([check_host(host) for host in hosts or (name,)])
         builder = (
-            _builder(_name(name), self.certificate.subject, key, days)
+            _builder(_name(name), self.certificate.subject, key, days, self.certificate.not_valid_after_utc)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
             .add_extension(names, critical=False)
@@ -177,8 +180,11 @@ def check_host(text: str) -> x509.GeneralName:
     return x509.DNSName(text)
 
 
-def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: float) -> x509.CertificateBuilder:
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: Key, days: float, until: datetime.datetime | None = None
+) -> x509.CertificateBuilder:
     now = datetime.datetime.now(datetime.UTC)
+    end = now + datetime.timedelta(days=days)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
@@ -186,7 +192,7 @@ def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: float) -> x5
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - CLOCK_SLACK)
-        .not_valid_after(now + datetime.timedelta(days=days))
+        .not_valid_after(end if until is None else min(end, until))
     )
 
 

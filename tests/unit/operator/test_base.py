@@ -105,9 +105,10 @@ def test_a_new_command_does_not_wait_for_the_next_round() -> None:
 
 def test_a_later_operator_numbers_higher() -> None:
     """Also two commands of the same second differ, and answers find theirs by number."""
-    first = CommandLog(FORMS, first=1_000_000)
-    early = [first.issue("hold", Target(), {}, now_s).number for now_s in (0.0, 0.5, 0.9, 60.0)]
-    later = CommandLog(FORMS, first=1_000_060)
+    clock_s = iter((1_000_000.0, 1_000_000.5, 1_000_000.9, 1_000_060.0))  # it may have slept meanwhile
+    first = CommandLog(FORMS, wall_s=clock_s.__next__)
+    early = [first.issue("hold", Target(), {}, now_s).number for now_s in (0.0, 0.5, 0.9, 2.0)]
+    later = CommandLog(FORMS, wall_s=lambda: 1_000_061.0)
     late = later.issue("hold", Target(), {}, 1.0).number
     assert early == [1_000_000, 1_000_001, 1_000_002, 1_000_060]
     assert late > early[-1]
@@ -140,7 +141,7 @@ def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("kind", ["text", "number"])
 def test_what_boards_do_not_accept_is_not_sent(kind: str) -> None:
-    command_log = CommandLog((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), first=5)
+    command_log = CommandLog((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), wall_s=lambda: 5.0)
     with pytest.raises(ValueError, match="for"):
         command_log.issue("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]
     assert command_log.take_unsent() == ()

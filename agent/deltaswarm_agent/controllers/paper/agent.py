@@ -97,8 +97,8 @@ class Agent:
         self.goto_until = 0
         """The step with which this walk ends."""
         self.errand_command = 0
-        self.strategy_command = 0
-        """The number of the newest order that changed the strategy."""
+        self.strategy_command = self.hold_command = self.walk_command = 0
+        """The numbers of the newest orders that changed the strategy, whether it stands still, and where it goes."""
         self.done: list[int] = []
         self.refused: list[int] = []
         self.superseded: list[int] = []

@@ -111,14 +111,12 @@ def _set_price(agent: Agent, command: Command) -> bool | None:
     if rule not in PRICED:
         return False
     founds_at, attends = ARMS[bandit.arm] if bandit is not None else (agent.strategy.founds_at, True)
-    done = _restructure(agent, command, replace(agent.strategy, founds_at=founds_at, attends=attends, rule=rule))
-    if done:
-        agent.price_s = float(command.arguments["message_price"])
-    return done
+    strategy = replace(agent.strategy, founds_at=founds_at, attends=attends, rule=rule)
+    return _restructure(agent, command, strategy, float(command.arguments["message_price"]))
 
 
-def _restructure(agent: Agent, command: Command, strategy: Strategy) -> bool | None:
-    """Change the strategy, unless a later order, heard before this one, has done so."""
+def _restructure(agent: Agent, command: Command, strategy: Strategy, price_s: float | None = None) -> bool | None:
+    """Change the strategy, and the price, unless a later order, heard before this one, has done so."""
     if not agent.strategy.has_delta:
         return False
     if command.number < agent.strategy_command:
@@ -126,6 +124,8 @@ def _restructure(agent: Agent, command: Command, strategy: Strategy) -> bool | N
         return None
     agent.strategy_command = command.number
     agent.strategy = strategy
+    if price_s is not None:
+        agent.price_s = price_s
     if agent.bandit is not None:
         agent.bandit.count(strategy.rule == BANDIT, agent.now)
     if not strategy.attends and agent.target is not None:
@@ -147,6 +147,9 @@ def _attend(agent: Agent, command: Command) -> bool | None:
     if agent.goto is not None and agent.errand_command == command.number:  # heard again with a longer life
         agent.goto_until = until
         return None
+    if command.number < agent.walk_command:
+        agent.superseded.append(command.number)
+        return None
     x_m, y_m = command.target.numbers
     within_m = float(command.arguments["within_m"])
     is_near = agent.here.distance_m2(x_m, y_m) <= within_m**2
@@ -154,18 +157,30 @@ def _attend(agent: Agent, command: Command) -> bool | None:
         return False
     agent.end_errand(agent.superseded)
     agent.goto, agent.goto_until, agent.errand_command = (x_m, y_m), until, command.number
+    agent.walk_command = command.number
     return None
 
 
-def _hold(agent: Agent, command: Command) -> bool:
+def _hold(agent: Agent, command: Command) -> bool | None:
+    if command.number < agent.hold_command:
+        agent.superseded.append(command.number)
+        return None
+    agent.hold_command = command.number
     agent.holds_until = agent.now + agent.steps(command.arguments["for_s"])
     return True
 
 
-def _resume(agent: Agent, command: Command) -> bool:
-    agent.holds_until = agent.now
-    agent.end_errand(agent.superseded)
-    return True
+def _resume(agent: Agent, command: Command) -> bool | None:
+    """End what was ordered before; a later order that was heard before this one stays."""
+    is_of_use = False
+    if command.number >= agent.hold_command:
+        agent.hold_command, agent.holds_until, is_of_use = command.number, agent.now, True
+    if command.number >= agent.walk_command:
+        agent.walk_command, is_of_use = command.number, True
+        agent.end_errand(agent.superseded)
+    if not is_of_use:
+        agent.superseded.append(command.number)
+    return is_of_use or None
 
 
 _RULES = {

@@ -19,6 +19,9 @@ FIRST_FINDS, FIRST_S = 0.5, 150.0
 LEAST_FINDS = 0.001
 """Averages of finds do not fall below this: it is what a frame can tell."""
 
+LEAST_S = 1e-9
+"""Nor do averages of times: others may claim none at all, and rates divide by them."""
+
 WEIGHT_PER_S = 0.02
 """The share of another agent's averages in one's own after a second in which it is heard."""
 
@@ -92,7 +95,9 @@ class Finds:
         self._finds = [
             max(LEAST_FINDS, kept * mine + mean / 1000) for mine, mean in zip(self._finds, means[:2], strict=True)
         ]
-        self._walked_s = [kept * mine + mean / 10 for mine, mean in zip(self._walked_s, means[2:4], strict=True)]
+        self._walked_s = [
+            max(LEAST_S, kept * mine + mean / 10) for mine, mean in zip(self._walked_s, means[2:4], strict=True)
+        ]
         self.busy = kept * self.busy + means[4] / 1000
 
     def told(self, now: int) -> Averages:

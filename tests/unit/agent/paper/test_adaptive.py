@@ -130,6 +130,17 @@ def test_who_hears_another_for_long_comes_to_know_what_it_knows() -> None:
     assert one.busy == pytest.approx(0.8, rel=0.06), "it idles itself, which pulls a little the other way"
 
 
+def test_whoever_claims_to_walk_for_no_time_breaks_nothing() -> None:
+    """Many hostile frames in each step, for as long as it takes until nothing is left of one's own time."""
+    one = finds()
+    for now in range(400):
+        one.hear([telling(Averages(0, 0, 0, 0, 0))] * 255, now)
+    assert 0 < one.rate_hz < math.inf
+    assert 0 < one.ratio < math.inf
+    one.hear([telling(Averages(2**32 - 1, 0, 0, 2**32 - 1, 0))] * 255, 400)
+    assert one.ratio**2 < math.inf
+
+
 @given(RATES)
 def test_what_is_told_can_be_told_again(averages: Averages) -> None:
     one = finds()

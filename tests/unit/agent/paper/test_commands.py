@@ -15,7 +15,7 @@ from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.commands import Command, Target
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, SUPERSEDED, Clock
 from tests.support.commanding import script
-from tests.support.cores import controllers_of, swarm
+from tests.support.cores import Lone, controllers_of, swarm
 
 QUIET = ("events.rate_hz=0", "record=off")
 BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off")
@@ -67,6 +67,32 @@ def test_a_structure_gives_shares_of_the_swarm_their_own_rules() -> None:
         obey(agents[1], [Command(number, "set structure", Target("all"), {"delta": delta, "working": 1.0}, 60.0)])
     assert agents[1].delta == 4
     assert (agents[1].done[-1], agents[1].superseded) == (9, [8])
+
+
+@pytest.mark.parametrize("heard", [(1, 2), (2, 1)])
+def test_an_older_order_that_is_heard_later_changes_nothing(heard: tuple[int, ...]) -> None:
+    """A hold that came after a resume holds, in whichever order an agent hears of them; so does a newer errand."""
+    lone = Lone(mode="hybrid")
+    lone.step()
+    agent = lone.core.controller.agent
+    orders = {
+        1: Command(1, "resume", Target("all"), {}, 120.0),
+        2: Command(2, "hold", Target("all"), {"for_s": 300.0}, 120.0),
+    }
+    obey(agent, [orders[number] for number in heard])
+    assert agent.holds_until == agent.now + 300
+    assert 2 in agent.done
+    errands = {
+        3: Command(3, "attend", Target("place", (52.0, 50.0)), {"within_m": 20.0}, 120.0),
+        4: Command(4, "attend", Target("place", (50.0, 53.0)), {"within_m": 20.0}, 120.0),
+    }
+    obey(agent, [errands[number + 2] for number in heard])
+    assert agent.goto == (50.0, 53.0)
+    assert 3 in agent.superseded
+    obey(agent, [Command(0, "resume", Target("all"), {}, 120.0)])
+    assert (agent.goto, agent.superseded[-1]) == ((50.0, 53.0), 0)
+    obey(agent, [Command(5, "resume", Target("all"), {}, 120.0)])
+    assert (agent.goto, agent.holds_until) == (None, agent.now)
 
 
 def test_who_is_taken_off_leaves_its_event() -> None:
