@@ -36,6 +36,8 @@ class QuestionSettings:
             problems.append(Problem("choices", repr(list(self.choices)), "must be at least two different answers"))
         if self.kind == LIKERT and not 1 <= self.high - self.low < MAX_POINTS:
             problems.append(Problem("high", f"{self.high:g}", f"must give 2 to {MAX_POINTS} points from low on"))
+        if self.kind == LIKERT and not self.low.is_integer():
+            problems.append(Problem("low", f"{self.low:g}", "must be a whole number, as the points of a scale are"))
         if self.kind == NUMBER and self.low > self.high:
             problems.append(Problem("high", f"{self.high:g}", "must be at least low"))
         return problems

@@ -253,6 +253,20 @@ class AtTimes(FormTechnique):
             return [Problem(f"operator.probes.{self.name}_count", f"{self._count}", allowed)]
         return []
 
+    def problems_of_steps(self, step_s: float) -> list[Problem]:
+        """Return a problem if a question that holds the run is planned for a step in which it is held already."""
+        if self.wait_s is not None:
+            return []
+        steps = [math.ceil(at_s / step_s - 1e-9) for at_s in self._at_s]
+        allowed = f"must be in different steps, run.step_s = {step_s:g}: a run is held once before a step"
+        if len(set(steps)) < len(steps):
+            return [
+                Problem(f"operator.probes.{self.name}_at_s", ", ".join(f"{at_s:g}" for at_s in self._at_s), allowed)
+            ]
+        if self._count > 1 and self._times.situation_gap_s < step_s:
+            return [Problem("operator.probes.situation_gap_s", f"{self._times.situation_gap_s:g}", allowed)]
+        return []
+
     def _slack_s(self, duration_s: float) -> float:
         """Return the time by which all drawn times together may move."""
         return duration_s - self._times.situation_first_s - self._count * self._times.situation_gap_s

@@ -6,11 +6,13 @@ from typing import Any
 
 from deltaswarm_agent.controllers.paper.commands import SET_DELTA, SET_PRICE, SET_STRUCTURE
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.controllers.paper.timers import timers
 from deltaswarm_dense.layout import MAX_ORDERS
 from deltaswarm_scenario.operator_links import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import ALL
+from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.plugins import INBOX_POLICIES
 
 MODES = ("decentralised", "hierarchical", "hybrid", "adaptive")
@@ -107,6 +109,9 @@ def not_covered(scenario: Scenario) -> list[str]:
         return [f"command {orders[0]!r}"]
     if faults := [fault.kind for fault in scenario.fault if fault.kind not in FAULTS]:
         return [f"fault.kind = {faults[0]!r}"]
+    trail = timers(scenario.run.step_s, scenario.radio.latency_s + scenario.radio.jitter_s).trail
+    if trail > MAX_POSES and any(fault.kind == "freeze" for fault in scenario.fault):  # poses are missing afterwards
+        return [f"fault.kind = 'freeze' with steps of {scenario.run.step_s:g} s"]
     if len(scenario.command) > MAX_ORDERS // 2:
         return [f"{len(scenario.command)} commands"]
     given = dict(_flat(plain(scenario) | {"control": scenario.control.options}))

@@ -12,6 +12,7 @@ from deltaswarm_studies.claim_settings import ClaimSettings
 from deltaswarm_studies.event_checks import horizons_s, too_short
 from deltaswarm_studies.metrics import StudyMetric, source_of
 from deltaswarm_studies.settings import ContrastSettings
+from deltaswarm_studies.stats import RATIO
 from deltaswarm_studies.study import Study
 from deltaswarm_wire.checked import Problem
 
@@ -115,8 +116,14 @@ def _rows(study: Study, contrasts: "pd.DataFrame", claims: "pd.DataFrame") -> It
                 own = {"contrast": settings.id, "metric": name, **row._asdict()}
                 yield _Judged(contrasts, own, what, name, [*itertools.chain(*row.sides)], settings)
     for claim in study.file.claim:
-        variants = claim.variants or list(study.levels)
+        variants = claim.variants or _of_levels(study, claim, claim.named) or list(study.levels)
         yield _Judged(claims, {"claim": claim.id}, f"the claim {claim.id!r}", claim.metric, variants, claim)
+
+
+def _of_levels(study: Study, claim: ClaimSettings, sides: Sequence[str]) -> list[str]:
+    """Return the variants of some sides of a claim, those at each level that it averages over."""
+    along = study.along(claim.over, claim.cells) if claim.over else {name: [name] for name in study.levels}
+    return [variant for side in sides for variant in along.get(side, ())]
 
 
 def undecided(
@@ -140,9 +147,10 @@ def _undecide(study: Study, row: _Judged, found: Mapping[tuple[str, str], AtCeil
     if not at:
         return
     if isinstance(row.of, ClaimSettings):
-        if not row.of.variants and 2 * len(at) <= len(row.variants):
+        if row.of.kind == "predicts" and 2 * len(at) <= len(row.variants):
             return
-        kept, verdict = _claim_kept(row.of, at, found[row.metric, at[0]].horizon_s), "undecided"
+        less = _of_levels(study, row.of, [row.of.less])
+        kept, verdict = _claim_kept(row, at, less, found[row.metric, at[0]].horizon_s), "undecided"
     else:
         at.sort(key=lambda variant: row.variants.index(variant) % 2)  # the sides with the level come first
         is_level, is_reference = (bool({*row.variants[side::2]} & {*at}) for side in (0, 1))
@@ -194,18 +202,23 @@ def _contrast_kept(is_level: bool, is_reference: bool) -> tuple[str, ...]:
     return () if is_level and is_reference else ("higher",) if is_level else ("lower",)
 
 
-def _claim_kept(claim: ClaimSettings, of: Sequence[str], horizon_s: float) -> tuple[str, ...]:
+def _claim_kept(row: _Judged, of: Sequence[str], less: Sequence[str], horizon_s: float) -> tuple[str, ...]:
     """Return the verdicts of a claim that stay, whichever longer times these variants have."""
+    claim = row.of
+    assert isinstance(claim, ClaimSettings)
+    if claim.kind == "order":
+        is_less = {variant in less for variant in of}
+        return () if len(is_less) > 1 else ("refuted",) if is_less == {True} else ("holds",)
     if len(of) > 1 or claim.kind in ("predicts", "trend"):
         return ()
-    if claim.kind == "order":
-        return ("holds",) if of == [claim.more] else ("refuted",)
     if claim.kind == "value":
         least, most = claim.region
         return ("refuted",) if most < horizon_s else ("holds",) if claim.above is not None and least < horizon_s else ()
     if claim.kind == "published":
         return ("differs",) if (claim.published or 0.0) < horizon_s else ()
-    return ("refuted",)
+    own = row.table.loc[row.is_row].iloc[0]
+    is_beyond = own["estimate"] > (claim.region[1] if own["scale"] == RATIO else 0.0)
+    return ("refuted",) if is_beyond == (of[0] == claim.a) else ()  # longer times lead away from the region
 
 
 def shown(text: str, value: float | None, metric: StudyMetric, study: Study, variant: str) -> str:

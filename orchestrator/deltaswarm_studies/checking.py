@@ -56,7 +56,8 @@ def check(study: Study, folder: Path, count: int, seed: int, engine: Engine) -> 
     study = seeded(study, folder)
     sealed_tables(folder, study)
     file = folder / "runs.csv"
-    published = read_table(file, ["variant", *ORIGIN, *study.factors], needs=ID)
+    choices = [one.name for one in study.ranges if one.choices]
+    published = read_table(file, ["variant", *ORIGIN, *study.factors, *choices], needs=ID)
     if published.empty:
         raise ValueError(f"{file} must have at least one run")
     jobs = {(job.variant.label, job.scenario.seed): job for job in study.sweep.jobs()}

@@ -251,8 +251,8 @@ def _sensitivity(study: Study) -> Iterator[Problem]:
     if study.ranges and not file.claim:
         yield Problem("claim", "none", "must be at least one [[claim]]: a sensitivity study says where claims hold")
     for i, claim in enumerate(file.claim if study.ranges else ()):
-        if claim.kind in ("predicts", "trend"):
-            allowed = "must be another one in a sensitivity study, which runs each variant once at a point"
+        if claim.kind not in ("order", "value", "alike"):
+            allowed = "must be order, value or alike in a sensitivity study, which judges a claim at each point"
             yield Problem(f"claim[{i}].kind", repr(claim.kind), allowed)
         for name in OF_ORDER:
             if given := getattr(claim, name):

@@ -161,6 +161,11 @@ class ClaimSettings:
         return [name for name in (self.less, self.more) if name] if self.kind == "predicts" else []
 
     @property
+    def times(self) -> float:
+        """Of an order or alike: with how many times the other side one is compared."""
+        return self.ratio if self.kind == "alike" else self.at_least
+
+    @property
     def region(self) -> tuple[float, float]:
         """Where the tested quantity must be: a ratio of `more` to `less` or of `a` to `b`, or a value."""
         if self.kind in ("order", "predicts"):

@@ -58,7 +58,8 @@ def claims_of(study: Study, runs: pd.DataFrame, *, is_whole: bool = True) -> pd.
         verdicts = {"holds" if row["verdict"] in ("agrees", ANYWAY) else row["verdict"] for row in asked}
         if question and (DEPENDS in verdicts or ("holds" in verdicts and verdicts & {"refuted", "differs"})):
             for row in asked:
-                row["verdict"] = DEPENDS
+                if row["verdict"] not in ("undecided", "no data"):
+                    row["verdict"] = DEPENDS
     return pd.DataFrame([rows[settings.id] for settings in study.file.claim])
 
 
@@ -104,7 +105,7 @@ class _TestedClaim:
     def _test_alike(self, a: pd.Series, b: pd.Series) -> None:
         scale, expected = stats.scale_of(a, b), self.settings.ratio * b
         self._contrast = contrast = stats.contrast(a, b if scale == RATIO else expected, scale)
-        self.n, self._mcse = contrast.n, montecarlo.of_shift(a, b, scale)
+        self.n, self._mcse = contrast.n, montecarlo.of_shift(a, b if scale == RATIO else expected, scale)
         self._p_within, p_beyond = stats.p_of_margin(a, expected, self.settings.margin)
         self.p = min(self._p_within, p_beyond)
 
@@ -238,7 +239,9 @@ class _TestedClaim:
             return f"{claim.of} less the published" if claim.kind == "published" else claim.of
         if claim.along:
             return " to ".join(claim.along)
-        return f"{claim.a or self._rival} over {claim.b or claim.less}"
+        is_difference = self._contrast is not None and self._contrast.scale == DIFFERENCE
+        times = f"{claim.times:g} times " if is_difference and claim.times != 1 else ""
+        return f"{claim.a or self._rival} over {times}{claim.b or claim.less}"
 
     def _criterion(self) -> str:
         claim, (low, high) = self.settings, self.settings.region
@@ -324,7 +327,7 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
             is_vacuous = least <= low and high <= most and 10 * (high - low) < most - least < math.inf
         else:
             widest = high / low if low > 0 else math.inf
-            is_vacuous = widest < (1 / least if claim.kind == "order" else most)
+            is_vacuous = widest < (1 / least if claim.kind == "order" else min(most, 1 / least))
         if is_vacuous:
             problems.append(f"the claim {claim.id!r} is vacuous: no run of any variant could contradict it")
     return problems

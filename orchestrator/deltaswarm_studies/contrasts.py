@@ -81,7 +81,7 @@ def _family(
             verdict = DEPENDS if is_opposite else verdict
         if verdict == "unclear":
             of = (tested.estimate or 0.0, (low, high), tested.n, alpha, scale, margin * has_margin)
-            why, needed = open_contrast(*of, 1 if by_mean else len(contrasts))
+            why, needed = open_contrast(*of, 0 if by_mean else len(contrasts))
             why = CELLS if by_mean and needed else why
         yield {
             "contrast": settings.id,

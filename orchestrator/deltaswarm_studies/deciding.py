@@ -53,9 +53,12 @@ def runs_needed(interval: Interval, n: int, alpha: float, distances: Iterable[Di
 def open_contrast(
     estimate: float, interval: Interval, n: int, alpha: float, scale: Scale, margin: float, family: int
 ) -> tuple[Open, int | None]:
-    """Return why a contrast is open, and the runs that would decide it; `margin` is 0 where there is none."""
-    if n < (least := pairs_needed(family)):
-        return "too few runs", least
+    """Return why a contrast is open, and the runs that would decide it; `margin` is 0 where there is none.
+
+    A `family` of 0 is that of a mean, for whose test no number of pairs is too small but one.
+    """
+    if n < pairs_needed(family) if family else not all(map(math.isfinite, interval)):
+        return "too few runs", pairs_needed(max(family, 1))
     if scale == RATIO:
         estimate, interval = math.log(estimate), (math.log(interval[0]), math.log(interval[1]))
     distances = [(abs(estimate), POWER)]

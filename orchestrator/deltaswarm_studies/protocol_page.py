@@ -59,7 +59,7 @@ class Record:
         """
         protocol, rows = self._protocol, dict[str, Row]()
         for asked in [entry["protocol"] for entry in reversed(protocol.timely)] or [protocol.now]:
-            is_asked_now = completed(asked)["claim"] == completed(protocol.now)["claim"]
+            is_asked_now = _meant(completed(asked)) == _meant(completed(protocol.now))
             judged = self._evidence.claims if is_asked_now else by_criteria(protocol.study, asked, self._evidence)
             rows = _rows(asked, _by_claim(judged)) | rows
         return _judged(rows.values())
@@ -188,6 +188,11 @@ def _has(study: Study, claim: ClaimSettings, was: Table, runs: pd.DataFrame) -> 
     own = {metric.name: as_read(fixed_keys(metric)) for metric in study.file.metric}
     names = [claim.metric, *claim.predictors]
     return all(name in runs and was["metric"].get(name) == own.get(name) for name in names)
+
+
+def _meant(asked: Table) -> tuple[Any, ...]:
+    """Return the claims of a protocol, and what decides what their metrics mean."""
+    return asked["claim"], asked["metric"], *(asked["study"].get(key) for key in WHEN)
 
 
 def _by_claim(judged: pd.DataFrame) -> dict[str, Row]:

@@ -18,7 +18,7 @@ import pandas as pd
 from deltaswarm_studies.claims import TWINS
 from deltaswarm_studies.rendering import decimals_for, number
 from deltaswarm_studies.settings import listed
-from deltaswarm_studies.stats import ALPHA, RATIO
+from deltaswarm_studies.stats import ALPHA, DIFFERENCE, RATIO
 from deltaswarm_studies.study import Study
 
 TEMPLATES = tomllib.loads((files("deltaswarm_studies") / "templates" / "sentences.toml").read_text(encoding="utf-8"))
@@ -51,7 +51,9 @@ def sentences_of(study: Study, chosen: Mapping[str, Any], results: Mapping[str, 
         return
     told = list((_of_contrasts if kind == "contrast" else _of_claims)(study, rows.to_dict("records")))
     for same in _grouped(told, lambda own: (own.kind, own.row["metric"], own.row.get("criterion"), len(own.places))):
-        by_verdict = _grouped(same, lambda own: (own.row["verdict"], own.row["scale"], own.row.get("without")))
+        by_verdict = _grouped(
+            same, lambda own: (own.row["verdict"], own.row["scale"], own.row.get("without"), _is_less(own))
+        )
         blocks = sorted(itertools.chain(*map(_blocks, by_verdict)), key=len, reverse=True)
         apart = [
             at for at in range(len(same[0].places)) if len({frozenset(_column(block, at)) for block in blocks}) > 1
@@ -66,6 +68,12 @@ def _grouped(results: Iterable[Result], key: Callable[[Result], Any]) -> list[li
     for own in results:
         groups[key(own)].append(own)
     return list(groups.values())
+
+
+def _is_less(own: Result) -> bool:
+    """Whether a claim's difference is told as less: by a size, which is positive."""
+    is_told = own.kind in ("order", "alike") and own.row["scale"] == DIFFERENCE
+    return bool(is_told and (own.row["estimate"] or 0.0) < 0)
 
 
 def _blocks(results: Block) -> list[Block]:
@@ -113,9 +121,11 @@ def _of_claims(study: Study, rows: Sequence[Row]) -> Iterator[Result]:
         a, b = {"trend": (_listed(own, "and"), ""), "value": ("", ""), "published": ("", "")}.get(
             claim.kind, tuple(own if claim.kind == "alike" else reversed(own))
         )
+        if row["scale"] == DIFFERENCE and claim.kind in ("order", "alike") and claim.times != 1:
+            b = f"{claim.times:g} times that {b}"
         other = study.levels.get(claim.reference, {})
         without = " ".join(study.words(level) for name, level in other.items() if level != sides[0][name])
-        yield Result(claim.kind, (a, b, *cell), {**row, "without": without})
+        yield Result(claim.kind, (a, b, *cell), {**row, "without": without, "question": claim.question})
 
 
 def _column(block: Block, at: int) -> list[str]:
@@ -135,16 +145,20 @@ def _filled(form: str, study: Study, block: Block, apart: Sequence[int]) -> str:
         level, reference = (_listed([pair[at] for pair in pairs], "and") for at in (0, 1))
         reference += ", respectively"
     place = " ".join(f"rather than {places[at]}" if at == 1 else places[at] for at in apart)
-    words |= {"level": level, "reference": reference, "between": " and ".join(columns[-1])}
+    between = " and ".join(columns[-1])
+    between = between.replace(" as ", " than ") if first["scale"] == DIFFERENCE else between
+    words |= {"level": level, "reference": reference, "between": between}
     words["place"] = f"{place}," if place else ""
     cell = cell[:-1] if kind == "interaction" else cell
     words["where"] = "".join(f", {one}" for one in _cells(study, block, cell))
     words["where"] = words["where"] if level else words["where"].removeprefix(",")
     words["amount"] = TEMPLATES["amount"][first["scale"]].format(**words)
     words["compared"] = TEMPLATES["compared"].get(first["scale"], "").format(**words)
-    words["statement"] = TEMPLATES["statement"][kind].format(**words)
+    statements = TEMPLATES["statement"]
+    words["statement"] = (statements.get(f"{kind} {first['scale']}") or statements[kind]).format(**words)
     verdict, templates = first["verdict"], TEMPLATES[form]
-    keys = (f"{kind} {verdict} {first.get('criterion')}", f"{kind} {verdict}", verdict)
+    keys = [f"{kind} {verdict} {of}" for of in (first.get("criterion"), first["scale"])]
+    keys += [f"{verdict} in a question"] * bool(first.get("question")) + [f"{kind} {verdict}", verdict]
     return str(next(templates[key] for key in keys if key in templates).format(**words))
 
 
@@ -168,7 +182,7 @@ def _words(study: Study, block: Block) -> dict[str, str]:
     decimals = decimals_for(itertools.chain(*values.values()))
     decimals = 2 if decimals == 3 else decimals
     estimates, ends = values["estimate"], [*values["low"], *values["high"]]
-    own_side = max(estimates, default=0.0) if block[0].kind in ("contrast", "order", "alike") else 0.0
+    own_side = max(estimates, default=0.0) if block[0].kind not in ("value", "published", "trend") else 0.0
     side = -1 if first["scale"] != RATIO and own_side < 0 else 1  # less by a size, which is positive
     interval, of_size = (_interval([sign * end for end in ends], len(rows), decimals) for sign in (1, side))
     n = f"n = {_range([row['n'] for row in rows], 0)}"
@@ -182,6 +196,7 @@ def _words(study: Study, block: Block) -> dict[str, str]:
         "size": size,
         "more": more,
         "less": less,
+        "gap": f"{_range(sizes, decimals)} {'lower' if own_side < 0 else 'higher'}",
         "difference": f"{_range(sizes, decimals)} {unit} {less if own_side < 0 else more}",
         **dict(zip(("rises", "falls"), ("rise", "fall") if is_plural else ("rises", "falls"), strict=True)),
         "estimate": _range(estimates, decimals),

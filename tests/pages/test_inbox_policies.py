@@ -102,6 +102,8 @@ def test_a_person_reads_under_a_policy(driver: webdriver.Chrome, policy: str, tm
             page.all("#inbox-list > li")[0].click()
             page.served(lambda: console.ledger.opened)
             log[int(first)] = 32.0
+        kept = "return sessionStorage.getItem('deltaswarm-outbox')"
+        page.served(lambda: driver.execute_script(kept) == "[]")  # type: ignore[no-untyped-call]
         assert driver.get_log("browser") == []  # type: ignore[no-untyped-call]
     ActionLog(tmp_path).close(console)
     with (tmp_path / "inbox.csv").open(newline="") as table:

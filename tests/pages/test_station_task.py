@@ -31,7 +31,7 @@ def test_a_reported_event_is_judged_by_buttons_and_by_keys(page: Page) -> None:
     page.until(lambda: page.text("judge-event") == "Event 2 is")
     page.at("judge-decoy").click()
     assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "decoy"}
-    page.press("x")
+    page.press("X")  # as Caps Lock makes it
     assert page.asked("judge") == {"type": "judge", "event": 2, "answer": "target"}
     page.until(lambda: page.at("judge-target").get_attribute("aria-pressed") == "true")
     assert page.at("judge-decoy").get_attribute("aria-pressed") == "false"

@@ -118,16 +118,17 @@ class Console:
         before, now = self.briefing.operator, briefing.operator
         self.briefing, self.command_log.forms = briefing, briefing.forms
         self.script, self.rule_drops = script, rule_drops
-        if now.inbox != before.inbox:
-            self.picture.go_on_with(now.inbox)
-            self.ledger.go_on_with(now.inbox, now.person.patience_s)
+        inbox = now.inbox if now.inbox != before.inbox else None
+        if inbox is not None:
+            self.picture.go_on_with(inbox)
+        self.ledger.go_on_with(inbox, now.person.patience_s)
 
     def set_rules(self, person: SimulatedOperator | None, autonomy: Autonomy | None, budget: Budget | None) -> None:
         self.person, self.autonomy, self.budget = person, autonomy, budget
 
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
-        self.probes.start(wall_s)
+        self.probes.start(wall_s, is_simulated=self.person is not None)
         self.beats.start(wall_s)
         if self.probes.holds_run:
             self.pace = self.pace._replace(hold_step=0)

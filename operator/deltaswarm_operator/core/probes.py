@@ -66,15 +66,15 @@ class Probes:
         drawn = Random(f"deltaswarm/{briefing.seed}/probes drawn")  # of its own: ISA's times stay
         return cls(briefing.operator.probes, rng, drawn, briefing.duration_s)
 
-    def start(self, wall_s: float) -> None:
-        """Ask the questions before the run, unless they have been asked."""
+    def start(self, wall_s: float, *, is_simulated: bool = False) -> None:
+        """Ask the questions before the run, unless they have been asked; a simulated person only what it answers."""
         if not self._has_begun and self._asked is None:
-            self._ask_all(BEFORE, 0.0, wall_s)
+            self._ask_all(BEFORE, 0.0, wall_s, is_simulated=is_simulated)
             self._has_begun = self._asked is None
 
-    def _ask_all(self, when: str, now_s: float, wall_s: float) -> None:
+    def _ask_all(self, when: str, now_s: float, wall_s: float, *, is_simulated: bool = False) -> None:
         for technique in self._techniques.values():
-            if technique.when == when:
+            if technique.when == when and not (is_simulated and technique.simulated(0.0) is None):
                 self._ask(Asked(technique, 0, now_s, wall_s, now_s))
 
     def _ask(self, asked: Asked) -> None:

@@ -10,6 +10,10 @@ from deltaswarm_scenario.technique import Technique
 ANOTHER, AWAY, NOBODY, ENDED = "another question was open", "the page was away", "no station", "the run ended"
 
 
+ROUNDING_S = 1e-9
+"""The time of a step may be this much less than it should be."""
+
+
 class Planned(NamedTuple):
     """A question of a technique, and once it has to wait, why, and when the one after it is planned."""
 
@@ -53,7 +57,7 @@ class QuestionPlan:
             if now_s >= self.next[name].at_s:
                 self.wait(name, planned.why)
             planned = self.next[name]
-        return planned if now_s >= planned.at_s else None
+        return planned if now_s >= planned.at_s - ROUNDING_S else None
 
     def wait(self, name: str, why: str) -> None:
         """Note why a question that is due cannot be asked now; those after it keep their times."""

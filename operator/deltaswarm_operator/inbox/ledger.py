@@ -56,9 +56,12 @@ class Ledger:
         """Items held back by an earlier policy, which the present one has not seen."""
         self.go_on_with(settings, patience_s)
 
-    def go_on_with(self, settings: InboxSettings, patience_s: float) -> None:
-        """Go on by another policy, which gets what is held back with the next step's items."""
-        self._name, self._patience_s = settings.policy, patience_s
+    def go_on_with(self, settings: InboxSettings | None, patience_s: float) -> None:
+        """Go on with another patience, and perhaps by another policy, which gets what is held back with new items."""
+        self._patience_s = patience_s
+        if settings is None:
+            return
+        self._name = settings.policy
         self._policy = policy_of(settings, self.items)
         self._offered = self.held_items
 

@@ -63,6 +63,10 @@ ORDER = claim("order", less=FAST, more=SLOW)
         (claim("alike", a=FAST, b=SLOW, margin=1.2), [FAST, SLOW], "undecided"),  # equal, since both are cut off
         (claim("alike", a=FAST, b=SLOW, margin=1.2), [SLOW], "refuted"),
         (claim("alike", a=FAST, b=SLOW, margin=4.0), [SLOW], "undecided"),
+        (claim("alike", a=SLOW, b=FAST, ratio=5.0, margin=1.1), [SLOW], "undecided"),  # 3.3 times or more
+        (claim("alike", a=SLOW, b=FAST, ratio=2.0, margin=1.1), [SLOW], "refuted"),
+        (claim("order", less=FAST, every=[SLOW]), [SLOW], "holds"),
+        (claim("order", less=FAST, every=[SLOW]), [FAST, SLOW], "undecided"),
         (claim("value", of=SLOW, within=[90.0, 110.0]), [SLOW], "undecided"),
         (claim("value", of=SLOW, within=[20.0, 50.0]), [SLOW], "refuted"),
         (claim("value", of=SLOW, above=50.0), [SLOW], "holds"),

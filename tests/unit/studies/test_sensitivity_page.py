@@ -129,7 +129,14 @@ def test_figures_name_titles_with_units_and_no_keys() -> None:
         (
             CLAIMED.replace('less = "trees"', 'kind = "predicts"\nless = "waiting"').replace('"none"', '"waiting_all"'),
             DRAWN,
-            "claim[0].kind must be another one in a sensitivity study",
+            "claim[0].kind must be order, value or alike in a sensitivity study",
+        ),
+        (
+            CLAIMED.replace(
+                'less = "trees"', 'kind = "published"\nof = "trees"\npublished = 4.0\nsd = 1.0\nn = 20'
+            ).replace('more = "none"\n', ""),
+            DRAWN,
+            "claim[0].kind must be order, value or alike in a sensitivity study",
         ),
         (CLAIMED.replace('more = "none"', 'every = ["none"]'), DRAWN, "claim[0].every must be left out"),
         (CLAIMED.replace('"trees"', '"forest"'), DRAWN, "claim[0] (quiet) must be one of 'trees', 'none'"),

@@ -28,7 +28,15 @@ export class FormPanel {
 
   /** Half-given answers belong to their run and form. */
   get stored() {
-    return `deltaswarm-form/${this.app.model.hello?.run}/${this.asked?.form.name}/${this.asked?.number}`;
+    return this.storedFor(this.asked?.form.name, this.asked?.number);
+  }
+
+  /**
+   * @param {string | undefined} form
+   * @param {number | null | undefined} number
+   */
+  storedFor(form, number) {
+    return `deltaswarm-form/${this.app.model.hello?.run}/${form}/${number}`;
   }
 
   update() {
@@ -83,10 +91,14 @@ export class FormPanel {
     else this.app.say(t("No question is asked."));
   }
 
-  /** The answers are noted: their draft goes. */
-  noted() {
-    sessionStorage.removeItem(this.stored);
-    this.question.noted();
+  /**
+   * Answers are noted: their draft goes, and the question, unless the next one is asked already.
+   * @param {Extract<import("./types.js").Intent, { type: "form" | "ready" }>} intent
+   */
+  noted({ type, form, number }) {
+    if (type === "form") sessionStorage.removeItem(this.storedFor(form, number));
+    const { asked } = this;
+    if (asked?.form.name === form && asked.number === number && Boolean(asked.prompt) === (type === "ready")) this.question.noted();
   }
 }
 

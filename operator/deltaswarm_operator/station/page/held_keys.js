@@ -33,7 +33,7 @@ const isLineBreak = (event) => event.target instanceof HTMLTextAreaElement && !e
 function goesDown(event) {
   const key = nameOf(event);
   const isText = isTyping(event.target) && (event.key !== "Enter" || isLineBreak(event));
-  const wasDown = event.repeat || down.has(key);
+  const wasDown = event.repeat || (down.has(key) && !event.metaKey); // with it, a Mac tells of no other key that comes up
   if ((isUnseen && !isText) || (event.repeat && !down.has(key))) stale.add(key);
   down.add(key);
   if (!stale.has(key) && (!wasDown || isText || MOVING.includes(event.key))) return;
@@ -44,6 +44,7 @@ function goesDown(event) {
 /** @param {KeyboardEvent} event */
 function comesUp(event) {
   const key = nameOf(event);
+  if (event.key === "Meta") down.clear();
   down.delete(key);
   if (stale.delete(key)) event.preventDefault(); // a space would press the button that has the focus now
 }

@@ -30,6 +30,8 @@ export class InboxPanel {
     this.filter = choice("inbox-filter");
     this.policyOrder = "newest";
     this.asked = "";
+    /** @type {import("./types.js").Hello | null} of the connection on which it was asked */
+    this.hello = null;
     this.order.addEventListener("change", () => this.update());
     this.filter.addEventListener("change", () => this.update());
     button("inbox-all-read").addEventListener("click", () => this.readAll());
@@ -74,6 +76,8 @@ export class InboxPanel {
     const { hello, picture } = this.app.model;
     const order = hello?.inbox?.order ?? "newest";
     if (this.policyOrder !== order) this.order.value = this.policyOrder = order;
+    if (this.hello !== hello) this.asked = ""; // a new connection: what was asked may be lost
+    this.hello = hello;
     const held = this.filter.value === "held" ? String(picture?.held) : "";
     if (held && held !== this.asked) this.app.send({ type: "held" });
     this.asked = held;

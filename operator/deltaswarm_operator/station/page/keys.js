@@ -7,6 +7,9 @@ const STORED = "deltaswarm-shortcuts";
 const TYPING_MS = 1200;
 const OR = later("or");
 
+/** @param {string} key */
+const lower = (key) => (key.length === 1 ? key.toLowerCase() : key);
+
 /** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean, inHelp?: () => boolean}} Shortcut */
 
 export class Keys {
@@ -47,14 +50,15 @@ export class Keys {
   take(event) {
     if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey) return;
     const { target } = event;
-    const shortcut = this.byKey.get(event.key);
+    const key = event.shiftKey ? event.key : lower(event.key); // whatever Caps Lock makes of a letter
+    const shortcut = this.byKey.get(key) ?? this.byKey.get(lower(key));
     const open = document.querySelector("dialog:modal");
     if (open && !(open === this.help && shortcut?.inHelp?.())) return; // an answer goes through the help
     if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
     if (target instanceof HTMLSelectElement ? this.isChoosing(target, event) : isTyping(target)) return;
     if (!shortcut || (!this.isOn.checked && !shortcut.always)) return;
     event.preventDefault();
-    shortcut.act(event.key);
+    shortcut.act(key);
   }
 
   /**

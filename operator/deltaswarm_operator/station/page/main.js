@@ -42,7 +42,8 @@ const app = {
   pick: null,
   covered: null,
   send(intent) {
-    if (isNoting() && !link.hasEnded) {
+    if (intent.type === "held") link.send(intent); // asks to be shown something: nothing is noted of it
+    else if (isNoting() && !link.hasEnded) {
       if (!outbox.add(intent)) refused(intent.type, t("it is too long"));
     } else if (intent.type !== "page" && !link.send(intent))
       app.say(link.hasEnded ? t("Not sent: the run has ended.") : t("Not sent: there is no connection."));
@@ -270,8 +271,7 @@ function take(message) {
 function noted(intent) {
   if (intent?.type === "isa") isa.noted(intent.number, intent.answer);
   else if (intent?.type === "tlx") tlx.noted();
-  else if (intent?.type === "form") form.noted();
-  else if (intent?.type === "ready") form.question.noted();
+  else if (intent?.type === "form" || intent?.type === "ready") form.noted(intent);
   else if (intent?.type === "sheet") session.question.noted();
   else if (intent?.type === "note") session.noted(intent.text);
   else if (intent?.type === "veto") app.say(t("Your veto is noted."));
