@@ -272,6 +272,17 @@ def test_alerts_read_too_late_are_missed_and_times_are_by_event() -> None:
     assert early.totals(14.0)["alerts_missed_share"] is None
 
 
+def test_another_patience_changes_nothing_of_what_is_shown() -> None:
+    """As in a branch that gives the person more time."""
+    ledger = inbox(policy="digest", every_s=10.0, patience_s=15.0)
+    for step, items in enumerate(items_of([[(0, ALERT, [1])], *[[]] * 20], 1.0)):
+        ledger.close_step(float(step), items)
+        if step == 4:
+            ledger.go_on_with(None, 50.0)
+    assert ledger.totals(20.0)["alerts_missed_share"] is None
+    assert ledger.by_event({901: 1})["shown_s"] == {901: 10.0}
+
+
 def test_the_books_are_what_a_person_counts() -> None:
     """An alert read just in time is not missed, one not yet due is on neither side, an event counts once."""
     ledger = inbox(policy="all", patience_s=15.0)

@@ -27,6 +27,16 @@ def tlx(asked: Probes, scales: Any, weights: Any, wall_s: float) -> None:
     asked.answer({"type": "tlx", "scales": scales, "weights": weights}, wall_s)
 
 
+def test_a_simulated_person_is_asked_what_it_answers() -> None:
+    """A consent that nobody gives would keep all other questions waiting."""
+    settings: dict[str, Any] = {"isa_every_s": 100, "consent": "Yes?", "form": (FormSettings("you", when="before"),)}
+    simulated, real = probes(**settings), probes(**settings)
+    simulated.start(0.0, is_simulated=True)
+    real.start(0.0)
+    assert simulated.open(0.0) is None
+    assert real.is_sheet_open
+
+
 def test_isa_is_asked_at_its_times_and_missing_without_an_answer() -> None:
     """The answer's latency is wall time; an answer to another question is refused."""
     asked = probes(isa_every_s=100, isa_wait_s=30)

@@ -9,7 +9,7 @@ import pytest
 
 from deltaswarm_scenario.isa import Isa
 from deltaswarm_scenario.questions import Form, FormSettings, QuestionSettings
-from deltaswarm_scenario.situation import QUARTERS, SITUATION, Sagat, Spam
+from deltaswarm_scenario.situation import QUARTERS, SITUATION, AtTimes, Sagat, Spam
 from deltaswarm_scenario.techniques import NAMED, SCORED, ProbeSettings
 from deltaswarm_scenario.tlx import SCALES, Tlx
 from tests.support.tiers import in_one_test
@@ -100,6 +100,23 @@ def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None
 
 
 @in_one_test(
+    ("settings", "step_s", "path"),
+    [
+        ({"sagat_at_s": (100.2, 100.6)}, 1.0, "operator.probes.sagat_at_s"),
+        ({"sagat_at_s": (100.2, 100.6)}, 0.5, None),
+        ({"sagat_at_s": (100.0, 101.0)}, 1.0, None),
+        ({"sagat_count": 3, "situation_gap_s": 5.0}, 10.0, "operator.probes.situation_gap_s"),
+        ({"sagat_count": 3, "situation_gap_s": 10.0}, 10.0, None),
+        ({"spam_at_s": (100.2, 100.6)}, 1.0, None),  # asked beside the map, one after the other
+    ],
+)
+def test_a_run_is_held_once_before_a_step(settings: dict[str, Any], step_s: float, path: str | None) -> None:
+    """A second question that holds it there would never be asked, and hold it for good."""
+    [one] = [found for found in ProbeSettings(**settings).techniques if isinstance(found, AtTimes)]
+    assert [problem.path for problem in one.problems_of_steps(step_s)] == ([path] if path else [])
+
+
+@in_one_test(
     ("question", "path"),
     [
         (QuestionSettings("a", "A?"), None),
@@ -111,6 +128,7 @@ def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None
         (QuestionSettings("a", "A?", "likert", 1.0, 2.0), None),
         (QuestionSettings("a", "A?", "likert", 0.0, 10.0), None),
         (QuestionSettings("a", "A?", "likert", 0.0, 11.0), "high"),
+        (QuestionSettings("a", "A?", "likert", 0.5, 6.5), "low"),
         (QuestionSettings("a", "A?", "number", 5.0, 5.0), None),
         (QuestionSettings("a", "A?", "number", 5.0, 4.0), "high"),
         (QuestionSettings("a", "A?", "text", 5.0, 4.0), None),

@@ -246,6 +246,15 @@ def test_a_criterion_that_is_changed_afterwards_changes_no_surprise(author: Auth
     assert Record(result.protocol, result.evidence).surprises["is_surprise"].tolist() == [True, False]
 
 
+def test_a_metric_that_is_redefined_afterwards_judges_no_claim(author: Author) -> None:
+    """Cheat: take the mean from 50 s on after the runs; with an amendment the old claims cannot be judged."""
+    author.write(STUDY.replace('["messages"]\n', '["messages"]\nfrom_s = 50.0\n', 1))
+    amend(author.study, author.folder, author.file, "It was a typo.")
+    result = author.render()
+    assert kinds(result) == []
+    assert set(Record(result.protocol, result.evidence).surprises["verdict"]) == {NOT_JUDGED}
+
+
 def test_an_outcome_is_not_switched_by_freezing_anew(author: Author) -> None:
     """Cheat: freeze again after the runs, with claims that they fit; the older verdicts come first on the page."""
     author.write(STUDY.replace(CONTRAST + NEAR, "").replace('["messages"]', '["waiting_all", "messages"]'))

@@ -96,6 +96,7 @@ def test_an_order_of_values_that_may_be_0_is_one_of_differences(at_least: float,
     )
     row = claims_of(study, runs).iloc[0]
     assert (row["scale"], row["verdict"]) == ("difference", verdict)
+    assert row["about"] == f"loss=0.5, hybrid 3 over {f'{at_least:g} times ' * (at_least != 1)}{SAME}"
     differences = [2 * r + (-1) ** r * 0.1 * (r + 1) - at_least * r for r in range(10)]
     assert row["p"] == pytest.approx(scipy_stats.wilcoxon(differences, method="exact").pvalue, abs=1e-9)
 

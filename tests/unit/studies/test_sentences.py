@@ -112,6 +112,27 @@ def test_an_open_difference_keeps_its_sign_and_that_of_its_interval() -> None:
     assert low < estimate < 0 < high < -low
 
 
+def test_a_difference_from_a_multiple_says_from_what() -> None:
+    """Twice as much is less than three times as much, and not less; claims on both sides of 0 are told apart."""
+    head = '[[claim]]\nid = "{}"\ntext = "t"\nmetric = "waiting_all"\n'
+    sides = 'less = "loss=0.0, {0}"\nmore = "loss=0.9, {0}"\nat_least = {1}\n'
+    own = head.format("a") + sides.format("hybrid 3", 3.0) + head.format("b") + sides.format("decentralised", 1.5)
+    twice = lambda level, mode, r: (2.0 if level == "loss=0.9" else 1.0) * r  # noqa: E731
+    one, other = sorted(told(own, '{ claim = ["a", "b"] }', twice))
+    assert "4.50 s shorter with loss 0.9 than 3 times that without loss, in trees" in one + other
+    assert "2.25 s longer with loss 0.9 than 1.5 times that without loss, alone" in one + other
+
+
+def test_an_interaction_of_differences_is_no_ratio() -> None:
+    own = LIMIT.replace('id = "limit"', 'id = "limit"\nacross = "mode"\nacross_pairs = [["hybrid 3", "decentralised"]]')
+    chosen = '{ contrast = "limit", metric = "waiting_all", level = "loss=0.9" }'
+    [sentence] = told(own, chosen, lambda level, mode, r: r + 5.0 * (level == "loss=0.9" and mode == "hybrid 3"))
+    assert sentence.startswith(
+        "The difference of the mean time until an event is sensed with loss 0.9 from that without loss is 5.00 s "
+        "longer in trees than alone"
+    )
+
+
 FIT = """
 [[fit]]
 text = "fit"
