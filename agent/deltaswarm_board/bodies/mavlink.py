@@ -65,10 +65,27 @@ STATE_EVERY_S = 0.5
 RESTARTED_MS = 1000
 """If the autopilot's clock goes back by more, it restarted; by less, datagrams were reordered."""
 
+UNHEARD_S = 5.0
+"""An autopilot that was not heard for longer may have restarted meanwhile, and its clock be ahead all the same."""
+
 TWO_VEHICLES = "two vehicles have its number: messages come from two addresses"
 NOT_IN_THE_AIR = "the vehicle is not in the air"
 RESTARTED = "the autopilot restarted, and its local frame may have moved: restart the agent"
 RETRY_S = 1.0
+
+
+def has_restarted(before_ms: int, boot_ms: int, passed_s: float) -> bool:
+    """Whether an autopilot's clock shows that it has started again: it went back, or hardly on while nobody heard it.
+
+    Args:
+        before_ms: its time since it started, when it was heard before; it begins anew after 50 days.
+        boot_ms: the same now.
+        passed_s: the time between by this machine's clock.
+    """
+    gone_ms = (boot_ms - before_ms) & 0xFFFF_FFFF
+    if gone_ms >= 0x8000_0000:
+        return 0x1_0000_0000 - gone_ms > RESTARTED_MS
+    return passed_s > UNHEARD_S and gone_ms < 500 * passed_s
 
 
 class MavlinkBody(GuardedBody):
@@ -91,7 +108,8 @@ class MavlinkBody(GuardedBody):
         """When the vehicle's newest heartbeat came from its address, and one with its number from another one."""
         self._others: set[tuple[int, int]] = set()
         """Other autopilots that were heard."""
-        self._boot_ms: int | None = None
+        self._boot: tuple[int | None, float] = None, 0.0
+        """The autopilot's time since it started [ms], and when it was heard (monotonic) [s]."""
         self._came_s: dict[int, float] = {}
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
@@ -224,8 +242,9 @@ class MavlinkBody(GuardedBody):
         return self._flies and self._landed_state in grounded
 
     def _note_boot_time(self, boot_ms: int) -> None:
-        before_ms, self._boot_ms = self._boot_ms, boot_ms
-        if before_ms is not None and RESTARTED_MS < (before_ms - boot_ms) & 0xFFFF_FFFF < 0x8000_0000:
+        (before_ms, before_s), now_s = self._boot, time.monotonic()
+        self._boot = boot_ms, now_s
+        if before_ms is not None and has_restarted(before_ms, boot_ms, now_s - before_s):
             self._has_restarted = True
             self._inhibit()
             log.warning("%s", RESTARTED)

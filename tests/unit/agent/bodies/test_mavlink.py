@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controllers.paper.frames import Descendant, Leaving, Member, RecruitmentOrder, encode
-from deltaswarm_board.bodies.mavlink import MavlinkBody
+from deltaswarm_board.bodies.mavlink import MavlinkBody, has_restarted
 from deltaswarm_board.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, encode_sample
@@ -25,8 +25,27 @@ from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import RUN, board_table, boards, endpoint, free_port, listening
 from tests.support.flights import STEP_S, TASK, Flight, a_body, flying, go
 from tests.support.swarms import PATIENCE_S, wait_until
+from tests.support.tiers import in_one_test
 
 pytestmark = pytest.mark.processes
+
+
+@in_one_test(
+    ("before_ms", "boot_ms", "passed_s", "is_restart"),
+    [
+        (30_000, 31_000, 1.0, False),
+        (30_000, 29_500, 0.1, False),  # datagrams in another order
+        (30_000, 2_000, 1.0, True),
+        (30_000, 45_000, 60.0, True),  # the link was lost for longer than it had run before
+        (30_000, 90_000, 60.0, False),
+        (30_000, 31_000, 4.0, False),  # a simulated one may be slow
+        (2**32 - 1000, 500, 1.5, False),  # its clock begins anew after 50 days
+    ],
+)
+def test_an_autopilot_that_started_again_is_known_by_its_clock(
+    before_ms: int, boot_ms: int, passed_s: float, is_restart: bool
+) -> None:
+    assert has_restarted(before_ms, boot_ms, passed_s) == is_restart
 
 
 def test_x_is_east_and_y_is_north_and_no_faster_than_allowed() -> None:
