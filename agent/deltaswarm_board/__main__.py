@@ -15,7 +15,7 @@ from typing import Any
 
 from deltaswarm_agent.__main__ import main as agent_in_world
 from deltaswarm_agent.body import BodyContext
-from deltaswarm_agent.io.process import AgentConfig, run_agent
+from deltaswarm_agent.io.process import AgentConfig, check_link, run_agent
 from deltaswarm_board.bodies import find_body, make_body, options_of
 from deltaswarm_board.driver import Follower
 from deltaswarm_board.process import BoardRun, run_board
@@ -65,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         run = BoardRun(settings, arguments.accelerate, arguments.steps)
         if settings.body.kind == WORLD_BODY:
             begin = partial(run_in_world, settings, follower_options(settings))
+            check_link(world_config(settings))
         else:
             begin = partial(run_board, run, run.check())
         if arguments.check:
@@ -77,6 +78,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     warn_of_certificate(settings)
     try:
         return begin()
+    except SettingsError as error:  # of a body that only then can tell
+        logging.getLogger("deltaswarm.board").error("%s: %s", arguments.file, error)
+        return 2
     except BaseException as error:
         if plugin := blamed(error):
             logging.getLogger("deltaswarm.board").error("agent %d fails: %s", settings.id, plugin.report)

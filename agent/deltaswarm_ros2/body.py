@@ -6,6 +6,7 @@ ros2_control's diff_drive_controller (0.5 s).
 """
 
 import logging
+import math
 import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -48,8 +49,9 @@ class Ros2Body(GuardedBody):
             )
         )
         self._drive = Drive(options.drive == HOLONOMIC, options.turn_gain, options.max_turn_radps)
+        cell_m = options.detections_cell_m if options.detections else math.inf  # there are none
         self._detections = Detections(
-            *(agent.width_m, agent.height_m, options.detections_cell_m, agent.sensing_range_m, options.detections_s)
+            agent.width_m, agent.height_m, cell_m, agent.sensing_range_m, options.detections_s
         )
         self._clock: tuple[Mapping[str, int], float] | None = None
         """The robot's time by /clock, and when it was heard [s]."""

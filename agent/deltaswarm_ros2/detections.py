@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 
+from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.messages import MAX_SENSED, Event
 
@@ -21,7 +22,8 @@ class Detections:
         self._cell_m = cell_m
         self._columns = math.ceil(width_m / cell_m)
         if self._columns * math.ceil(height_m / cell_m) > MAX_ID:
-            raise ValueError(f"detections_cell_m must divide the arena into at most {MAX_ID} cells (got {cell_m:g} m)")
+            allowed = f"must divide the arena into at most {MAX_ID} cells"
+            raise SettingsError([Problem("body.options.detections_cell_m", f"{cell_m:g}", allowed)])
         self._range_m = range_m
         self._lost_s = lost_s
         self._seen: dict[int, tuple[Place, float]] = {}

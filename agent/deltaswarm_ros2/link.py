@@ -25,6 +25,7 @@ from deltaswarm_ros2.keys import (
     topic_key,
 )
 from deltaswarm_ros2.settings import CLIENT, Ros2Settings
+from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.session import RouterLink, air_pairs, configured, use_one_worker_thread, without_sources
 
 use_one_worker_thread()
@@ -63,7 +64,11 @@ class Ros2Link:
         if options.mode == CLIENT:
             pairs += [("connect/timeout_ms", OPEN_MS), ("connect/exit_on_failure", True)]
         overrides = tuple(options.zenoh.items())
-        self._config = configured(zenoh.Config, pairs, RouterLink("", overrides=overrides))
+        try:
+            self._config = configured(zenoh.Config, pairs, RouterLink("", overrides=overrides))
+        except ValueError as error:
+            problem = Problem("body.options.zenoh", str(options.zenoh), f"must be of use: {error}")
+            raise SettingsError([problem]) from None
 
     def open(self) -> None:
         """Open the session if it is closed, and declare the node and its topics."""

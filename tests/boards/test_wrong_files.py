@@ -177,6 +177,7 @@ WRONG: list[tuple[dict[str, Any], Sequence[str]]] = [
     ({"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}}, ["log.record must"]),
     (in_a_world("quic/10.0.0.1:7448"), ["air.connect must"]),
     (in_a_world(agents="0-3"), ["air.agents must"]),
+    (in_a_world(zenoh={"no/such": "1"}), ["no/such"]),
     (in_a_world(tls=tls(verify_name=False)), ["air.tls.verify_name must"]),
     (in_a_world(operator_key="0" * 64), ["air.operator_key must be left out"]),
 ]

@@ -156,6 +156,11 @@ def _save(config: AgentConfig, core: AgentCore, newest: int, step: int, outbox: 
         outbox.taken(step)
 
 
+def check_link(config: AgentConfig) -> None:
+    """Raise ValueError if Zenoh refuses the options of the link to the world."""
+    configured(zenoh.Config, client_pairs(config.link), config.link)
+
+
 def run_agent(
     config: AgentConfig,
     on_ready: Callable[[], None] = lambda: None,

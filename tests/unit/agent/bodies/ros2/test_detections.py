@@ -45,5 +45,5 @@ def test_what_no_sensor_of_the_swarm_would_sense_is_ignored(place: tuple[float, 
 
 
 def test_cells_must_not_be_too_many_for_their_numbers() -> None:
-    with pytest.raises(ValueError, match=r"at most 4294967295 cells .got 0\.0001 m"):
+    with pytest.raises(ValueError, match=r"at most 4294967295 cells .got 0\.0001"):
         detections(0.0001)
