@@ -180,6 +180,10 @@ def check_host(text: str) -> x509.GeneralName:
     return x509.DNSName(text)
 
 
+AS_LONG = datetime.timedelta(minutes=1)
+"""A certificate may outlive its authority by this much, so that those made with it are for as many days."""
+
+
 def _builder(
     subject: x509.Name, issuer: x509.Name, key: Key, days: float, until: datetime.datetime | None = None
 ) -> x509.CertificateBuilder:
@@ -192,7 +196,7 @@ def _builder(
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - CLOCK_SLACK)
-        .not_valid_after(end if until is None else min(end, until))
+        .not_valid_after(end if until is None or end - until < AS_LONG else until)
     )
 
 
