@@ -137,7 +137,7 @@ def station(arguments: argparse.Namespace) -> int:
     run: Path = arguments.run
     must_exist(run, "RUN", A_RUN, or_part=True)
     run = run.resolve()
-    url = address(part if (part := part_of(run)).is_dir() else run)
+    url = address(run if run.suffix == ".part" else part_of(run))
     if url is None:
         raise CommandError(
             f"{run}: no run with a station is under way there; see: {command_line('replay', run)}", FAILED
