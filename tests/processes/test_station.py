@@ -371,6 +371,11 @@ def test_the_page_is_told_by_a_command_only_while_there_is_one(tmp_path: Path) -
         command = [*swarms.COMMAND, "station", str(tmp_path / "run")]
         told = swarms.subprocess.run(command, capture_output=True, text=True, check=True, env=persons.headless())
         assert told.stdout.strip() == person.url.geturl()
+        for run in (".", str(tmp_path / "run.part")):
+            here = swarms.subprocess.run(
+                [*command[:-1], run], capture_output=True, text=True, cwd=tmp_path / "run.part", env=persons.headless()
+            )
+            assert here.stdout == told.stdout
         person.begin()
         assert swarm.finish()[0] == 0
         assert swarms.subprocess.run(command, capture_output=True, text=True, check=False).returncode == 1
