@@ -23,7 +23,12 @@ PAGE = "nobody is at the page of a branch"
 
 RULES = (
     KeyRule("control", True, "every controller starts anew in that step; agents stay where they are"),
-    KeyRule("operator.threshold_hz", True, "rules, and the time above the threshold, follow it from that step on"),
+    KeyRule(
+        "operator.threshold_hz",
+        True,
+        "rules, and the time above the threshold, follow it from that step on; the longest such time and the share of "
+        "minutes are judged by it for the whole run",
+    ),
     KeyRule("operator.person", True, "the simulated person goes on with these, or comes or leaves"),
     KeyRule("operator.autonomy", True, "the rule starts anew, with the delta that was ordered last"),
     KeyRule("operator.budget", True, "the rule starts anew, with the structure that was ordered last"),
