@@ -1,5 +1,6 @@
 """Conduct a sweep: keep finished runs, do the missing ones, and write the tables."""
 
+import itertools
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -137,8 +138,10 @@ def run_sweep(
         files = {folder.file(job, by): (job, by) for job, by in reversed(wanted)}
         wanted = list(files.values())[::-1]
         tasks = [Task(job, by, str(folder.scratch), asked) for job, by in wanted if not folder.has(job, by)]
-        kept = {folder.file(job, by): (job, by) for job in jobs for by in (IN_PROCESS, PROCESSES)}
-        damaged = [str(file) for file, run in kept.items() if folder.is_damaged(*run)]
+        kept: dict[Path, list[tuple[Job, str]]] = {}
+        for run in itertools.product(jobs, (IN_PROCESS, PROCESSES)):
+            kept.setdefault(folder.file(*run), []).append(run)
+        damaged = [str(file) for file, runs in kept.items() if folder.is_damaged(*runs[0])]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest, {name: was for name, was in seal.files_of(before).items() if name != PLAN})
@@ -147,7 +150,8 @@ def run_sweep(
         reporter.announce(len(wanted), len(wanted) - len(tasks))
         failed, rows, interrupted = _do(tasks, folder, make_engine, reporter)
         invalid = {_run_of(row): row for row in [*before.get("invalid", []), *rows]}
-        invalid = _of_all_labels(invalid, jobs, {folder.file(*run) for run in wanted if not folder.has(*run)}, folder)
+        missing = {folder.file(*run) for run in wanted if not folder.has(*run)}
+        invalid = _of_all_labels(invalid, [runs for file, runs in kept.items() if file in missing])
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
         with_series |= (path / "series.csv").exists()  # else it would have fewer runs than the table
@@ -209,18 +213,14 @@ def _do(
 
 
 def _of_all_labels(
-    invalid: Mapping[tuple[Any, ...], InvalidRun], jobs: Iterable[Job], missing: set[Path], folder: SweepFolder
+    invalid: Mapping[tuple[Any, ...], InvalidRun], lacking: Iterable[Sequence[tuple[Job, str]]]
 ) -> dict[tuple[Any, ...], InvalidRun]:
-    """Return rows of the runs that are missing, for each label of a variant, though one was tried for all."""
-    labels: dict[Path, list[tuple[Any, ...]]] = {}
-    for job in jobs:
-        for by in (IN_PROCESS, PROCESSES):
-            labels.setdefault(folder.file(job, by), []).append((job.variant.label, job.replicate, by))
+    """Return rows of the runs that are lacking, for each label of a variant, though one was tried for all."""
     found: dict[tuple[Any, ...], InvalidRun] = {}
-    for file, runs in labels.items():
+    for same in lacking:
+        runs = [(job.variant.label, job.replicate, by) for job, by in same]
         rows = [invalid[run] for run in runs if run in invalid]
-        if file in missing and rows:
-            found |= {run: {**rows[0], "variant": run[0], "replicate": run[1]} for run in runs}
+        found |= {run: {**row, "variant": run[0], "replicate": run[1]} for row in rows[:1] for run in runs}
     return found
 
 

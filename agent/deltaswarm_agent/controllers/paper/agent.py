@@ -96,8 +96,7 @@ class Agent:
         """Where the operator has sent it."""
         self.goto_until = 0
         """The step with which this walk ends."""
-        self.errand_command = 0
-        self.strategy_command = self.hold_command = self.walk_command = 0
+        self.strategy_command = self.hold_command = self.errand_command = 0
         """The numbers of the newest orders that changed the strategy, whether it stands still, and where it goes."""
         self.done: list[int] = []
         self.refused: list[int] = []

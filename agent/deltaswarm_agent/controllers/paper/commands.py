@@ -119,8 +119,7 @@ def _restructure(agent: Agent, command: Command, strategy: Strategy, price_s: fl
     """Change the strategy, and the price, unless a later order, heard before this one, has done so."""
     if not agent.strategy.has_delta:
         return False
-    if command.number < agent.strategy_command:
-        agent.superseded.append(command.number)
+    if _is_superseded(agent, command, agent.strategy_command):
         return None
     agent.strategy_command = command.number
     agent.strategy = strategy
@@ -130,6 +129,14 @@ def _restructure(agent: Agent, command: Command, strategy: Strategy, price_s: fl
         agent.bandit.count(strategy.rule == BANDIT, agent.now)
     if not strategy.attends and agent.target is not None:
         agent.change(Cause.TAKEN_OFF)
+    return True
+
+
+def _is_superseded(agent: Agent, command: Command, newest: int) -> bool:
+    """Whether a later order than this one was heard before it, which is then noted."""
+    if command.number >= newest:
+        return False
+    agent.superseded.append(command.number)
     return True
 
 
@@ -147,8 +154,7 @@ def _attend(agent: Agent, command: Command) -> bool | None:
     if agent.goto is not None and agent.errand_command == command.number:  # heard again with a longer life
         agent.goto_until = until
         return None
-    if command.number < agent.walk_command:
-        agent.superseded.append(command.number)
+    if _is_superseded(agent, command, agent.errand_command):
         return None
     x_m, y_m = command.target.numbers
     within_m = float(command.arguments["within_m"])
@@ -157,13 +163,11 @@ def _attend(agent: Agent, command: Command) -> bool | None:
         return False
     agent.end_errand(agent.superseded)
     agent.goto, agent.goto_until, agent.errand_command = (x_m, y_m), until, command.number
-    agent.walk_command = command.number
     return None
 
 
 def _hold(agent: Agent, command: Command) -> bool | None:
-    if command.number < agent.hold_command:
-        agent.superseded.append(command.number)
+    if _is_superseded(agent, command, agent.hold_command):
         return None
     agent.hold_command = command.number
     agent.holds_until = agent.now + agent.steps(command.arguments["for_s"])
@@ -172,15 +176,14 @@ def _hold(agent: Agent, command: Command) -> bool | None:
 
 def _resume(agent: Agent, command: Command) -> bool | None:
     """End what was ordered before; a later order that was heard before this one stays."""
-    is_of_use = False
+    if _is_superseded(agent, command, min(agent.hold_command, agent.errand_command)):
+        return None
     if command.number >= agent.hold_command:
-        agent.hold_command, agent.holds_until, is_of_use = command.number, agent.now, True
-    if command.number >= agent.walk_command:
-        agent.walk_command, is_of_use = command.number, True
+        agent.hold_command, agent.holds_until = command.number, agent.now
+    if command.number >= agent.errand_command:
         agent.end_errand(agent.superseded)
-    if not is_of_use:
-        agent.superseded.append(command.number)
-    return is_of_use or None
+        agent.errand_command = command.number
+    return True
 
 
 _RULES = {
