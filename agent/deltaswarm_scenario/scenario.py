@@ -23,7 +23,6 @@ from deltaswarm_scenario.operator_links import (
 )
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
 from deltaswarm_scenario.radio import RadioSettings, radio_problems
-from deltaswarm_scenario.situation import AtTimes
 from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain, rest
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID, CommandForm
@@ -214,8 +213,7 @@ class Scenario:
             allowed = "must be none with events.rates_hz, since it knows one rate, and with orders by the system"
             problems.append(Problem("run.bound", repr(self.run.bound), allowed))
         for technique in self.operator.probes.techniques:
-            problems += technique.problems_within(self.run.duration_s)
-            problems += technique.problems_of_steps(self.run.step_s) if isinstance(technique, AtTimes) else []
+            problems += technique.problems_within(self.run.duration_s, self.run.step_s)
         problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s, self.world.dynamics)
         size_m = (self.arena.width_m, self.arena.height_m)
         if (area_m2 := self.arena.width_m * self.arena.height_m) > MAX_AREA_M2:

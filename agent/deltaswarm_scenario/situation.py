@@ -238,33 +238,29 @@ class AtTimes(FormTechnique):
             problems.append(Problem(f"{cls.name}_count", f"{count}", f"must be 0, since {cls.name}_at_s gives times"))
         return problems
 
-    def problems_within(self, duration_s: float) -> list[Problem]:
-        """Return a problem if a time is not before the end of the run, or drawn times do not fit into it."""
-        if late := ", ".join(f"{at_s:g}" for at_s in self._at_s if at_s >= duration_s):
-            allowed = f"must be before the end of the run, run.duration_s = {duration_s:g}"
-            return [Problem(f"operator.probes.{self.name}_at_s", late, allowed)]
+    def problems_within(self, duration_s: float, step_s: float) -> list[Problem]:
+        """Return a problem if a question would never be asked: what is planned is asked at the end of its step.
+
+        The last step has no question any more, and a run is held for questions once before a step.
+        """
+        steps = [math.ceil(at_s / step_s - 1e-9) for at_s in self._at_s]
+        if late := [at_s for at_s, step in zip(self._at_s, steps, strict=True) if step >= round(duration_s / step_s)]:
+            allowed = f"must be before the last step, run.duration_s = {duration_s:g} and run.step_s = {step_s:g}"
+            return [Problem(f"operator.probes.{self.name}_at_s", _listed(late), allowed)]
+        first_s, gap_s = self._times.situation_first_s, self._times.situation_gap_s
         if self._count and self._slack_s(duration_s) < 0:
-            first_s, gap_s = self._times.situation_first_s, self._times.situation_gap_s
             most = max(0, math.floor((duration_s - first_s) / gap_s))
             allowed = (
                 f"must be at most {most}: times from situation_first_s = {first_s:g} on, situation_gap_s = {gap_s:g} "
                 f"apart and before the end, run.duration_s = {duration_s:g}"
             )
             return [Problem(f"operator.probes.{self.name}_count", f"{self._count}", allowed)]
-        return []
-
-    def problems_of_steps(self, step_s: float) -> list[Problem]:
-        """Return a problem if a question that holds the run is planned for a step in which it is held already."""
-        if self.wait_s is not None:
-            return []
-        steps = [math.ceil(at_s / step_s - 1e-9) for at_s in self._at_s]
-        allowed = f"must be in different steps, run.step_s = {step_s:g}: a run is held once before a step"
-        if len(set(steps)) < len(steps):
-            return [
-                Problem(f"operator.probes.{self.name}_at_s", ", ".join(f"{at_s:g}" for at_s in self._at_s), allowed)
-            ]
-        if self._count > 1 and self._times.situation_gap_s < step_s:
-            return [Problem("operator.probes.situation_gap_s", f"{self._times.situation_gap_s:g}", allowed)]
+        if self._count and gap_s < step_s:
+            allowed = f"must be at least one step, run.step_s = {step_s:g}"
+            return [Problem("operator.probes.situation_gap_s", f"{gap_s:g}", allowed)]
+        if self.wait_s is None and len(set(steps)) < len(steps):
+            allowed = f"must be in different steps, run.step_s = {step_s:g}: a run is held once before a step"
+            return [Problem(f"operator.probes.{self.name}_at_s", _listed(self._at_s), allowed)]
         return []
 
     def _slack_s(self, duration_s: float) -> float:
@@ -307,7 +303,11 @@ class AtTimes(FormTechnique):
     def outline(self) -> str:
         if self._count:
             return f"{self.title} at {self._count} drawn times"
-        return f"{self.title} at {', '.join(f'{at_s:g}' for at_s in self._at_s)} s"
+        return f"{self.title} at {_listed(self._at_s)} s"
+
+
+def _listed(at_s: Iterable[float]) -> str:
+    return ", ".join(f"{one:g}" for one in at_s)
 
 
 class Sagat(AtTimes):

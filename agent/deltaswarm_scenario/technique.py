@@ -103,8 +103,8 @@ class Technique:
         """Return the mistakes in its settings that involve several keys."""
         return []
 
-    def problems_within(self, duration_s: float) -> list[Problem]:
-        """Return the mistakes in its settings in a run of this length."""
+    def problems_within(self, duration_s: float, step_s: float) -> list[Problem]:
+        """Return the mistakes in its settings in a run of this length, in such steps."""
         return []
 
     def draw(self, rng: Random, duration_s: float) -> None:

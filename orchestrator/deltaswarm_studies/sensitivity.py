@@ -49,6 +49,8 @@ class Sensitivity:
     keys: pd.DataFrame
     """A row per claim and feature: rank correlations with the effect and with whether the claim holds."""
     features: Sequence[Feature]
+    ratios: frozenset[str]
+    """Claims whose effect is a ratio of the two sides; of other orders it is their difference."""
 
     def strongest(self, claim: str) -> list[Feature]:
         """Return the features that are correlated most with a claim's effect, of each key one, the strongest first."""
@@ -69,14 +71,17 @@ def sensitivity_of(study: Study, runs: pd.DataFrame) -> Sensitivity | None:
     points = runs.groupby("replicate")[[one.name for one in settings.range]].first()
     points = points.reindex(range(study.repeats))
     features = [feature for one in settings.range for feature in features_of(one, points[one.name])]
-    shares, rows = [], []
+    shares, rows, ratios = [], [], set[str]()
     for claim in study.file.claim:
         found = at_points(claim, runs, study.repeats)
+        if found.is_ratio:
+            ratios.add(claim.id)
         points[f"effect: {claim.id}"], points[f"holds: {claim.id}"] = found.effect, found.holds
         shares.append(_share(claim, found))
         rows += [correlations(claim, feature, found.effect, found.holds) for feature in features]
     keys = pd.DataFrame(rows)
-    return Sensitivity(settings, points.reset_index(), pd.DataFrame(shares), with_verdicts(keys), features)
+    tables = points.reset_index(), pd.DataFrame(shares), with_verdicts(keys)
+    return Sensitivity(settings, *tables, features, frozenset(ratios))
 
 
 class AtPoints(NamedTuple):
@@ -87,6 +92,7 @@ class AtPoints(NamedTuple):
     """1 or 0."""
     is_tie: pd.Series
     """1 or 0: whether the sides of an order differ by no more than rounding; then the claim does not hold."""
+    is_ratio: bool
 
 
 def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints:
@@ -98,7 +104,7 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
     samples = samples_of(runs, claim.metric)
     values = [samples(name).reindex(range(points)).astype(float) for name in claim.variants]
     known = pd.concat(values, axis=1).notna().all(axis=1)
-    is_tie = pd.Series(False, index=known.index)
+    is_tie, is_ratio = pd.Series(False, index=known.index), False
     if claim.kind == "value":
         effect, (low, high) = values[0], claim.region
         holds = (effect >= low) & (effect <= high)
@@ -113,7 +119,8 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
             effect, rounding = a - least, stats.TIE * np.maximum(a.abs(), least.abs())
             holds, is_tie = effect > rounding, effect.abs() <= rounding
         effect = a / b if is_ratio else effect
-    return AtPoints(effect.where(known), holds.astype(float).where(known), is_tie.astype(float).where(known))
+    series = (one.astype(float).where(known) for one in (effect, holds, is_tie))
+    return AtPoints(*series, is_ratio)
 
 
 def features_of(one: RangeSettings, values: pd.Series) -> list[Feature]:

@@ -172,7 +172,8 @@ def turning(study: Study, result: Sensitivity, claim: ClaimSettings, strongest: 
     """Draw a claim's effect at each point against one or two keys, with where it holds by colour and marker."""
     points = result.points.dropna(subset=[f"effect: {claim.id}"])
     effect, holds = points[f"effect: {claim.id}"], points[f"holds: {claim.id}"] == 1
-    label, bounds, is_ratio = _effect_label(study, claim, effect)
+    is_ratio = claim.id in result.ratios
+    label, bounds = _effect_label(study, claim, is_ratio)
     ranges = {one.name: one for one in result.settings.range}
     with style.drawing():
         figure = style.new_figure(style.TEXT_IN, 2.6)
@@ -220,15 +221,18 @@ def _logarithmic(axis: Axis, values: pd.Series) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _effect_label(study: Study, claim: ClaimSettings, effect: pd.Series) -> tuple[str, list[float], bool]:
-    """Return the effect's title with its unit, the values at which the claim begins to hold, and if it is a ratio."""
+def _effect_label(study: Study, claim: ClaimSettings, is_ratio: bool) -> tuple[str, list[float]]:
+    """Return the effect's title with its unit, and the values at which the claim begins to hold."""
     metric = study.metrics[claim.metric]
     region = [bound for bound in claim.region if math.isfinite(bound)]
-    if claim.kind == "value":
-        return f"{metric.title}, {claim.of} [{metric.unit}]".replace(" []", ""), region, False
-    sides = (claim.a, claim.b) if claim.kind == "alike" else (claim.more, claim.less)
-    a, b = (side.replace(" ", "\N{NO-BREAK SPACE}") for side in sides)
-    if (effect > 0).all():
-        return f"{metric.title}: {a} over {b} [times]", region, True
     unit = f" [{metric.unit}]" if metric.unit else ""
-    return f"{metric.title}: {a} less {b}{unit}", [0.0], False
+    if claim.kind == "value":
+        return f"{metric.title}, {claim.of}{unit}", region
+    is_order = claim.kind == "order"
+    sides = (claim.more, claim.less) if is_order else (claim.a, claim.b)
+    a, b = (side.replace(" ", "\N{NO-BREAK SPACE}") for side in sides)
+    if is_ratio:
+        return f"{metric.title}: {a} over {b} [times]", region
+    multiple = claim.at_least if is_order else claim.ratio
+    times = "" if multiple == 1 else f"{multiple:g} times "
+    return f"{metric.title}: {a} less {times}{b}{unit}", [0.0] if is_order else []

@@ -77,10 +77,14 @@ def test_who_asks_about_the_situation_asks_something(settings: dict[str, Any], p
     assert not ProbeSettings(sagat_questions=(), spam_questions=()).problems()
 
 
-@pytest.mark.parametrize(("at_s", "late"), [((9.0, 10.0, 12.0), "10, 12"), ((9.9,), None)])
+@pytest.mark.parametrize(
+    ("at_s", "step_s", "late"),
+    [((9.0, 10.0, 12.0), 1.0, "10, 12"), ((9.0,), 1.0, None), ((9.9,), 1.0, "9.9"), ((9.9,), 0.1, None)],
+)
 @pytest.mark.parametrize("name", ["sagat", "spam"])
-def test_times_are_before_the_end_of_the_run(name: str, at_s: tuple[float, ...], late: str | None) -> None:
-    problems = technique(**{f"{name}_at_s": at_s}).problems_within(10.0)
+def test_times_are_before_the_last_step(name: str, at_s: tuple[float, ...], step_s: float, late: str | None) -> None:
+    """A question of the last step would be asked at the end of the run, when nobody is asked any more."""
+    problems = technique(**{f"{name}_at_s": at_s}).problems_within(10.0, step_s)
     assert [(problem.path, problem.given) for problem in problems] == (
         [(f"operator.probes.{name}_at_s", late)] if late else []
     )
@@ -107,13 +111,14 @@ def test_a_question_is_due(settings: dict[str, Any], due_s: list[float]) -> None
         ({"sagat_at_s": (100.0, 101.0)}, 1.0, None),
         ({"sagat_count": 3, "situation_gap_s": 5.0}, 10.0, "operator.probes.situation_gap_s"),
         ({"sagat_count": 3, "situation_gap_s": 10.0}, 10.0, None),
+        ({"spam_count": 1, "situation_gap_s": 5.0}, 10.0, "operator.probes.situation_gap_s"),
         ({"spam_at_s": (100.2, 100.6)}, 1.0, None),  # asked beside the map, one after the other
     ],
 )
 def test_a_run_is_held_once_before_a_step(settings: dict[str, Any], step_s: float, path: str | None) -> None:
     """A second question that holds it there would never be asked, and hold it for good."""
     [one] = [found for found in ProbeSettings(**settings).techniques if isinstance(found, AtTimes)]
-    assert [problem.path for problem in one.problems_of_steps(step_s)] == ([path] if path else [])
+    assert [problem.path for problem in one.problems_within(1000.0, step_s)] == ([path] if path else [])
 
 
 @in_one_test(
@@ -361,7 +366,7 @@ def test_times_and_orders_are_drawn_anew_in_each_run() -> None:
 )
 def test_drawn_times_fit_into_the_run(settings: dict[str, Any], problem: str | None) -> None:
     """With their gaps, the last one before the end; or the run is refused."""
-    found = [str(one) for one in technique(**settings).problems_within(360.0)]
+    found = [str(one) for one in technique(**settings).problems_within(360.0, 1.0)]
     assert len(found) == (problem is not None)
     assert all(one.startswith(problem or "") for one in found)
 

@@ -103,6 +103,7 @@ def test_without_a_ratio_an_order_is_a_difference() -> None:
     claim = ClaimSettings("c", "less", metric="messages", less="a", more="b", at_least=2.0)
     judged = at_points(claim, runs(a=[0.0, 1.0, 2.0], b=[1.0, 2.5, 3.0]), 3)
     assert judged.effect.tolist() == [1.0, 0.5, -1.0]
+    assert not judged.is_ratio
     assert judged.holds.tolist() == [1, 1, 0]
 
 

@@ -15,6 +15,7 @@ from deltaswarm_studies.freezing import freeze
 from deltaswarm_studies.page import pages, write
 from deltaswarm_studies.plan import plan, text
 from deltaswarm_studies.protocol import protocol_of, seeded
+from deltaswarm_studies.sensitivity import sensitivity_of
 from deltaswarm_studies.sensitivity_page import matrix, turning
 from deltaswarm_wire.checked import SettingsError
 from tests.support.drawn_studies import CLAIMED, DRAWN, found, noise, rate, table
@@ -99,6 +100,20 @@ def test_a_page_on_which_nothing_turns_a_claim_says_so() -> None:
     page = pages(study, evidence, PROVENANCE)[1]
     assert "no significant key" in page
     assert "Rank correlations that are shown" not in page
+
+
+def test_differences_that_are_all_positive_are_not_called_times() -> None:
+    """One side is 0 at a point, so there is no ratio there, and of no point the ratio is shown."""
+    study, evidence = found(lambda values, number: noise(number))
+    runs = evidence.runs
+    runs.loc[(runs["variant"] == "trees") & (runs["replicate"] == 0), "messages"] = 0.0
+    runs.loc[runs["variant"] == "none", "messages"] = 9.0
+    result = sensitivity_of(study, runs)
+    assert result
+    figure = turning(study, result, study.file.claim[0], list(result.features[:2]))
+    assert (result.points["effect: quiet"] > 0).all()
+    assert figure.axes[0].get_yscale() == "linear"
+    assert " ".join(figure.axes[0].get_ylabel().split()) == "Messages to the operator: none less trees [1/s]"
 
 
 def test_figures_name_titles_with_units_and_no_keys() -> None:
