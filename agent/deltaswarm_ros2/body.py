@@ -116,7 +116,15 @@ class Ros2Body(GuardedBody):
             if not before:
                 self._send(STOP)  # the last command, so that the robot stands until the other one comes
         elif pose is not None:
-            self._send(self._drive.twist(velocity, pose.heading_rad))
+            self._send(self._within_fence(self._drive.twist(velocity, pose.heading_rad), pose.heading_rad))
+
+    def _within_fence(self, twist: Twist, heading_rad: float) -> Twist:
+        """Let a differential robot only turn while it faces the fence, which the wanted velocity may keep clear of."""
+        if self._drive.is_holonomic:
+            return twist
+        faced = (twist.forward_mps * math.cos(heading_rad), twist.forward_mps * math.sin(heading_rad))
+        with self._lock:
+            return twist if self._guard.permits(faced) else twist._replace(forward_mps=0.0)
 
     def _send(self, twist: Twist) -> None:
         message: dict[str, Any] = {

@@ -164,14 +164,18 @@ class Guard:
         self._obedience.send(velocity, now_s)
         return velocity
 
+    def permits(self, velocity: Velocity) -> bool:
+        """Whether the fence lets the vehicle, where it is, take a velocity [m/s; arena frame]."""
+        return self._at is not None and self._fence.permits(self._at, *velocity, self._limits.ahead_s)
+
     def _permitted(self, now_s: float) -> Velocity:
         if now_s - self._wanted_s > self._limits.command_s:
             self.stalls += not self._is_stalled
             self._is_stalled = True
             return STAND
-        if self._at is None or self._fault(now_s):
+        if self._fault(now_s):
             return STAND
-        if not self._fence.permits(self._at, *self._wanted, self._limits.ahead_s):
+        if not self.permits(self._wanted):
             self.refused += 1
             return STAND
         return self._wanted

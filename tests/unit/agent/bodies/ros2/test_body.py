@@ -71,6 +71,19 @@ def test_a_robot_goes_where_the_agent_wants(kind: Kind) -> None:
         wait_until(lambda: kind.layout == "ros2dds" or robot.knows_who_commands(), "the agent in the ROS graph")
 
 
+def test_a_robot_that_turns_away_from_its_fence_does_not_cross_it() -> None:
+    """It faces the fence, 0.3 m away, and shall go along it: an arc at full speed would lead 0.7 m across."""
+    with driven(origin_x_m=-19.7, origin_y_m=-2.0, fence_margin_m=0.0) as (body, robot, _):
+        nearest_m = [0.3]
+
+        def has_gone_along() -> bool:
+            nearest_m.append(0.3 - robot.x_m)
+            return robot.y_m > 1.0
+
+        go(body, 0.0, 2.0, has_gone_along, "a metre along the fence")
+        assert min(nearest_m) > 0.0
+
+
 def test_a_holonomic_robot_moves_sideways() -> None:
     with driven(Kind(is_holonomic=True)) as (body, robot, _):
         go(body, 0.0, -1.0, lambda: robot.y_m < -0.5, "half a metre to the right")
