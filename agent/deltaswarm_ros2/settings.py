@@ -1,8 +1,10 @@
 """Settings of a ROS 2 robot (`body.py`): its topics, its link, its frame, its limits."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
+from deltaswarm_board.bodies.guard import GuardLimits
 from deltaswarm_board.bodies.guarded import GuardedSettings
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED, TWIST, TWIST_STAMPED
 from deltaswarm_ros2.keys import LAYOUTS, MAX_DOMAIN, NAME_RULE, RMW_ZENOH, is_name
@@ -11,6 +13,9 @@ from deltaswarm_wire.session import link_problems
 
 PEER, CLIENT = "peer", "client"
 DIFFERENTIAL, HOLONOMIC = "differential", "holonomic"
+
+TURNING = 1.5
+"""Time that a differential robot has to turn before it must follow, by that of half a turn at full rate."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,12 @@ class Ros2Settings(GuardedSettings):
         if self.mode == CLIENT and (self.listen or not self.connect):
             problems.append(Problem("mode", repr(self.mode), "must be peer to listen or without connect"))
         return problems
+
+    def limits(self, step_s: float) -> GuardLimits:
+        """Make the guard's limits; a differential robot has time to turn, during which it may stand."""
+        limits = super().limits(step_s)
+        turning_s = 0.0 if self.drive == HOLONOMIC else TURNING * math.pi / self.max_turn_radps
+        return replace(limits, follow_s=limits.follow_s + turning_s)
 
     def namespace_of(self, agent: int) -> str:
         """Return the namespace of an agent's robot."""

@@ -55,7 +55,7 @@ def _flat(keys: Mapping[Any, Any], path: str) -> Iterator[tuple[str, str]]:
 
 
 def _toml(value: Any, path: str) -> str:
-    value = value.item() if type(value).__module__ == "numpy" and hasattr(value, "item") else value
+    value = value.tolist() if type(value).__module__ == "numpy" and hasattr(value, "tolist") else value
     match value:
         case bool():
             return str(value).lower()

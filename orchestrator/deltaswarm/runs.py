@@ -14,7 +14,7 @@ from deltaswarm.arguments import SEEDS, public
 from deltaswarm.errors import Error, in_python, one_error
 from deltaswarm.keys import check_importable, scenario_of
 from deltaswarm_orchestrator.base.exits import FAILED, Reporter
-from deltaswarm_orchestrator.base.paths import must_exist
+from deltaswarm_orchestrator.base.paths import must_exist, part_of
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
 from deltaswarm_orchestrator.processes.elsewhere import engine_of
 from deltaswarm_orchestrator.scenarios import DEFAULT_SCENARIO
@@ -104,6 +104,7 @@ def open(folder: str | os.PathLike[str]) -> "Run":
 
         path = Path(folder)
         must_exist(path, "folder", "the folder of a run", or_part=True)
+        path = path if path.exists() else part_of(path)
         return Run(path, describe(path)["summary"])
 
 
@@ -306,7 +307,7 @@ class Run:
         with one_error(f"run.{name}"):
             import pandas as pd
 
-            return pd.read_csv(self._file(f"{name}.csv"))
+            return _with_numbers(pd.read_csv(self._file(f"{name}.csv")))
 
     def _needs_recording(self) -> None:
         if self.scenario["record"] == "off":
@@ -342,9 +343,14 @@ class UnsavedRun(Run):
         from deltaswarm_orchestrator.results.run_tables import series_rows
 
         if name == "events":
-            return pd.DataFrame(self._outcome.lives, columns=EventLife._fields)
+            return _with_numbers(pd.DataFrame(self._outcome.lives, columns=EventLife._fields))
         header, rows = series_rows(self._outcome)
-        return pd.DataFrame(rows, columns=header)
+        return _with_numbers(pd.DataFrame(rows, columns=header))
+
+
+def _with_numbers(table: "pd.DataFrame") -> "pd.DataFrame":
+    """Make NaN of what has no value at all, such as the times of events that nobody completed; pandas keeps objects."""
+    return table.astype({name: float for name in table if table[name].isna().all()})
 
 
 REPORT_COLUMNS = (

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_cli.arguments import add_json, add_quiet, show
 from deltaswarm_orchestrator.base.exits import OK, CommandError, notice
+from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_wire.arguments import number, whole
 from deltaswarm_wire.extras import missing
 from deltaswarm_wire.files import write_whole
@@ -64,6 +65,13 @@ def learn(arguments: argparse.Namespace) -> int:
     """Train a policy, and write the best one after each validation; or tell what its inputs do."""
     if needs := missing(*NEEDS, extra="learn"):
         raise CommandError(f"deltaswarm learn {needs}")
+    from deltaswarm_learn.costs import check_rule
+
+    check_out(arguments.out.parent, is_ours=False)
+    if arguments.out.is_dir():
+        raise CommandError(f"--out must be a file (got the folder {str(arguments.out)!r})")
+    check_rule(arguments.set)
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     if arguments.what == "inputs":
         return _inputs(arguments)
     if arguments.generations < arguments.validate_every:

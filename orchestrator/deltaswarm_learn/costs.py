@@ -8,13 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from deltaswarm_agent.controllers.paper.hybrid import strategy_of
+from deltaswarm_agent.controllers.paper.settings import LEARNED, PaperSettings
 from deltaswarm_dense.compiled import compile_once
 from deltaswarm_dense.engine import run_dense
-from deltaswarm_learn.tasks import BASE
+from deltaswarm_learn.tasks import BASE, VALIDATION, task
 from deltaswarm_orchestrator.results.outcome import delay_s
 from deltaswarm_orchestrator.scenarios.load import apply, check_table, put, read_table
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.checked import SettingsError, plain
+from deltaswarm_wire.checked import Problem, SettingsError, plain
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import ControlSettings
 
@@ -67,3 +69,14 @@ def scenario_of(keys: Keys, overrides: Sequence[str], control: Keys) -> Scenario
     mode = own.pop("mode")
     made = plain(controller_settings(mode, own, scenario.for_agent(0)))
     return replace(scenario, control=ControlSettings(mode, made))
+
+
+def check_rule(overrides: Sequence[str]) -> None:
+    """Check that agents use a learned rule in tasks with these keys.
+
+    Raises:
+        SettingsError: they do not, or the keys are wrong.
+    """
+    mode = scenario_of(task(VALIDATION, 0), overrides, {"delta_rule": LEARNED}).control.mode
+    if strategy_of(mode, PaperSettings(delta_rule=LEARNED)).rule != LEARNED:
+        raise SettingsError([Problem("control.mode", repr(mode), "must be one that chooses delta, such as hybrid")])

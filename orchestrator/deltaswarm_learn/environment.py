@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 from pettingzoo import ParallelEnv
 
+from deltaswarm.keys import overrides
 from deltaswarm_agent.controller import Percept
 from deltaswarm_learn.controller import ActedUpon
 from deltaswarm_learn.rewards import Reward, StepOutcome, Tally, reward_function
@@ -18,7 +19,7 @@ from deltaswarm_learn.state import state_of, state_size
 from deltaswarm_learn.vectors import Vector, VectorSettings, action_size, checked_action, observation_shapes
 from deltaswarm_orchestrator.results.summary import summarise
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.scenarios.load import check_table, put, read_table
+from deltaswarm_orchestrator.scenarios.load import apply, check_table, read_table
 from deltaswarm_scenario.scenario import MAX_SEED, Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, plain
 
@@ -144,8 +145,14 @@ class SwarmEnv(ParallelEnv[str, Observation, Vector]):  # type: ignore[misc]
         return state_of(episode.swarm, set(episode.percepts))
 
     def summary(self) -> dict[str, Any]:
-        """Return the metrics of a complete episode: what `summary.json` of a run has. Raises RuntimeError before."""
-        return self._current().summary()
+        """Return the metrics of a complete episode: what `summary.json` of a run has. Raises RuntimeError before.
+
+        If all agents have left, the world goes on alone until its last step.
+        """
+        episode = self._current()
+        while not self.agents and not episode.is_over:
+            episode.step({})
+        return episode.summary()
 
     def render(self) -> str | None:
         """Return a line about this step with `render_mode="ansi"`; else None."""
@@ -289,9 +296,11 @@ class _Episode:
 def scenario_of(given: str | Path | Scenario, keys: Mapping[str, Any], sizes: Mapping[str, int]) -> Scenario:
     """Return the checked scenario of an environment. Raises SettingsError with every mistake."""
     table = plain(given) if isinstance(given, Scenario) else read_table(str(given))
-    problems = [problem for path, value in keys.items() for problem in put(table, path, value)]
+    settings = overrides(keys)
+    problems = [problem for setting in settings for problem in apply(table, setting)]
     must = "must not be given: the learner is the controller"
-    problems += [Problem(path, repr(value), must) for path, value in keys.items() if path.startswith("control")]
+    given_keys = (setting.partition("=") for setting in settings)
+    problems += [Problem(path, value, must) for path, _, value in given_keys if path.startswith("control")]
     table["control"] = {"mode": CONTROLLER, **sizes}
     scenario, more = check_table(table)
     if scenario is not None and scenario.run.bound != "none":

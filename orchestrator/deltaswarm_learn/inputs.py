@@ -48,7 +48,7 @@ def noted(numbers: Sequence[int], overrides: Sequence[str], control: Keys) -> Fl
 
 def _inputs_in(scenario: Scenario) -> list[tuple[float, ...]]:
     rows: list[tuple[float, ...]] = []
-    every = round(EVERY_S / scenario.run.step_s)
+    every = max(1, round(EVERY_S / scenario.run.step_s))
 
     def note(swarm: InProcess, step: int) -> None:
         if not step or step % every:

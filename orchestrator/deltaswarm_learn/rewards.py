@@ -27,7 +27,7 @@ class StepOutcome(NamedTuple):
 
 
 REWARDS = {
-    "told": (1, "events of which the operator was told for the first time"),
+    "told": (1, "events of which the operator was told for the first time, within the horizon of their arrival"),
     "sensed": (1, "events that an agent sensed for the first time"),
     "worked": (1, "events on which an agent worked for the first time"),
     "completed": (1, "events that were completed"),

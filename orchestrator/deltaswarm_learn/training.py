@@ -77,6 +77,15 @@ class TrainingSettings:
     """Keys of the scenario, the same in all tasks, as `key=value`."""
 
 
+def _ratios(costs: np.ndarray, hybrid: np.ndarray) -> np.ndarray:
+    """Divide the costs of tasks by those of hybrid control, without the tasks that have no event and cost nothing."""
+    have_events = hybrid[:, 0] > 0
+    if not have_events.any():
+        must = "must be great enough, or run.duration_s long enough, that tasks have events"
+        raise SettingsError([Problem("events.rate_hz", "tasks without an event", must)])
+    return np.asarray(costs[have_events] / hybrid[have_events])
+
+
 class Pool:
     """Processes that do the runs, and end with this one, however that ends."""
 
@@ -165,7 +174,7 @@ class Training:
         settings, candidates = self.settings, self._candidates()
         first, controls = self._next_task, [HYBRID, *(learned(found.tolist()) for found in candidates)]
         costs = self._pool.costs(TRAINING, range(first, first + settings.tasks), controls)
-        means = np.exp(np.log(costs[:, 1:] / costs[:, :1]).mean(axis=0)).tolist()
+        means = np.exp(np.log(_ratios(costs[:, 1:], costs[:, :1])).mean(axis=0)).tolist()
         self._take(candidates, means)
         row: dict[str, Any] = {"costs": means}
         if self.generation % settings.validate_every == 0:
@@ -176,11 +185,11 @@ class Training:
         return min(means), fmean(means)
 
     def validated(self, control: Keys) -> list[float]:
-        """Return what each validation task costs under a control, by hybrid control with delta 3."""
+        """Return what each validation task with events costs under a control, by hybrid control with delta 3."""
         numbers = range(self.settings.validation_tasks)
         if self._baseline is None:
             self._baseline = self._pool.costs(VALIDATION, numbers, [HYBRID])
-        return list((self._pool.costs(VALIDATION, numbers, [control]) / self._baseline)[:, 0])
+        return list(_ratios(self._pool.costs(VALIDATION, numbers, [control]), self._baseline)[:, 0])
 
     def record(self, command: str) -> dict[str, Any]:
         """Return the file of the best policy, with where it comes from; `command` makes it again."""

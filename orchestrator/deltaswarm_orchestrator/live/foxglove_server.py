@@ -90,6 +90,7 @@ class FoxgloveServer(RateLimited):
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.flush()
         self._stop_logging()
         # The server would wait forever for viewers that do not read what has been sent.
         stopping = threading.Thread(target=self._server.stop, daemon=True)

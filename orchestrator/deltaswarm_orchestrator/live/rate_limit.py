@@ -4,6 +4,7 @@ A run makes hundreds of steps per second, more than anybody can see. Log lines a
 shown, because none of them replaces another.
 """
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -56,6 +57,11 @@ class RateLimited:
     def show_all(self) -> None:
         """Send the newest message of every topic at the next tick, for a new viewer. Any thread may call this."""
         self._shows_all = True
+
+    def flush(self) -> None:
+        """Send what waits, since no tick will follow."""
+        self._due_s = -math.inf
+        self.tick()
 
     def tick(self) -> None:
         now_s = self._wall()

@@ -183,6 +183,8 @@ def _flat(table: Mapping[str, Any], path: str, beside: Path, problems: list[Prob
 def with_absolute_grids(value: Any, beside: Path, path: str = "") -> Any:
     """Make the paths of grids absolute, wherever in a table: they are relative to the file that names them."""
     if isinstance(value, dict):
+        if value.get("name") == GRID and isinstance(choices := value.get("choices"), dict):  # a range of grids
+            value = value | {"choices": {label: str(beside.absolute() / file) for label, file in choices.items()}}
         return {name: with_absolute_grids(inner, beside, f"{path}.{name}") for name, inner in value.items()}
     if isinstance(value, list | tuple):
         return [with_absolute_grids(inner, beside, path) for inner in value]

@@ -27,7 +27,7 @@ def test_each_run_is_that_of_its_seed(keys: dict[str, Any]) -> None:
     sizes = {"event_slots": 2, "frame_slots": 3, "message_size": 2}
     batch = SwarmVectorEnv(RUNS, "smoke", CROWDED | keys, reward=WEIGHTS, **sizes)
     single = [SwarmEnv("smoke", CROWDED | keys, reward=WEIGHTS, **sizes) for _ in range(RUNS)]
-    observed, _ = batch.reset(seed=SEED)
+    observed, _ = batch.reset(seed=np.int64(SEED))
     alone = [env.reset(seed=SEED + number)[0] for number, env in enumerate(single)]
     rng = np.random.default_rng(SEED)
     names = single[0].possible_agents

@@ -11,6 +11,7 @@ import threading
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -232,6 +233,22 @@ def test_an_agent_that_leaves_does_not_come_back() -> None:
     assert left == {"agent_2": 3, "agent_3": 4}
     senders = env.summary()["operator"]["per_sender"]
     assert senders.get("3", {"messages": 0})["messages"] <= 4
+
+
+def test_an_episode_that_all_agents_left_has_a_summary_of_its_whole_length() -> None:
+    """It is that of agents which stay, all of them dead."""
+    keys = {**SHORT, "fault": [{"kind": "kill", "at_s": 3.0, "fraction": 1.0}]}
+    left, stayed = (SwarmEnv("smoke", keys, leaving=leaving) for leaving in (True, False))
+    assert len(list(episode(left))) < len(list(episode(stayed)))
+    assert left.summary()["digest"] == stayed.summary()["digest"]
+
+
+def test_keys_within_a_table_change_no_others_of_it(tmp_path: Path) -> None:
+    """As in `deltaswarm.run`, which takes numpy's numbers, too."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text('schema = 1\nname = "mine"\nradio.range_m = 25.0\n')
+    env = SwarmEnv(str(mine), {"radio": {"loss": np.float64(0.25)}})
+    assert (env.scenario.radio.range_m, env.scenario.radio.loss) == (25.0, 0.25)
 
 
 def test_an_agent_that_dies_with_the_episode_is_truncated_and_not_terminated() -> None:

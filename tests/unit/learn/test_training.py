@@ -90,6 +90,28 @@ def test_costs_of_tasks_are_averaged_as_ratios(tmp_path: Path) -> None:
     assert training.curve == [(2, pytest.approx(1.0))]
 
 
+class Empty(Uneven):
+    """No event comes in the first task, which costs nothing."""
+
+    def __init__(self, *empty: int) -> None:
+        self._empty = empty
+
+    def costs(self, stream: str, numbers: Sequence[int], controls: Sequence[Keys]) -> np.ndarray:
+        found = super().costs(stream, numbers, controls)
+        found[[number % 1000 in self._empty for number in numbers]] = 0.0
+        return found
+
+
+def test_tasks_without_events_say_nothing(tmp_path: Path) -> None:
+    """Of two tasks the odd one is left, in which a policy costs four times as much; if none is, training is refused."""
+    settings = replace(SMALL, validation_tasks=2, validate_every=1)
+    training = Training(settings, tmp_path / "log", Empty(0))  # type: ignore[arg-type]
+    assert training.advance() == pytest.approx((4.0, 4.0))
+    assert training.best[0] == pytest.approx(4.0)
+    with pytest.raises(SettingsError, match="tasks have events"):
+        Training(settings, tmp_path / "other", Empty(0, 1)).advance()  # type: ignore[arg-type]
+
+
 def test_weights_of_the_price_begin_with_greater_steps(tmp_path: Path) -> None:
     training, _ = trained(tmp_path / "log", 0, replace(SMALL, population=400))
     of_delta, of_working = np.split(np.std(training._candidates(), axis=0) / SMALL.sigma, 2)
@@ -183,4 +205,17 @@ def test_a_training_that_would_validate_nothing_is_refused(tmp_path: Path, capsy
     out = tmp_path / "policy.json"
     assert main(["learn", "delta", "--generations", "3", "--out", str(out)]) == 2
     assert "--generations must be at least --validate-every, 4" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_could_not_be_written_or_learned_is_refused_before_a_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else the runs were done for nothing."""
+    for what in ("delta", "inputs"):
+        assert main(["learn", what, "--out", str(tmp_path)]) == 2
+        assert "--out must be a file" in capsys.readouterr().err
+        out = str(tmp_path / "new" / "file")
+        assert main(["learn", what, "--set", "control.mode=decentralised", "--out", out]) == 2
+        assert "control.mode must be one that chooses delta" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path, PurePath
@@ -35,6 +36,12 @@ def test_the_command_line_and_python_do_the_same_run(run: deltaswarm.Run, tmp_pa
         pd.testing.assert_frame_equal(getattr(opened, name), getattr(run, name))
     assert opened.is_valid
     assert "smoke, hybrid, seed 3, 30 steps, valid" in repr(opened)
+
+
+def test_a_run_that_is_not_over_is_opened_by_its_name(run: deltaswarm.Run, tmp_path: Path) -> None:
+    """Where it is until then, what was interrupted, too."""
+    shutil.copytree(run.folder, tmp_path / "run.part")
+    assert deltaswarm.open(tmp_path / "run").folder == tmp_path / "run.part"
 
 
 def test_tables_have_what_the_docstrings_say(run: deltaswarm.Run) -> None:
@@ -149,6 +156,8 @@ def test_keys_are_what_set_takes() -> None:
         "radio.models": {PurePath: {}},
         "operator.page": {},
         "run.duration_s": math.inf,
+        "uplink.base_m": np.array([10.0, 20.0]),
+        "events.rates_s": np.array([3]),
         "name": 'a "quoted" \\ näme',
     }
     assert overrides(keys) == [
@@ -161,6 +170,8 @@ def test_keys_are_what_set_takes() -> None:
         'control.mode="deltaswarm_agent.controllers.potential:PotentialController"',
         'radio.models."pathlib:PurePath"={}',
         "run.duration_s=inf",
+        "uplink.base_m=[10.0, 20.0]",
+        "events.rates_s=[3]",
         'name="a \\"quoted\\" \\\\ näme"',
     ]
     with pytest.raises(deltaswarm.Error, match=r"run\.step_s must be a number, a text"):

@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import deltaswarm
@@ -63,11 +64,13 @@ def test_metrics_may_be_functions_in_one_process(file: Path) -> None:
         "latest_s": lambda run: run.events["told_s"].max(),
         "sent": lambda run: run.series["frames_sent"].sum(),
         "nothing": lambda run: None,
+        "completed_share": lambda run: float(np.isfinite(run.events["completed_s"]).mean()),
     }
     table = deltaswarm.sweep(file, metrics=metrics, replicates=1, progress=False)
     assert list(table["sent"]) == list(table["frames.sent"])
     assert table["nothing"].isna().all()
     assert (table["latest_s"] <= 60).all()
+    assert list(table["completed_share"]) == [0.0, 0.0], "in a minute nobody completes 200 agent seconds of work"
     assert not Path("sweeps").exists()
     for given in ({"jobs": 2}, {"engine": "processes"}, {"out": "kept"}):
         with pytest.raises(deltaswarm.Error, match="must be used in one process that keeps no runs"):

@@ -56,6 +56,18 @@ def test_the_log_and_events_are_not_thinned() -> None:
     assert [data for _, _, data in screen.taken()] == [b"%d" % number for number in range(5, MAX_WAITING + 5)]
 
 
+def test_the_end_of_a_run_is_shown_though_it_is_not_due() -> None:
+    """No tick follows it."""
+    screen = Screen()
+    screen.viewer.put("/tf", 0.0, b"first")
+    screen.viewer.tick()
+    screen.viewer.put("/swarm/event", 1.0, b"last")
+    screen.viewer.later(1.0, lambda: [("/tf", b"last")])
+    screen.viewer.tick()
+    screen.viewer.flush()
+    assert {topic: data for topic, _, data in screen.taken()} == {"/tf": b"last", "/swarm/event": b"last"}
+
+
 def test_who_comes_late_is_shown_all() -> None:
     """Also the topics that are told when they change; and in a run that stands still."""
     screen = Screen()

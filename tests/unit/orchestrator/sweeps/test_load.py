@@ -140,6 +140,12 @@ def test_files_are_looked_for_beside_the_file_that_names_them(tmp_path: Path, mo
     assert sweep.variants[0].scenario.run.duration_s == 77.0
     kept = with_absolute_grids(checked.plain(sweep.file), sweep.beside)
     assert kept["sweep"]["axes"]["events"]["density"]["file"] == [str(tmp_path / "sub" / f"{n}.csv") for n in (1, 2)]
+    drawn = "[sweep.axes]\ncontrol.delta = [2]\n[sensitivity]\npoints = 10\n[[sensitivity.range]]\n"
+    drawn += 'name = "events.density.file"\ntitle = "Grid"\nchoices = { one = "1.csv", two = "2.csv" }\n'
+    sweep = load(tmp_path / "sub", text + drawn)
+    assert {Path(one.scenario.events.density.file).name for one in sweep.variants} <= {"1.csv", "2.csv"}
+    [drawn_from] = with_absolute_grids(checked.plain(sweep.file), sweep.beside)["sensitivity"]["range"]
+    assert drawn_from["choices"] == {name: str(tmp_path / "sub" / f"{n}.csv") for name, n in (("one", 1), ("two", 2))}
     grids = '[sweep.axes]\n"events.density" = [{ kind = "grid", file = "1.csv" }]\n'
     whole = load(tmp_path / "sub", 'schema = 1\nbase = "base.toml"\n' + grids)
     assert Path(whole.variants[0].scenario.events.density.file) == tmp_path / "sub" / "1.csv"

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_board.bodies.guard import Obedience
 from deltaswarm_ros2.cdr import decode, encode
 from deltaswarm_ros2.definitions import ODOMETRY, POSE_STAMPED
 from deltaswarm_ros2.motion import (
@@ -20,6 +21,7 @@ from deltaswarm_ros2.motion import (
     Streams,
     beside,
 )
+from deltaswarm_ros2.settings import Ros2Settings
 from tests.support.tiers import in_one_test
 
 ONE, TWO = b"one", b"two"
@@ -171,6 +173,20 @@ def test_a_holonomic_robot_moves_with_the_velocity_whatever_its_heading(
     moved = (cosine * forward_mps - sine * left_mps, sine * forward_mps + cosine * left_mps)
     assert moved == pytest.approx(velocity, abs=1e-9)
     assert turn_radps == 0.0
+
+
+@pytest.mark.parametrize("turn_radps", [0.1, 0.3, 0.5, 1.5])
+def test_a_robot_that_turns_slowly_is_not_disobedient(turn_radps: float) -> None:
+    """It faces away, turns on the spot at first, and does all that it is told."""
+    limits = Ros2Settings(max_turn_radps=turn_radps).limits(1.0)
+    drive, guard = DIFFERENTIAL._replace(max_turn_radps=turn_radps), Obedience(limits)
+    x_m, heading_rad = 50.0, math.pi - 0.01
+    for now_s in (0.1 * tick for tick in range(round(30.0 * limits.follow_s))):
+        guard.locate((x_m, 0.0), now_s)
+        guard.send((1.0, 0.0), now_s)
+        assert guard.reason_to_stand(now_s) == ""
+        forward_mps, _, turn = drive.twist((1.0, 0.0), heading_rad)
+        x_m, heading_rad = x_m + 0.1 * forward_mps * math.cos(heading_rad), heading_rad + 0.1 * turn
 
 
 @given(SPEEDS, ANGLES, ANGLES)
