@@ -18,6 +18,7 @@ from deltaswarm_scenario.operator_links import (
     CommandSettings,
     DownlinkSettings,
     UplinkSettings,
+    command_problems,
     downlink_problems,
     uplink_problems,
 )
@@ -27,7 +28,7 @@ from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain, rest
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID, CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
-from deltaswarm_wire.plugins import DYNAMICS, find
+from deltaswarm_wire.plugins import DYNAMICS, find, is_reading
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 CLOCKS = ("lockstep", "realtime")
@@ -212,8 +213,6 @@ class Scenario:
         if self.run.bound != "none" and (self.events.rates_hz or self.operator.autonomy.commands):
             allowed = "must be none with events.rates_hz, since it knows one rate, and with orders by the system"
             problems.append(Problem("run.bound", repr(self.run.bound), allowed))
-        for technique in self.operator.probes.techniques:
-            problems += technique.problems_within(self.run.duration_s, self.run.step_s)
         problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s, self.world.dynamics)
         size_m = (self.arena.width_m, self.arena.height_m)
         if (area_m2 := self.arena.width_m * self.arena.height_m) > MAX_AREA_M2:
@@ -221,7 +220,11 @@ class Scenario:
         problems += obstacle_problems(self.arena.obstacles, size_m)
         problems += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         problems += uplink_problems(self.uplink, size_m, self.run.step_s)
-        problems += downlink_problems(self.downlink, self.uplink.base_m)
+        problems += downlink_problems(self.downlink, self.uplink.base_m, size_m)
+        if not is_reading():  # older versions did runs with orders and questions that never came
+            problems += command_problems(self.command, self.agents.count, self.run.duration_s, size_m)
+            for technique in self.operator.probes.techniques:
+                problems += technique.problems_within(self.run.duration_s, self.run.step_s)
         places = size_m, self.arena.obstacles
         return problems + (room_problems(*places) or density_problems(self.events.density, *places))
 

@@ -43,8 +43,16 @@ class ProcessOrder(NamedTuple):
         return f"step {self.step}: {self.why}: {whom}" + ("" if self.action == NOTE else f" ({self.action})")
 
 
+MAX_WHY = 200
+"""Characters of the reason that are sent: a plug-in may give a longer one."""
+
 _ORDER = Record(ProcessOrder, "order", MAX_ORDINARY_BYTES)
-encode_order, decode_order = _ORDER.encode, _ORDER.decode
+decode_order = _ORDER.decode
+
+
+def encode_order(order: ProcessOrder) -> bytes:
+    """Encode an order with at most `MAX_WHY` characters of its reason. Raises WireError."""
+    return _ORDER.encode(order._replace(why=str(order.why)[:MAX_WHY]))
 
 
 def _one_number(message: str, field: str, low: int, high: int) -> tuple[Callable[[int], bytes], Callable[[bytes], int]]:

@@ -218,6 +218,11 @@ def as_recorded(metrics: tuple[Any, ...] = (), commands: tuple[Any, ...] = ()) -
         _recorded.reset(token)
 
 
+def is_reading() -> bool:
+    """Whether a run is read that was done, by an older version perhaps."""
+    return _recorded.get() is not None
+
+
 def is_recorded(found: Any) -> bool:
     """Whether a class that was found only stands for a plug-in's."""
     return isinstance(found, type) and issubclass(found, Recorded)

@@ -174,7 +174,8 @@ class DaskCluster:
         """Return where the world is to listen: as asked, or at this machine's address towards the scheduler."""
         host, port = host_and_port(listen) if listen else (self._own_address(), 0)
         try:
-            with socket.create_server((host, port)) as server:  # never accepts: the kernel connects
+            # It never accepts: the kernel connects, as many as the backlog has room for.
+            with socket.create_server((host, port), backlog=len(self.workers)) as server:
                 problems = self._ask_workers(problem_to_reach, host, server.getsockname()[1])
         except OSError as error:
             raise ClusterError(

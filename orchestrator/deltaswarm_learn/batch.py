@@ -86,8 +86,9 @@ class SwarmVectorEnv(VectorEnv[Vector, Vector, Any]):
             options: not used.
         """
         seeds = self._seeds.integers(MAX_SEED, size=self.num_envs).tolist() if seed is None else seed
-        is_first = isinstance(seeds, int | np.integer)
-        seeds = [seeds + number for number in range(self.num_envs)] if is_first else list(seeds)
+        if isinstance(seeds, int | np.integer):
+            seeds = [int(seeds) + number for number in range(self.num_envs)]
+        seeds = list(seeds)
         whole = [one for one in seeds if isinstance(one, int | np.integer) and 0 <= one <= MAX_SEED]
         if len(whole) != self.num_envs:
             must = f"seed must be a whole number from 0 to {MAX_SEED}, or {self.num_envs} of them"

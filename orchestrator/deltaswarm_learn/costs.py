@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from deltaswarm_agent.controllers.paper.hybrid import strategy_of
-from deltaswarm_agent.controllers.paper.settings import LEARNED, PaperSettings
 from deltaswarm_dense.compiled import compile_once
 from deltaswarm_dense.engine import run_dense
 from deltaswarm_learn.tasks import BASE, VALIDATION, task
@@ -21,6 +19,9 @@ from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import ControlSettings
 
 Keys = Mapping[str, Any]
+
+WITHOUT_DELTA = "decentralised", "hierarchical"
+"""Modes that accept a rule for delta, and do not use it."""
 
 
 class Cost(NamedTuple):
@@ -77,6 +78,6 @@ def check_rule(overrides: Sequence[str]) -> None:
     Raises:
         SettingsError: they do not, or the keys are wrong.
     """
-    mode = scenario_of(task(VALIDATION, 0), overrides, {"delta_rule": LEARNED}).control.mode
-    if strategy_of(mode, PaperSettings(delta_rule=LEARNED)).rule != LEARNED:
+    mode = scenario_of(task(VALIDATION, 0), overrides, {"delta_rule": "learned"}).control.mode
+    if mode in WITHOUT_DELTA:
         raise SettingsError([Problem("control.mode", repr(mode), "must be one that chooses delta, such as hybrid")])

@@ -119,8 +119,8 @@ def at_points(claim: ClaimSettings, runs: pd.DataFrame, points: int) -> AtPoints
             effect, rounding = a - least, stats.TIE * np.maximum(a.abs(), least.abs())
             holds, is_tie = effect > rounding, effect.abs() <= rounding
         effect = a / b if is_ratio else effect
-    series = (one.astype(float).where(known) for one in (effect, holds, is_tie))
-    return AtPoints(*series, is_ratio)
+    holds_at, is_tie_at = (one.astype(float).where(known) for one in (holds, is_tie))
+    return AtPoints(effect.where(known), holds_at, is_tie_at, is_ratio)
 
 
 def features_of(one: RangeSettings, values: pd.Series) -> list[Feature]:

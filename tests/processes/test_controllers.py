@@ -223,6 +223,14 @@ def test_a_hanging_agent_among_sleeping_ones_stalls_nobody(module: Path) -> None
     assert found["wall_s"] < 60  # not 2 s for each of 200 steps
 
 
+def test_a_run_whose_agents_all_hang_for_long_ends(module: Path) -> None:
+    """After the time in which all must be up, which is shorter than the time-outs of all steps."""
+    keys = ["agents.count=1", "control.victim=0", "control.at_step=5", "run.step_timeout_s=1", "run.start_timeout_s=10"]
+    code, found, errors = finished(module, "Sleeps", *sets(*keys))
+    assert (code, found["complete"]) == (1, False)
+    assert "all agents hang: none has answered for 10 s" in errors
+
+
 def test_no_agent_is_told_the_command_line(module: Path) -> None:
     """It holds the run's seed and its scenario."""
     with running(module / "run", *at_fault("Nosy", "run.duration_s=5"), "--seed", "4711") as swarm:

@@ -9,9 +9,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import tomli_w
@@ -20,6 +21,7 @@ from distributed import Client
 import deltaswarm_wire
 from deltaswarm_cluster import dask_cluster as dask_cluster_module
 from deltaswarm_cluster.host import HostActor, Job
+from deltaswarm_cluster.plan import Worker
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import plain
 from tests.support.dask_clusters import Cluster, dask_cluster, nothing_is_left
@@ -253,6 +255,22 @@ def test_a_port_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) 
     assert "refused" in asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port)).lower()
     monkeypatch.setattr(dask_cluster_module, "REACH_WITHIN_S", 0.0)
     assert "no answer" in asyncio.run(dask_cluster_module.problem_to_reach("127.0.0.1", port))
+
+
+def test_a_cluster_may_have_more_workers_than_a_default_backlog() -> None:
+    """All of them try the port at once, where nobody accepts."""
+    cluster = dask_cluster_module.DaskCluster.__new__(dask_cluster_module.DaskCluster)
+    cluster.workers = [Worker(f"w{number}", f"tcp://127.0.0.1:{number}") for number in range(200)]
+
+    def ask(function: Callable[..., Any], *place: object) -> dict[str, str]:
+        async def tried() -> list[str]:
+            problems: list[str] = await asyncio.gather(*[function(*place) for _ in cluster.workers])
+            return problems
+
+        return {worker.address: problem for worker, problem in zip(cluster.workers, asyncio.run(tried()), strict=True)}
+
+    cluster._ask_workers = ask  # type: ignore[method-assign]
+    assert cluster.endpoint("tcp/127.0.0.1:0").startswith("tls/127.0.0.1:")
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
+from deltaswarm_scenario.density import free_share
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.obstacles import edge_distance_m2, is_inside
@@ -22,8 +23,13 @@ MAX_SUBSTEP_S = 0.05
 SHARE_OF_RADIUS = 0.25
 """A body moves at most this share of its radius in a step of the engine, so that it passes nobody and no wall."""
 MAX_SUBSTEPS = 10_000
+WITH_TREES = "hierarchical", "hybrid", "adaptive"
+"""Modes whose members keep 6 m apart, if `d_min_m` is not given."""
+
 MAX_FILL = 0.4
 """Largest share of the arena that the bodies may cover: of more, random starting positions leave no room."""
+MAX_FILL_OF_FREE = 0.6
+"""The same of what obstacles leave free. Discs placed at random jam at 0.55 of a wide area, at 0.59 of a corridor."""
 
 
 @dataclass(frozen=True)
@@ -86,19 +92,21 @@ class PhysicsSettings:
                 f"a robot at {speed_mps:g} m/s by a quarter of its radius of {radius_m:g} m"
             )
             yield Problem("substeps", f"{self.substeps}", allowed)
-        spacing_m = scenario.control.options.get(
-            "d_min_m", 6.0 if scenario.control.mode not in ("central", "potential") else None
-        )
+        mode = scenario.control.mode
+        least_m = scenario.control.options.get("d_min_m", 6.0 if mode in WITH_TREES else None)
+        spacing_m = None if mode == "decentralised" else least_m
         if isinstance(spacing_m, int | float) and 2 * radius_m > spacing_m:
             allowed = f"must be at most half of the least distance between members of a tree, {spacing_m / 2:g} m"
             yield Problem("radius_m", f"{radius_m:g}", allowed)
-        if 2 * radius_m > min(arena.width_m, arena.height_m):
-            yield Problem("radius_m", f"{radius_m:g}", "must be at most half of the arena's shorter side")
-        elif (
-            not self.starts_m and (fill := count * math.pi * radius_m**2 / (arena.width_m * arena.height_m)) > MAX_FILL
-        ):
-            allowed = f"must leave room: {count} robots may cover at most {MAX_FILL:.0%} of the arena"
-            yield Problem("radius_m", f"{radius_m:g}, which covers {fill:.0%}", allowed)
+        size_m = arena.width_m, arena.height_m
+        fill, free = count * math.pi * radius_m**2 / math.prod(size_m), free_share(size_m, arena.obstacles)
+        if 2 * radius_m > min(size_m) or (2 * radius_m == min(size_m) and not self.starts_m):
+            allowed = "must be less than half of the arena's shorter side; exactly half needs world.starts_m"
+            yield Problem("radius_m", f"{radius_m:g}", allowed)
+        elif not self.starts_m and fill > (most := min(MAX_FILL, MAX_FILL_OF_FREE * free)):
+            obstacles = " with these obstacles" if arena.obstacles else ""
+            allowed = f"must leave room: {count} robots may cover at most {most:.1%} of the arena{obstacles}"
+            yield Problem("radius_m", f"{radius_m:g}, which covers {fill:.1%}", allowed)
         if self.drive == HOLONOMIC and any(fault.kind == WHEEL_LOST for fault in scenario.fault):
             yield Problem("drive", repr(HOLONOMIC), f"must be {DIFFERENTIAL} with the fault {WHEEL_LOST}")
         if self.base_m > 2 * radius_m:

@@ -101,6 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = parser().parse_args(argv)
     from deltaswarm_scenario.scenario import Scenario  # none of these is needed for --help
+    from deltaswarm_world.io.files import TABLES, has_steps
     from deltaswarm_world.io.process import run_world
     from deltaswarm_world.io.saving import WorldConfig, load
 
@@ -118,6 +119,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         tls = tls_of(listen, arguments.ca, arguments.certificate, arguments.key)
         if arguments.credentials.is_dir():
             raise ValueError(f"--credentials must be a file (got the folder {arguments.credentials})")
+        if arguments.resume is None and has_steps(arguments.out):
+            must = f"--out must be a folder without steps in {TABLES[0]}, which is never overwritten"
+            raise FileExistsError(f"{must} (got {arguments.out})")
         if not arguments.credentials.exists():
             write_credentials(arguments.credentials, scenario.agents.count)
         if tls:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock
+from deltaswarm_world.core import environment as environment_module
 from deltaswarm_world.core.environment import Environment
 from tests.support.tiers import in_one_test, nightly
 from tests.support.worlds import Stage
@@ -115,6 +116,13 @@ def test_robots_that_stand_in_each_other_or_in_a_wall_are_misplaced() -> None:
     dynamics = world("world.radius_m=1.0", starts=[(50.0, 50.0)]).dynamics
     places_m = np.array([[20.0, 20.0], [30.0, 30.0], [21.9, 20.0], [32.1, 30.0], [0.9, 50.0], [1.1, 70.0]])
     assert dynamics.misplaced(places_m).tolist() == [False, False, True, False, True, False]
+
+
+def test_robots_without_room_to_start_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environment_module, "MAX_TRIES", 2)
+    crowd = ["world.dynamics=physics", "world.radius_m=2.9", "agents.count=150", "run.duration_s=1", "record=off"]
+    [line] = run_in_process(load_scenario("paper-25", crowd)).messages
+    assert line.startswith("the arena must leave room for 150 agents")
 
 
 def test_a_jammed_robot_got_no_further_than_its_diameter() -> None:

@@ -11,6 +11,9 @@ from deltaswarm_wire.checked import SettingsError
 from tests.support.tiers import in_one_test
 
 PHYSICS = 'world.dynamics="physics"'
+UNIFORM = ["events.density.kind=uniform"]
+NARROW = "arena.obstacles=[{corners_m=[[10,0],[100,0],[100,100],[10,100]]}]"
+"""Leaves a tenth of the arena free."""
 
 
 @in_one_test(
@@ -25,6 +28,8 @@ PHYSICS = 'world.dynamics="physics"'
             "world.radius_m must be at most half of the least distance between members of a tree",
         ),
         (["world.radius_m=2.9", "agents.count=200"], "world.radius_m must leave room"),
+        (["arena.height_m=6", "world.radius_m=3", "agents.count=1", *UNIFORM], "world.radius_m must be less than half"),
+        (["control.mode=potential", "world.radius_m=2.9", NARROW, *UNIFORM], "world.radius_m must leave room"),
         (["world.substeps=10"], "world.substeps must be at least 20"),
         (["world.substeps=20", "agents.speed_mps=5"], "world.substeps must be at least 80"),
         (["run.step_s=60", "world.radius_m=0.01", "agents.speed_mps=100"], "world.substeps must be at most 10000"),
@@ -64,6 +69,12 @@ def test_a_mistake_is_one_line(overrides: list[str], line: str) -> None:
         load_scenario("paper-25", [PHYSICS, *overrides])
     assert line in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1, str(caught.value)
+
+
+@in_one_test("mode", ["decentralised", "potential", "deltaswarm_agent.controllers.potential:PotentialController"])
+def test_without_trees_robots_may_be_larger_than_the_distance_of_members(mode: str) -> None:
+    keys = [PHYSICS, "world.radius_m=3.5", f"control.mode={mode}", "agents.count=10", *UNIFORM]
+    assert load_scenario("paper-25", keys).world.radius_m == 3.5
 
 
 def test_agents_operator_and_pages_are_told_the_radius_of_a_body() -> None:

@@ -14,6 +14,7 @@ from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_scenario.scenario import RunSettings, Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, check, load, plain
 from deltaswarm_wire.keys import Keys
+from deltaswarm_wire.plugins import as_recorded
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.strategies import tables_of
 from tests.support.tiers import in_one_test
@@ -297,3 +298,30 @@ def test_accepted_losses_are_a_share_or_a_number_of_the_agents(accepted: float, 
     assert said in problem
     for right in (0, 0.5, 1, 10):
         assert load(Scenario, table_with(("run", "accept_lost"), right)).run.accept_lost == right
+
+
+@in_one_test(
+    ("changed", "path"),
+    [
+        ({"at_s": 300.0}, "at_s"),
+        ({"target": "agent", "numbers": [6]}, "numbers"),
+        ({"target": "tree", "numbers": [6]}, "numbers"),
+        ({"target": "circle", "numbers": [103.0, 104.0, 4.9]}, "numbers"),
+        ({"target": "place", "numbers": [101.0, 50.0]}, "numbers"),
+        ({"at_s": 299.0, "target": "agent", "numbers": [5]}, None),
+        ({"target": "circle", "numbers": [103.0, 104.0, 5.0]}, None),
+    ],
+)
+def test_an_order_that_nobody_could_get_is_refused(changed: dict[str, Any], path: str | None) -> None:
+    """Before a run, whose condition would be missing without a word; a run that was done is read all the same."""
+    order = {"at_s": 3.0, "name": "set delta", "arguments": {"delta": 3}, **changed}
+    table = {"run": {"duration_s": 300.0}, "agents": {"count": 6}, "command": [order]}
+    _, found = check(Scenario, table)
+    assert [one.path for one in found] == ([f"command[0].{path}"] if path else [])
+    with as_recorded():
+        assert check(Scenario, table)[1] == []
+
+
+def test_a_base_is_within_the_arena() -> None:
+    for link in ("uplink", "downlink"):
+        assert paths_of(problems({link: {"base_m": [50.0, 101.0], "range_m": 60.0}})) == [f"{link}.base_m"]

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_STEP, PROTOCOL_VERSION, WireError, pack
 from deltaswarm_wire.orders import (
     ACTIONS,
+    MAX_WHY,
     ProcessOrder,
     decode_done,
     decode_order,
@@ -35,6 +36,10 @@ GOOD = ProcessOrder(0, 3, 3.0, "kill", (1, 2), "kill of the roots")
 def test_an_order_survives(order: ProcessOrder) -> None:
     assert decode_order(encode_order(order)) == order
     assert str(order.step) in order.text
+
+
+def test_a_long_reason_of_a_plugin_is_cut() -> None:
+    assert decode_order(encode_order(GOOD._replace(why="x" * 1000))) == GOOD._replace(why="x" * MAX_WHY)
 
 
 @given(st.integers(0, MAX_ID))

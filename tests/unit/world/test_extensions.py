@@ -12,8 +12,12 @@ from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import commented_toml, load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, plain
+from deltaswarm_wire.plugin_errors import PluginError
+from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.core.air.channel.links import Ends
 from deltaswarm_world.core.air.radio import Air
+from deltaswarm_world.core.environment import Environment
+from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from tests.support.cores import play
 from tests.support.tiers import in_one_test
 from tests.support.weather import put_weather
@@ -219,3 +223,30 @@ def test_what_they_do_wrong_ends_the_run_in_one_line(base: str, body: str, said:
     assert said in told
     assert f"{tmp_path / name}.py:" in told
     assert "\n" not in told
+
+
+@in_one_test(
+    ("body", "said"),
+    [
+        ("totals = property(lambda self: self.nothing)", "totals failed: AttributeError"),
+        ("totals = {'share': float('nan')}", "totals must have finite numbers"),
+        ("def totals(self): return {}", "totals must be an attribute or a property"),
+        ("def blocked(self): return frozenset()", "blocked must be an attribute or a property"),
+    ],
+)
+def test_wrong_members_of_dynamics_are_refused_before_the_first_step(body: str, said: str, tmp_path: Path) -> None:
+    name = f"early_{abs(hash(body))}"
+    (tmp_path / f"{name}.py").write_text(WRONG.format(base="Points", body=body))
+    with pytest.raises(PluginError, match=f"{name}:Wrong.{said}"):
+        Environment(scenario(USES["Points"].format(name=name)))
+
+
+@in_one_test("base", USES)
+def test_a_world_that_cannot_be_saved_is_refused(base: str, tmp_path: Path) -> None:
+    """Before the first step, by the plug-in's name; without checkpoints it runs."""
+    name, body = f"kept_{base}", "def __init__(self, *given): super().__init__(*given); self.kept = lambda: 0"
+    (tmp_path / f"{name}.py").write_text(WRONG.format(base=base, body=body))
+    own = scenario(USES[base].format(name=name))
+    assert SavedWorld.new(WorldConfig("run", own, RouterLink(""), tmp_path, tmp_path))
+    with pytest.raises(PluginError, match=f"{name}:Wrong cannot be saved in a checkpoint"):
+        SavedWorld.new(WorldConfig("run", own, RouterLink(""), tmp_path, tmp_path, checkpoint_steps=5))

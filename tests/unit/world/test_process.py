@@ -1,5 +1,7 @@
 """The world's process: no step is lost at the end of a run, what it is told is bounded, and its tables stay."""
 
+import signal
+import socket
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -10,13 +12,15 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.checked import load
+from deltaswarm_wire.child import FAILED
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink
+from deltaswarm_world.__main__ import main
 from deltaswarm_world.core.participants import MAX_RETURNS, Participants
 from deltaswarm_world.core.retransmit_buffer import StepMessages
 from deltaswarm_world.core.world import WorldCore
@@ -25,6 +29,7 @@ from deltaswarm_world.io.process import WorldProcess
 from deltaswarm_world.io.saving import SavedWorld, WorldConfig
 from deltaswarm_world.io.transport import Transport
 from deltaswarm_world.io.wakeup import ControlInput, ControlQueue, Persisted, Token, Wakeup
+from tests.support.complaints import Printed
 from tests.support.swarms import wait_until
 
 LAST = 3
@@ -272,6 +277,24 @@ def test_what_a_resumed_run_needs_stays(complete: bool, may_resume: bool, tmp_pa
         output.finish(WorldCore(load(Scenario, {})), complete, 0, may_resume=may_resume)
     assert (tmp_path / EVENTS_SO_FAR).exists() == (may_resume or not complete)
     assert (tmp_path / "events.csv").exists()
+
+
+def test_a_table_with_steps_is_never_overwritten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """And a world that cannot listen makes none, so that its command can be repeated."""
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # this process keeps its handlers
+    file, table = tmp_path / "scenario.toml", tmp_path / "world.csv"
+    file.write_text(to_toml(load_scenario("smoke", [])))
+    arguments = ["--scenario", str(file), "--run", "x", "--credentials", str(tmp_path / "credentials")]
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        arguments += ["--out", str(tmp_path), "--listen", f"tcp/127.0.0.1:{taken.getsockname()[1]}"]
+        assert main(arguments) == FAILED
+        assert not table.exists()
+        table.write_text("step\n0\n")
+        assert main(arguments) == 2
+    assert "world.csv, which is never overwritten" in capsys.readouterr().err
+    assert table.read_text() == "step\n0\n"
 
 
 def test_no_sample_on_its_way_holds_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.foreign import Foreign
+from deltaswarm_wire.foreign import Foreign, name_of
+from deltaswarm_wire.plugin_errors import PluginError, defined_at
 from deltaswarm_wire.plugins import DYNAMICS, NoSettings, find, own_settings
 from deltaswarm_world.core.arrays import Floats, Mask, checked_agents, checked_mask, checked_rows
 from deltaswarm_world.core.faults.kind import ActiveFault
@@ -21,6 +22,8 @@ from deltaswarm_world.core.obstacles import Obstacles
 
 NOBODY_HIT: frozenset[int] = frozenset()
 NO_CRASHES: Mapping[int, str] = MappingProxyType({})
+VALUES = ("starts_m", "bumped", "blocked", "crashes", "totals")
+"""Members that are no methods."""
 
 
 class BodyState(NamedTuple):
@@ -76,7 +79,10 @@ class Dynamics(Protocol):
 
     @property
     def totals(self) -> dict[str, Any]:
-        """Return what the summary of a run says about its bodies; empty for points."""
+        """Return what the summary of a run says about its bodies; empty for points.
+
+        It is read and checked before the first step, too.
+        """
 
 
 class Points:
@@ -165,9 +171,20 @@ class ForeignDynamics(Foreign):
 
 
 def dynamics_of(scenario: Scenario, obstacles: Obstacles) -> Dynamics:
+    """Make the scenario's dynamics.
+
+    Raises:
+        SettingsError: there are none of this name, or their options are wrong.
+        PluginError: dynamics from outside fail, or a member is missing or wrong.
+    """
     world = scenario.world
     settings = own_settings(DYNAMICS, world.dynamics, world.options, "world", "dynamics", scenario)
     room = scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m
     cls = find(DYNAMICS, world.dynamics, "world.dynamics")
     dynamics: Dynamics = ForeignDynamics.make(cls, settings, scenario, obstacles, context=room)
+    if isinstance(dynamics, ForeignDynamics):
+        for member in VALUES:  # before hours are spent
+            if callable(getattr(dynamics, member)):
+                must = f"{name_of(cls)}.{member} must be an attribute or a property, not a method"
+                raise PluginError(f"{must} ({defined_at(cls)})")
     return dynamics

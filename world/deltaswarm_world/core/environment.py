@@ -8,6 +8,7 @@ import numpy as np
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.messages import Event
+from deltaswarm_wire.plugin_errors import PluginError
 from deltaswarm_world.core.arrays import Floats, generator, near
 from deltaswarm_world.core.arrivals import Arrivals, EventClasses
 from deltaswarm_world.core.density import Places
@@ -93,16 +94,20 @@ class Environment:
         self.hindered = felt_before | self.dynamics.bumped | self.dynamics.blocked
 
     def _start(self, rng: np.random.Generator, count: int, size_m: Floats) -> Floats:
-        """Return the positions at which the dynamics starts, or draw uniform ones in the arena, outside obstacles."""
-        if self.dynamics.starts_m is not None:
-            return self.dynamics.starts_m
+        """Return the positions at which the dynamics starts, or draw uniform ones in the arena, outside obstacles.
+
+        Raises:
+            PluginError: the dynamics find no room, or fail.
+        """
+        if (starts_m := self.dynamics.starts_m) is not None:
+            return starts_m
         places_m: Floats = rng.random((count, 2)) * size_m
         for _ in range(MAX_TRIES):
             again = self.dynamics.misplaced(places_m).nonzero()[0]
             if not len(again):
                 return places_m
             places_m[again] = rng.random((len(again), 2)) * size_m
-        raise ValueError(f"the arena must leave room for {count} agents (got {MAX_TRIES} draws in a row without room)")
+        raise PluginError(f"the arena must leave room for {count} agents (got {MAX_TRIES} draws in a row without room)")
 
     def arrive(self, time_s: float) -> None:
         new = [EventRecord(*arrival) for arrival in self._arrivals.until(time_s)]

@@ -21,6 +21,12 @@ EVENTS_SO_FAR = "world-events.csv"
 TABLES = ("world.csv", EVENTS_SO_FAR)
 
 
+def has_steps(folder: Path) -> bool:
+    """Whether a folder has a world's table with a step; one without is of a run that did not begin."""
+    file = folder / TABLES[0]
+    return file.exists() and len(file.read_bytes().splitlines()) > 1
+
+
 class WorldOutput:
     """Writes one row per closed step, which a killed world leaves behind, and totals at the end.
 

@@ -54,6 +54,8 @@ class WorldProcess:
         """Whether the last closed step is not yet on file, and not yet announced."""
         self._overruns_before = saved.overruns
         self._probe_due = 0.0
+        self._unanswered_s = 0.0
+        """Time that steps have waited since all agents hung."""
 
     def wait_for_all(self) -> None:
         expected = {(AGENT, agent) for agent in self.core.participants.present}
@@ -235,6 +237,19 @@ class WorldProcess:
             while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
                 self.loop.take_next()
         self._transport.receive_waiting(self.loop.take_sample)  # late agents take part again in the next step
+        self._check_answers(time.monotonic() - began)
+
+    def _check_answers(self, waited_s: float) -> None:
+        """Give up once all agents have hung for long, none of them a board, whose link may come back.
+
+        A time in which this process was stopped, too, counts as one time-out.
+        """
+        participants, settings = self.core.participants, self._settings
+        all_hang = participants.hung and participants.hung == participants.present and not participants.boards
+        waited_s = min(waited_s, settings.step_timeout_s)
+        self._unanswered_s = self._unanswered_s + waited_s if all_hang and not self.loop.pace else 0.0
+        if self._unanswered_s > settings.start_timeout_s:
+            raise TimeoutError(f"all agents hang: none has answered for {settings.start_timeout_s:g} s")
 
     def _await_anybody(self) -> None:
         """Wait for an agent to come back, whose link may have been cut; without one, this step is the last."""
@@ -321,6 +336,10 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     """Run the router and the world of one run; return the exit code: 0 if complete, or one of `deltaswarm_wire.child`.
 
     `announce` gets the endpoints, separated by spaces, once the router listens on them. With `saved` the world resumes.
+
+    Raises:
+        ConnectionError: the router cannot listen.
+        PluginError: a plug-in failed, or cannot be saved although checkpoints are on.
     """
     early: list[int] = []
     for number in STOP_SIGNALS:
@@ -330,28 +349,31 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     keys, agents = Keys(config.run), range(config.scenario.agents.count)
     trusted = trusted_sessions(config.credentials.read_text(encoding="utf-8"))
     asked = config.listen or (config.link.endpoint,)
-    with WorldOutput(config.out, saved.core.columns, saved.table_bytes, saved.wall_s) as output:
-        session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
-        with closing(session, log.warning):
-            wakeup, transport = Wakeup(session, keys), Transport(session, keys, len(agents))
-            slow_links = SlowLinks(session, trusted, transport.waits_for)
-            announce(" ".join(endpoints))  # from here on they come
-            if early:  # the signal came before the wakeup was ready
-                signal.raise_signal(early[0])
-            try:
-                world = WorldProcess(config, transport, wakeup, saved)
-                world.wait_for_all()
-                complete = world.run(output)
-                world.goodbye()
-            except TimeoutError as error:
-                log.critical("%s", error)
-                return GAVE_UP
-            except InterruptedError:
-                complete = False
-            finally:
-                transport.close()
-                wakeup.close()
-                slow_links.close()
+    session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
+    # The tables come second, so that a world that cannot listen touches none.
+    with (
+        closing(session, log.warning),
+        WorldOutput(config.out, saved.core.columns, saved.table_bytes, saved.wall_s) as output,
+    ):
+        wakeup, transport = Wakeup(session, keys), Transport(session, keys, len(agents))
+        slow_links = SlowLinks(session, trusted, transport.waits_for)
+        announce(" ".join(endpoints))  # from here on they come
+        if early:  # the signal came before the wakeup was ready
+            signal.raise_signal(early[0])
+        try:
+            world = WorldProcess(config, transport, wakeup, saved)
+            world.wait_for_all()
+            complete = world.run(output)
+            world.goodbye()
+        except TimeoutError as error:
+            log.critical("%s", error)
+            return GAVE_UP
+        except InterruptedError:
+            complete = False
+        finally:
+            transport.close()
+            wakeup.close()
+            slow_links.close()
     if not complete and saved.core.is_deserted and not wakeup.stop_requested:
         return GAVE_UP
     return 0 if complete else ended_by(wakeup.stopped_by)

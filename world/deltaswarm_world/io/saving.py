@@ -5,12 +5,15 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from deltaswarm_scenario.scenario import Scenario, scenario_digest
 from deltaswarm_wire import checkpoint
+from deltaswarm_wire.foreign import Foreign, name_of
 from deltaswarm_wire.keys import OPERATOR
+from deltaswarm_wire.plugin_errors import PluginError, is_interrupt
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.core.pace import TimeoutBackoff
 from deltaswarm_world.core.world import WorldCore
@@ -59,8 +62,34 @@ class SavedWorld:
 
     @classmethod
     def new(cls, config: WorldConfig) -> Self:
+        """Make a world, and check that it can be saved, if needed. Raises PluginError."""
         scenario = config.scenario
-        return cls(WorldCore(scenario, config.boards, config.metrics), TimeoutBackoff(scenario.run.step_timeout_s))
+        saved = cls(WorldCore(scenario, config.boards, config.metrics), TimeoutBackoff(scenario.run.step_timeout_s))
+        if config.checkpoint_steps:
+            pickled(saved)
+        return saved
+
+
+class _Pickler(pickle.Pickler):
+    newest = "the world"
+    """The newest plug-in that was reached: if pickling fails, the one that cannot be saved."""
+
+    def reducer_override(self, thing: Any) -> Any:
+        if isinstance(thing, Foreign):
+            self.newest = name_of(type(vars(thing)["_plugin"]))
+        return NotImplemented  # pickle it as usual
+
+
+def pickled(saved: SavedWorld) -> bytes:
+    """Pickle a world. Raises PluginError: a plug-in cannot be saved."""
+    pickler = _Pickler(data := BytesIO())
+    try:
+        pickler.dump(saved)
+    except BaseException as error:  # a plug-in may raise anything
+        if is_interrupt(error):
+            raise
+        raise PluginError(f"{pickler.newest} cannot be saved in a checkpoint", error) from error
+    return data.getvalue()
 
 
 def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
@@ -74,10 +103,10 @@ def has_operator(run_folder: Path, step: int) -> bool:
 
 
 def save(run_folder: Path, saved: SavedWorld) -> None:
-    """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
+    """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError, PluginError."""
     participants, folder = saved.core.participants, run_folder / checkpoint.FOLDER
     newest = folder / str(participants.step)
-    checkpoint.write(newest / checkpoint.WORLD_FILE, pickle.dumps(saved))
+    checkpoint.write(newest / checkpoint.WORLD_FILE, pickled(saved))
     agents = sorted(participants.present)
     files = checkpoint.files(newest, agents)
     content = {

@@ -219,7 +219,7 @@ class LyingSettings:
 
 
 class Lying(Kind):
-    """The sensor shows nonexistent events. Of two lies the later one in the scenario applies."""
+    """The sensor shows nonexistent events. Of two lies the one that began later applies."""
 
     Settings = LyingSettings
 
