@@ -64,6 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings = read_settings(arguments.file)
         run = BoardRun(settings, arguments.accelerate, arguments.steps)
         if settings.body.kind == WORLD_BODY:
+            if arguments.steps != MAX_STEP or arguments.accelerate != 1.0:
+                raise ValueError("body.kind = world goes by the world's steps: leave out --steps and --accelerate")
             begin = partial(run_in_world, settings, follower_options(settings))
             check_link(world_config(settings))
         else:

@@ -9,9 +9,15 @@ from mcap.writer import CompressionType, Writer
 CHUNK_BYTES = 64 * 1024
 """Maximum loss when the board loses power."""
 
+SLACK = 1.1
+"""A full file is a little longer than its limit, by its last frame and its index."""
+
 
 class FrameRecorder:
-    """Writes `<name>.mcap` into a folder; a full file becomes `<name>.1.mcap`, and so on up to `backups`.
+    """Writes `<name>.mcap` into a folder; what is full, or from before a restart, becomes `<name>.1.mcap`, `.2`, ...
+
+    The oldest files, which have the smallest numbers, are deleted once all are longer than `backups` full ones. So
+    short files of many restarts leave a long one of a flight alone.
 
     Topics are the samples' keys, messages the samples as sent (MessagePack), times the board's wall clock.
     """
@@ -44,10 +50,18 @@ class FrameRecorder:
         return self._folder / (f"{self._name}.{number}.mcap" if number else f"{self._name}.mcap")
 
     def _roll(self) -> None:
-        """Rename each file to the next older name, which deletes the oldest."""
-        for number in reversed(range(self._backups)):
-            if self._file(number).exists():
-                self._file(number).replace(self._file(number + 1))
+        """Give the newest file the next number, and delete the oldest ones that there is no room for."""
+        numbers = [file.name[len(self._name) + 1 : -len(".mcap")] for file in self._folder.glob(f"{self._name}.*.mcap")]
+        older = sorted(int(number) for number in numbers if number.isdecimal())
+        if self._file(0).exists():
+            older.append(older[-1] + 1 if older else 1)
+            self._file(0).replace(self._file(older[-1]))
+        left_bytes = sum(self._file(number).stat().st_size for number in older)
+        for number in older[:-1]:
+            if left_bytes <= self._backups * self._max_bytes * SLACK:
+                break
+            left_bytes -= self._file(number).stat().st_size
+            self._file(number).unlink()
 
     def _open(self) -> None:
         self._stream: BinaryIO = self._file(0).open("wb")

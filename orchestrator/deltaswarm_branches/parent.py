@@ -12,6 +12,7 @@ from deltaswarm_orchestrator.base.advice import command_line
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.paths import must_exist
 from deltaswarm_orchestrator.inspect.info import read_run
+from deltaswarm_orchestrator.inspect.repeating import WALL_TIMES, refuse_branch, repeated
 from deltaswarm_orchestrator.recording import COMMANDS, SCENARIO
 from deltaswarm_orchestrator.results import resume
 from deltaswarm_orchestrator.results.folder import FolderError
@@ -21,12 +22,8 @@ from deltaswarm_orchestrator.results.run_tables import RUNNING, read_rows
 from deltaswarm_orchestrator.run.options import unsaved
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.operator_links import FIRST_STEP, CommandSettings
-from deltaswarm_scenario.operator_settings import OPERATOR
 from deltaswarm_scenario.person_tables import SCRIPT
 from deltaswarm_scenario.scenario import Scenario
-
-WALL_TIMES = "wall_times.csv"
-"""The table that a run has if there was a page, for a person, by whom it may have been commanded."""
 
 
 class Order(NamedTuple):
@@ -85,11 +82,7 @@ def read_parent(folder: Path) -> Parent:
     must_exist(folder, "RUN", A_RUN, or_part=False)
     written, outcome = read_run(folder)
     manifest = seal.read_sealed(folder / seal.MANIFEST)
-    if resume.BRANCH in manifest:
-        parent = manifest[resume.BRANCH]["parent"]["folder"]
-        raise CommandError(
-            f"RUN must be no branch itself (got {folder}); make one branch with all differences: {parent}"
-        )
+    refuse_branch(folder, manifest)
     if written.run.bound != "none":
         raise CommandError(f"RUN must have agents with a controller (got a bound, run.bound = {written.run.bound!r})")
     if why := unsaved(written):
@@ -102,7 +95,7 @@ def read_parent(folder: Path) -> Parent:
     if digest is None and checkpoint is None:
         go_on = command_line("run", "--resume", folder)
         raise CommandError(f"RUN must have a digest or a checkpoint (got {folder}, which was killed); try: {go_on}")
-    scenario = _repeated(folder, written, manifest)
+    scenario = repeated(folder, manifest)
     if digest is not None:
         if not steps:
             raise CommandError(f"RUN must have done at least one step (got {folder})")
@@ -120,22 +113,6 @@ def _checkpoint(folder: Path, scenario: Scenario) -> Resumed | None:
         return resume.newest(folder)
     except FolderError:
         return None
-
-
-def _repeated(folder: Path, written: Scenario, manifest: dict[str, Any]) -> Scenario:
-    """Return the scenario that repeats a run: what a person and the system ordered in front of a page is a script."""
-    scenario = load_scenario(str(folder / SCENARIO))
-    if not (folder / WALL_TIMES).exists():
-        return scenario
-    if manifest.get("digest") is None:
-        raise CommandError(f"RUN must have ended in order (got {folder}, a killed run with a person)")
-    orders = folder / COMMANDS
-    if orders.exists():
-        scenario = load_scenario(str(folder / SCENARIO), commands=orders)
-    if scenario.operator.autonomy.commands:
-        autonomy = dataclasses.replace(scenario.operator.autonomy, sets_delta=OPERATOR)
-        scenario = dataclasses.replace(scenario, operator=dataclasses.replace(scenario.operator, autonomy=autonomy))
-    return scenario
 
 
 def _orders(folder: Path, scenario: Scenario) -> tuple[Order, ...]:

@@ -95,6 +95,8 @@ def replay(arguments: argparse.Namespace) -> int:
         print_result(url)
 
     must_exist(arguments.run, "RUN", A_RUN)
+    if not arguments.run.is_dir():
+        raise CommandError(f"RUN must be {A_RUN} (got the file {arguments.run})")
     check_ports({"--listen": f"tcp/{arguments.listen}"})
     _notice_unsealed(arguments.run)
     with TemporaryFolder() as folder:

@@ -94,6 +94,15 @@ def test_a_real_body_has_real_time(tmp_path: Path, capsys: Printed) -> None:
     assert "MavlinkBody" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", [("--steps", "3"), ("--accelerate", "2")])
+def test_a_body_of_a_world_has_the_worlds_time(option: tuple[str, str], tmp_path: Path, capsys: Printed) -> None:
+    air = {"mode": "client", "connect": ["tcp/10.0.0.1:7447"], "credentials_file": secret(tmp_path)}
+    file = str(a_file(tmp_path, air=air, body={"kind": "world"}))
+    assert main([file, "--check"]) == 0
+    assert main([file, "--check", *option]) == 2
+    assert "leave out --steps and --accelerate" in capsys.readouterr().err
+
+
 def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:
     air = {"mode": "client", "connect": ["tcp/10.0.0.1:7447"], "credentials_file": secret(tmp_path)}
     config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"}, agent={"seed": 5})))
@@ -121,13 +130,15 @@ def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_recording_is_bounded(tmp_path: Path) -> None:
-    """The newest file and its backups hold the last samples in order; older ones are gone."""
+    """The newest file and those before it, whose numbers rise, hold the last samples in order; older ones are gone."""
     recorder = FrameRecorder(tmp_path, "agent-3", 10_000, backups=2)
     for number in range(1000):
         recorder.write("/agent/3/radio", number.to_bytes(4) * 8)
     recorder.close()
-    files = [tmp_path / f"agent-3{number}.mcap" for number in (".2", ".1", "")]
+    older = sorted(tmp_path.glob("agent-3.*.mcap"), key=lambda file: int(file.name.split(".")[1]))
+    files = [*older, tmp_path / "agent-3.mcap"]
     assert sorted(tmp_path.iterdir()) == sorted(files)
+    assert len(older) == 2
     numbers = []
     for file in files:
         assert file.stat().st_size < 15_000
@@ -136,8 +147,20 @@ def test_a_recording_is_bounded(tmp_path: Path) -> None:
         assert {channel.topic for _, channel, _ in messages} <= {"/agent/3/radio"}
         numbers += [int.from_bytes(message.data[:4]) for _, _, message in messages]
     assert numbers == list(range(numbers[0], 1000))
-    FrameRecorder(tmp_path, "agent-3", 10_000, backups=2).close()
-    assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
+def test_a_recording_outlives_restarts_that_record_nothing(tmp_path: Path) -> None:
+    """As when a controller fails at each start, and the service is started again every two seconds."""
+    recorder = FrameRecorder(tmp_path, "agent-3", 10_000, backups=2)
+    recorder.write("/agent/3/radio", bytes(8000))
+    recorder.close()
+    flight = (tmp_path / "agent-3.mcap").read_bytes()
+    for _ in range(20):
+        FrameRecorder(tmp_path, "agent-3", 10_000, backups=2).close()
+    assert (tmp_path / "agent-3.1.mcap").read_bytes() == flight
+    for _ in range(100):
+        FrameRecorder(tmp_path, "agent-3", 10_000, backups=2).close()
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 3 * 11_000
 
 
 def test_a_recording_whose_next_file_cannot_be_opened_can_be_closed(tmp_path: Path) -> None:

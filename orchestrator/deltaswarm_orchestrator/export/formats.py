@@ -8,6 +8,7 @@ from pathlib import Path
 from subprocess import SubprocessError
 from typing import Any, NamedTuple
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.base.paths import check_out
 from deltaswarm_orchestrator.base.temporary import TemporaryFolder
@@ -68,14 +69,15 @@ def export(run: Path, name: str, out: Path, *, force: bool = False, **options: A
         ExportError: there is no recording, something that the format needs is missing, or `out` must be kept.
     """
     chosen = FORMATS[name]
-    if os.path.lexists(out) and not force:
-        raise ExportError(f"{out} exists; --force replaces it")
-    if out.is_symlink() or (os.path.lexists(out) and out.is_dir() == chosen.suffix.startswith(".")):
-        raise ExportError(_NOT_REPLACED.format(out, name))
-    check_out(out.parent, is_ours=False)
     source = recording_in(run)
     if source.resolve() == out.resolve():
         raise ExportError(f"--out must be another file than the recording (got {out})")
+    if os.path.lexists(out) and not force:
+        raise ExportError(f"{out} exists; --force replaces it")
+    is_kept = out.is_symlink() or (os.path.lexists(out) and out.is_dir() == chosen.suffix.startswith("."))
+    if is_kept or (os.path.lexists(out) and (out.parent / seal.MANIFEST).exists()):  # a file of a run, perhaps
+        raise ExportError(_NOT_REPLACED.format(out, name))
+    check_out(out.parent, is_ours=False)
     try:
         write = _writer(source, chosen, name, options)
     except FileNotFoundError as error:
@@ -120,7 +122,17 @@ def _writer(source: Path, chosen: Format, name: str, options: Mapping[str, Any])
 
 
 def _is_like(old: Path, new: Path) -> bool:
-    """Return whether `old` can be replaced: a file by a file, or a folder whose files are all in `new` too."""
+    """Return whether `old` can be replaced: it has the form of `new`; of a folder all its files are in `new`, too."""
     if old.is_symlink() or old.is_dir() != new.is_dir():
         return False
-    return not old.is_dir() or {file.name for file in old.iterdir()} <= {file.name for file in new.iterdir()}
+    if not old.is_dir():
+        return _head(old) == _head(new)
+    return all((new / file.name).exists() and _is_like(file, new / file.name) for file in old.iterdir())
+
+
+def _head(file: Path) -> bytes:
+    """Return what tells a file's form: the columns of a table, else the first bytes; a video's are its first length."""
+    if file.suffix == ".mp4":
+        return b""
+    with file.open("rb") as stream:
+        return stream.readline() if file.suffix == ".csv" else stream.read(4)

@@ -9,11 +9,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.base import seal
 from deltaswarm_orchestrator.base.exits import aligned
 from deltaswarm_orchestrator.inspect.info import read_run
-from deltaswarm_orchestrator.results.folder import SCENARIO
+from deltaswarm_orchestrator.inspect.repeating import refuse_branch, repeated
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -46,10 +46,13 @@ def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> LinkFind
 
     Raises:
         NotARunError: the folder holds no readable run.
+        CommandError: the run cannot be repeated: a branch, or a killed run with a person.
         SettingsError: there is no such agent, no such time in the run, or a plug-in of the run is not installed here.
     """
     _, outcome = read_run(folder)
-    scenario = load_scenario(str(folder / SCENARIO))  # with its plug-ins, which the repetition needs
+    manifest = seal.read_sealed(folder / seal.MANIFEST)
+    refuse_branch(folder, manifest)
+    scenario = repeated(folder, manifest)
     _check(scenario, sender, receiver, at_s)
     return examine(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.step_records)
 
@@ -111,5 +114,6 @@ def text(answer: LinkFindings) -> str:
         replay = f"goes on where the run in the folder ends, after {answer.steps_in_folder} steps"
     else:
         replay = "equals the run in the folder up to this step"
-    head = f"At {answer.time_s:g} s (step {answer.step}) {receiver} {verdict} agent {answer.sender}{because}"
+    where = "At" if answer.differs_from_step is None else "In a repetition that is another run, at"
+    head = f"{where} {answer.time_s:g} s (step {answer.step}) {receiver} {verdict} agent {answer.sender}{because}"
     return f"{head}\n{aligned([*rows, ('', 'replay', replay)])}"

@@ -58,6 +58,7 @@ def load_scenario(
     """
     table = read_table(name)
     problems = [problem for override in overrides for problem in apply(table, override)]
+    _resolve_grid(table, Path())  # of an override: the run's own scenario is read elsewhere
     if seed is not None:
         table["seed"] = seed
     if commands is not None:

@@ -352,3 +352,9 @@ def test_a_name_that_no_file_can_have_is_refused(command: list[str], capsys: Pri
     """In one line, with the exit code of wrong usage."""
     assert main([*command, "x" * 300]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_recording_is_replayed_by_its_folder(tmp_path: Path, capsys: Printed) -> None:
+    (tmp_path / "recording.mcap").touch()
+    assert main(["replay", str(tmp_path / "recording.mcap")]) == 2
+    assert "RUN must be" in capsys.readouterr().err

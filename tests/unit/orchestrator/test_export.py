@@ -202,7 +202,23 @@ def test_an_export_replaces_its_like_alone_and_with_force(run: Path) -> None:
     assert export(run, "csv", "--out", str(run), "--force") == 2
     assert (run / "recording.mcap").exists()
     assert export(run, "rrd", "--out", str(run), "--force") == 2
+    notes, own = run.parent / "notes.txt", run.parent / "own"
+    notes.write_text("mine")
+    own.mkdir()
+    (own / "events.csv").write_text("x_m,y_m\n")
+    for name, out in (("mcap", notes), ("csv", own)):
+        assert export(run, name, "--out", str(out), "--force") == 2
+    assert (notes.read_text(), (own / "events.csv").read_text()) == ("mine", "x_m,y_m\n")
     assert not list(run.parent.glob(".deltaswarm-*"))
+
+
+def test_an_export_replaces_no_result_of_a_run(run: Path, tmp_path: Path) -> None:
+    """Though it has the form of one."""
+    other = tmp_path / "other"
+    assert main(["run", "smoke", "--set", "run.duration_s=20", "--in-process", "-q", "--out", str(other)]) == 0
+    recording = (other / "recording.mcap").read_bytes()
+    assert export(run, "mcap", "--out", str(other / "recording.mcap"), "--force") == 2
+    assert (other / "recording.mcap").read_bytes() == recording
 
 
 def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(run: Path, capsys: Printed) -> None:

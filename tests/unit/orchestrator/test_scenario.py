@@ -139,6 +139,17 @@ def test_a_grid_is_relative_to_its_scenario(tmp_path: Path, suffix: str) -> None
     assert density.file == str(tmp_path / f"weights.{suffix}")
 
 
+def test_a_grid_of_an_override_is_relative_to_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run keeps its path as it is then: what reads the run later lies elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    np.savetxt("grid.csv", np.eye(3), delimiter=",")
+    for override in ('events.density.file="grid.csv"', "events.density.file=grid.csv"):
+        scenario = load_scenario("smoke", ["events.density.kind=grid", override])
+        assert scenario.events.density.file == str(tmp_path / "grid.csv")
+
+
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no array"])
 @pytest.mark.parametrize("suffix", ["npy", "csv"])
 @pytest.mark.filterwarnings("ignore:loadtxt")

@@ -2,11 +2,13 @@
 
 import json
 import re
+import tomllib
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 
 from deltaswarm_cli.main import main
 from deltaswarm_orchestrator.inspect.info import ending_text
@@ -199,6 +201,25 @@ def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: 
     (tmp_path / "series.csv").write_text("\n".join(rows[:41]) + "\n")
     assert main(["why", str(tmp_path), "1", "2", "--at", "60"]) == 0
     assert "40 steps" in capsys.readouterr().out
+
+
+def test_what_a_person_ordered_is_part_of_the_run(tmp_path: Path, capsys: Printed) -> None:
+    """It is in `commands.toml` alone; without it another run would be examined. A branch is none by its scenario."""
+    order = 'command=[{at_s=5, name="set delta", arguments={delta=1}}]'
+    keys = [word for key in (order, "run.duration_s=60", "events.rate_hz=0.3") for word in ("--set", key)]
+    run = tmp_path / "run"
+    assert main(["run", "smoke", *keys, "--seed", "1", "--in-process", "-q", "--out", str(run)]) == 0
+    scenario, manifest = tomllib.loads((run / "scenario.toml").read_text()), run / "manifest.json"
+    (run / "commands.toml").write_text(tomli_w.dumps({"command": scenario.pop("command")}))
+    (run / "scenario.toml").write_text(tomli_w.dumps(scenario))
+    (run / "wall_times.csv").touch()
+    unsealed = {key: value for key, value in json.loads(manifest.read_text()).items() if key != "seal"}
+    manifest.write_text(json.dumps(unsealed))
+    assert main(["why", str(run), "1", "2", "--at", "50"]) == 0
+    assert "equals" in capsys.readouterr().out
+    manifest.write_text(json.dumps(unsealed | {"branch": {"parent": {"folder": "first"}}}))
+    assert main(["why", str(run), "1", "2", "--at", "50"]) == 2
+    assert "no branch" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
