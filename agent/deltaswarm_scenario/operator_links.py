@@ -4,26 +4,13 @@ Each effect is off by default. Without any, reports go directly to the operator,
 world's `uplink/uplink.py` and `downlink.py` say in which order the effects apply.
 """
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from deltaswarm_scenario.radio import BandwidthSettings, BlackoutSettings, BurstSettings, Place, rate_problems
 from deltaswarm_wire.checked import Problem, key, plain_value
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.commands import (
-    AGENT,
-    CIRCLE,
-    MAX_LIFE_S,
-    PLACE,
-    TARGET_NUMBERS,
-    TREE,
-    Command,
-    Target,
-    encode_command,
-    make_target,
-)
+from deltaswarm_wire.commands import MAX_LIFE_S, TARGET_NUMBERS, Command, Target, encode_command, make_target
 
 FIRST_STEP = 2
 """The first step in which a command can leave the base: the world begins this step once it has the turn of step 0."""
@@ -145,25 +132,3 @@ def downlink_problems(downlink: DownlinkSettings, uplink_base: Place | None, siz
         must = "must have a base: downlink.base_m or uplink.base_m"
         return [Problem("downlink.range_m", f"{downlink.range_m:.15g}", must)]
     return _place_problems("downlink.base_m", downlink.base_m, size_m)
-
-
-def command_problems(
-    commands: Sequence[CommandSettings], agents: int, duration_s: float, size_m: Place
-) -> list[Problem]:
-    """Check a script against the scenario: what would be sent after the end, or reach nobody."""
-    problems = []
-    for index, command in enumerate(commands):
-        path, numbers = f"command[{index}]", command.numbers
-        if command.at_s >= duration_s:
-            problems.append(Problem(f"{path}.at_s", f"{command.at_s:.15g}", f"must be before {duration_s:.15g} s"))
-        if command.target in (AGENT, TREE) and numbers[0] >= agents:
-            problems.append(Problem(f"{path}.numbers", f"{numbers[0]:.15g}", f"must be from 0 to {agents - 1}"))
-        if command.target == PLACE:
-            problems += _place_problems(f"{path}.numbers", (numbers[0], numbers[1]), size_m)
-        if command.target == CIRCLE:
-            x_m, y_m, radius_m = numbers
-            nearest_m = [min(max(0.0, at_m), end_m) for at_m, end_m in zip((x_m, y_m), size_m, strict=True)]
-            if math.dist((x_m, y_m), nearest_m) > radius_m:
-                allowed = f"must be a circle that reaches the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
-                problems.append(Problem(f"{path}.numbers", str(plain_value(numbers)), allowed))
-    return problems

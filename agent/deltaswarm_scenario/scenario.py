@@ -18,7 +18,6 @@ from deltaswarm_scenario.operator_links import (
     CommandSettings,
     DownlinkSettings,
     UplinkSettings,
-    command_problems,
     downlink_problems,
     uplink_problems,
 )
@@ -221,8 +220,7 @@ class Scenario:
         problems += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         problems += uplink_problems(self.uplink, size_m, self.run.step_s)
         problems += downlink_problems(self.downlink, self.uplink.base_m, size_m)
-        if not is_reading():  # older versions did runs with orders and questions that never came
-            problems += command_problems(self.command, self.agents.count, self.run.duration_s, size_m)
+        if not is_reading():  # older versions did runs with questions that never came
             for technique in self.operator.probes.techniques:
                 problems += technique.problems_within(self.run.duration_s, self.run.step_s)
         places = size_m, self.arena.obstacles

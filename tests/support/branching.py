@@ -17,7 +17,7 @@ FAULTS = (
 )
 SCRIPT = (
     'command=[{at_s=40, name="set delta", arguments={delta=1}}, {at_s=90, name="hold", arguments={for_s=40}},'
-    '{at_s=120, name="hold", target="circle", numbers=[0, 0, 0.001], arguments={for_s=60}}]'
+    '{at_s=120, name="hold", target="circle", numbers=[-500, -500, 1], arguments={for_s=60}}]'
 )
 """The last of these orders is for agents where there is none."""
 
